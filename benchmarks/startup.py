@@ -1,0 +1,44 @@
+"""How long it takes until Mindstage answers: importing it, asking for help, checking a map from cold."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+
+from benchmarks import Measure, median_run
+
+# What `mindstage check` cannot do without, whoever calls it.
+_LIBRARIES = "import numpy, msgspec, pyoxigraph, mujoco, typer, rich.console, rich.table"
+
+
+def measure() -> Iterator[Measure]:
+    python = [sys.executable, "-c"]
+    mindstage = [sys.executable, "-m", "mindstage"]
+
+    bare = median_run([*python, "pass"])
+    package = median_run([*python, "import mindstage"])
+    yield Measure(
+        what="import mindstage, on top of bare Python",
+        ours=1000 * (package.seconds - bare.seconds),
+        unit="ms",
+        at_most=50.0,
+        memory_mb=package.memory_mb,
+        their_memory_mb=bare.memory_mb,
+    )
+
+    shown = median_run([*mindstage, "--help"])
+    yield Measure(
+        what="mindstage --help", ours=1000 * shown.seconds, unit="ms", at_most=300.0, memory_mb=shown.memory_mb
+    )
+
+    libraries = median_run([*python, _LIBRARIES])
+    check = median_run([*mindstage, "check", "bundled:kitchen", "--json"])
+    yield Measure(
+        what="mindstage check, cold, on the bundled kitchen",
+        ours=check.seconds,
+        peer="importing its libraries alone",
+        theirs=libraries.seconds,
+        at_most=2.0,
+        memory_mb=check.memory_mb,
+        their_memory_mb=libraries.memory_mb,
+    )

@@ -1,0 +1,64 @@
+"""App: all verbs under one name.
+
+Nothing heavy is imported here or at the top of a verb's file: a verb loads the rooms it needs when it runs, so that
+help and completion answer at once.
+"""
+
+from __future__ import annotations
+
+import sys
+import traceback
+from typing import Annotated
+
+import typer
+
+from mindstage import __version__
+from mindstage.cli.analyse import analyse
+from mindstage.cli.check import check
+from mindstage.cli.compare import compare
+from mindstage.cli.convert import convert
+from mindstage.cli.demo import demo
+from mindstage.cli.log import log
+from mindstage.cli.outcome import Outcome, verb
+from mindstage.cli.spawn import spawn
+
+__all__ = ["app", "main"]
+
+app = typer.Typer(
+    name="mindstage",
+    help="Turns what a robot knows about a place into a place it can act in.",
+    epilog="Exit codes: 0 done, or yes; 1 the world says no, or a difference was found; 2 trouble.",
+    no_args_is_help=True,
+    rich_markup_mode="rich",
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+for function in (demo, spawn, analyse, compare, check, log, convert):
+    app.command()(verb(function))
+
+
+def main() -> None:
+    """Runs the command line and ends the process."""
+    try:
+        app(prog_name="mindstage")
+    except Exception:
+        # A defect of ours. Python would end with 1, which here means "the world says no".
+        traceback.print_exc()
+        print("mindstage: this is a defect in Mindstage, please report it", file=sys.stderr)  # noqa: T201
+        sys.exit(Outcome.TROUBLE)
+
+
+def _show_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"mindstage {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Show the version and exit.")
+    ] = False,
+) -> None:
+    """Options that belong to no verb."""

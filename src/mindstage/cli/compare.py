@@ -1,0 +1,49 @@
+"""`mindstage compare`: everything in which two maps differ."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from mindstage.cli.options import AsJson, Bundled, Delta, MapName, Ontologies
+from mindstage.cli.outcome import Outcome
+from mindstage.cli.output import findings_json, print_findings, print_json, working
+from mindstage.cli.sources import knowledge_base
+from mindstage.cli.verdict import difference_json, print_difference
+
+if TYPE_CHECKING:
+    from mindstage.knowledge import Finding
+    from mindstage.world import World
+
+__all__ = ["compare"]
+
+
+def compare(
+    a: Annotated[str, typer.Argument(metavar="A", help="A semantic map.", show_default=False)],
+    b: Annotated[str, typer.Argument(metavar="B", help="The map to hold against it.", show_default=False)],
+    *,
+    map_name: MapName = None,
+    ontologies: Ontologies = None,
+    bundled: Bundled = True,
+    delta: Delta = 0.0,
+    as_json: AsJson = False,
+) -> Outcome:
+    """Compare two maps in everything they say; exit 0 if identical, 1 if different, 2 on trouble."""
+    from mindstage.world import difference
+
+    def read(path: str) -> tuple[World, tuple[Finding, ...]]:
+        knowledge = knowledge_base([path], ontologies=ontologies, bundled=bundled)
+        return knowledge.world(map_name), knowledge.findings()
+
+    with working("reading"):
+        (world_a, findings_a), (world_b, findings_b) = read(a), read(b)
+    with working("comparing"):
+        found = difference(world_a, world_b)
+    if as_json:
+        findings = {"a": findings_json(findings_a), "b": findings_json(findings_b)}
+        print_json(difference_json(found, delta) | {"findings": findings})
+    else:
+        print_findings((*findings_a, *findings_b))
+        print_difference(found, delta)
+    return Outcome.DONE if found.identical(delta) else Outcome.NO

@@ -1,0 +1,54 @@
+"""`mindstage demo`: the bundled kitchen, alive in the browser."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from mindstage.cli.engine import make_engine
+from mindstage.cli.options import EngineName, Port, finite
+from mindstage.cli.outcome import Outcome
+from mindstage.cli.output import print_findings, say, working
+from mindstage.cli.page import keep_alive, open_page, open_viewport
+from mindstage.cli.report import print_report
+from mindstage.cli.sources import BUNDLED_KITCHEN, knowledge_base
+
+__all__ = ["demo"]
+
+
+def demo(
+    *,
+    engine: EngineName = "mujoco",
+    port: Port = 8080,
+    open_browser: Annotated[
+        bool | None,
+        typer.Option("--open/--no-open", help="Whether to open the page; by default where there is a screen."),
+    ] = None,
+    seconds: Annotated[
+        float | None,
+        typer.Option(
+            "--for", metavar="SECONDS", min=0.0, callback=finite, envvar="MINDSTAGE_DEMO_SECONDS", help="End by itself."
+        ),
+    ] = None,
+) -> Outcome:
+    """Show the bundled kitchen in the browser: pull its doors and drawers open."""
+    from mindstage.stage import Stage
+
+    with working("furnishing the kitchen"):
+        knowledge = knowledge_base([BUNDLED_KITCHEN], ontologies=None, bundled=True)
+        world = knowledge.world()
+        stage = Stage(knowledge, make_engine(engine))
+    with stage:
+        with working("spawning"):
+            report = stage.spawn(world)
+        print_findings(knowledge.findings())
+        print_report(report, title=world.name, verbose=False)
+        viewport = open_viewport(stage, port=port)
+        try:
+            say(f"The kitchen is open at {viewport.url}")
+            open_page(viewport.url, wanted=open_browser)
+            keep_alive(stage, duration_s=seconds)
+        finally:
+            viewport.close()
+    return Outcome.DONE

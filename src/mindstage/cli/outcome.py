@@ -1,0 +1,83 @@
+"""Outcome: how a verb ends, told to the shell.
+
+The three ends of every call are never mixed: done or yes (0), the world says no (1), trouble that lies outside of it
+(2). Whatever Mindstage raises becomes one line on stderr and, with `--json`, an object on stdout.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable
+from enum import IntEnum
+from functools import wraps
+from typing import ParamSpec
+
+import typer
+
+from mindstage.cli.output import one_line, print_json
+from mindstage.errors import MapAmbiguous, MindstageError, WorldError
+
+__all__ = ["Outcome", "exit_code", "verb"]
+
+P = ParamSpec("P")
+
+
+class Outcome(IntEnum):
+    """The exit codes."""
+
+    DONE = 0
+    """It worked; where the verb asks something, the answer is yes."""
+    NO = 1
+    """It worked, and the answer is no: maps differ, or something could not be spawned."""
+    TROUBLE = 2
+    """It did not work: a file, an engine, the command line itself."""
+    INTERRUPTED = 130
+    """Ctrl-C."""
+    PIPE_CLOSED = 141
+    """Whoever read the output had enough."""
+
+
+def exit_code(error: MindstageError) -> Outcome:
+    """How an error ends the process."""
+    return Outcome.NO if isinstance(error, WorldError) else Outcome.TROUBLE
+
+
+def verb(function: Callable[P, Outcome]) -> Callable[P, None]:
+    """Makes a function a verb: what it returns or raises becomes the process's end.
+
+    Args:
+        function: its parameter `as_json`, if it has one, decides how errors are told.
+    """
+
+    @wraps(function)
+    def run(*args: P.args, **kwargs: P.kwargs) -> None:
+        as_json = bool(kwargs.get("as_json"))
+        try:
+            outcome = function(*args, **kwargs)
+            sys.stdout.flush()  # a closed pipe shall show here, not while Python shuts down
+        except MindstageError as error:
+            outcome = exit_code(error)
+            _tell(error, _sentence(error), as_json=as_json)
+        except BrokenPipeError:
+            outcome = Outcome.PIPE_CLOSED
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        except OSError as error:
+            outcome = Outcome.TROUBLE
+            _tell(error, f"{error.filename}: {error.strerror}" if error.filename else str(error), as_json=as_json)
+        except KeyboardInterrupt:
+            outcome = Outcome.INTERRUPTED
+        raise typer.Exit(outcome)
+
+    return run
+
+
+def _sentence(error: MindstageError) -> str:
+    hint = " with --map-name" if isinstance(error, MapAmbiguous) else ""
+    return f"{error}{hint}"
+
+
+def _tell(error: Exception, sentence: str, *, as_json: bool) -> None:
+    if as_json:
+        print_json({"error": {"kind": type(error).__name__, "message": sentence}})
+    typer.echo(f"mindstage: error: {one_line(sentence)}", err=True)

@@ -1,0 +1,30 @@
+"""Engines: who can run a world, and what they all promise."""
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+from mindstage.engines.contract import Ability, Engine, Failure, Note, NoteKind, Poses, SpawnReport, State
+from mindstage.engines.null import NullEngine
+
+if TYPE_CHECKING:
+    from mindstage.engines.mujoco import MujocoEngine
+
+__all__ = [
+    "Ability",
+    "Engine",
+    "Failure",
+    "MujocoEngine",
+    "Note",
+    "NoteKind",
+    "NullEngine",
+    "Poses",
+    "SpawnReport",
+    "State",
+]
+
+
+def __getattr__(name: str) -> object:
+    # A heavy engine loads when it is first asked for.
+    if name == "MujocoEngine":
+        return import_module("mindstage.engines.mujoco").MujocoEngine
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -1,0 +1,243 @@
+"""Collision: which pairs may touch, decided once for all engines.
+
+Maps hold the boxes around things, and those stand in one another: a drawer in its cabinet, milk in the fridge, the
+whole kitchen in a box named "walls". Taken literally such a world explodes. What is decided instead:
+
+- a **shell**, a body larger than a room's corner that holds several pieces of furniture, collides with nothing;
+- a body that holds something loose is **hollow**: it gets walls, an opening, and a floor where its contents stand;
+- any other pair that overlaps when spawned does not collide, nor do pairs joined by a constraint.
+
+Every decision is a note in the spawn report; none is silent.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mindstage.engines.contract import Note, NoteKind
+from mindstage.engines.hollow import Content, Plate, hollow_out
+from mindstage.engines.overlap import Boxes, contains, depths, neighbours
+from mindstage.world import BodyId
+from mindstage.world.geometry import Array
+
+__all__ = ["TOUCH_M", "Collisions", "Scene", "decide"]
+
+TOUCH_M = 0.002
+"""Boxes that stand in one another by less than this only touch: maps round to a micrometre, people to a millimetre."""
+
+_SHELL_SIZE_M = (1.0, 2.0, 2.0)
+"""A shell is at least so large along its shortest, middle and longest side: one can stand in it."""
+_SHELL_HOLDS = 3
+"""A shell holds at least so many pieces of furniture that do not hang on it."""
+_CROWD = 256
+"""A body that overlaps more others than this is not told apart from each of them."""
+
+
+@dataclass(frozen=True, slots=True)
+class Scene:
+    """What is to be decided about: n bodies as they stand now."""
+
+    ids: tuple[BodyId, ...]
+    poses: Array
+    """n x 7, unit quaternions."""
+    sizes: Array
+    """n x 3 [m]."""
+    assembly: NDArray[np.intp]
+    """A number for each body's assembly; bodies of one never collide."""
+    simulates: NDArray[np.bool_]
+    """Whether the physics moves the body's assembly."""
+    loose: NDArray[np.bool_]
+    """Whether it is on its own: the physics moves it and no constraint holds it."""
+    fresh: NDArray[np.bool_]
+    """Whether it came just now; pairs of old ones are not looked at again."""
+    joined: frozenset[tuple[int, int]]
+    """Pairs of assemblies (lower number first) that are joined by a constraint and must not collide."""
+    cores: Boxes
+    """The boxes that count for overlaps: what is round does not fill the corners of its own."""
+    settled: Callable[[int, int], bool] = lambda a, b: False
+    """Whether a pair could collide before the edit in question: then it still may, however deep it is just now."""
+
+
+@dataclass(slots=True)
+class Collisions:
+    """The decisions, kept as long as the bodies are."""
+
+    apart: set[tuple[BodyId, BodyId]] = field(default_factory=set)
+    """Pairs that do not collide, in the order of their ids."""
+    ghosts: set[BodyId] = field(default_factory=set)
+    """Bodies that collide with nothing."""
+    hollows: dict[BodyId, tuple[Plate, ...]] = field(default_factory=dict)
+    """The plates that a hollow body is made of, in its own frame."""
+    contents: dict[BodyId, tuple[BodyId, ...]] = field(default_factory=dict)
+    """What each hollow body was made hollow for."""
+
+    def copy(self) -> Collisions:
+        """The same decisions, to be changed on their own."""
+        return Collisions(set(self.apart), set(self.ghosts), dict(self.hollows), dict(self.contents))
+
+    def forget(self, ids: Iterable[BodyId]) -> None:
+        """Drops what was decided about bodies that are no longer there."""
+        gone = set(ids)
+        self.apart = {pair for pair in self.apart if not gone.intersection(pair)}
+        self.ghosts -= gone
+        for id in gone:
+            self.hollows.pop(id, None)
+            self.contents.pop(id, None)
+
+
+def decide(scene: Scene, so_far: Collisions) -> tuple[Collisions, list[Note]]:
+    """Decides about all that is fresh, on top of what was decided before."""
+    collisions, notes = so_far.copy(), list[Note]()
+    boxes = Boxes.of(scene.poses, scene.sizes)
+    a, b, depth = _overlapping(scene)
+    holds = _holding(boxes, a, b)
+    shells = _shells(scene, boxes, holds)
+    for index, count in shells.items():
+        id = scene.ids[index]
+        collisions.ghosts.add(id)
+        text = f"{id} encloses {count} pieces of furniture: it is seen through and collides with nothing"
+        notes.append(Note(NoteKind.SHELL, (id,), text))
+    contents = _contents(scene, boxes, shells, collisions, a, b)
+    fronts = _fronts(scene)
+    for outer, inner in contents.items():
+        notes.append(_hollow(scene, boxes, collisions, outer, inner, fronts.get(int(scene.assembly[outer]), ())))
+    resting = {(outer, item) for outer, inner in contents.items() for item in inner}
+    notes += _keep_apart(scene, collisions, (a, b, depth), resting)
+    return collisions, notes
+
+
+def _overlapping(scene: Scene) -> tuple[NDArray[np.intp], NDArray[np.intp], Array]:
+    """All pairs of different assemblies that stand in one another, at least one of them fresh."""
+    everything = np.ones(len(scene.ids), dtype=bool)
+    found_a, found_b, found_depth = [], [], []
+    for a, b in neighbours(scene.cores, scene.fresh, everything):
+        apart = scene.assembly[a] != scene.assembly[b]
+        a, b = a[apart], b[apart]
+        depth = depths(scene.cores, a, b)
+        deep = depth > TOUCH_M
+        deep[deep] = [not scene.settled(i, j) for i, j in zip(a[deep].tolist(), b[deep].tolist(), strict=True)]
+        found_a.append(a[deep])
+        found_b.append(b[deep])
+        found_depth.append(depth[deep])
+    if not found_a:
+        none = np.zeros(0, dtype=np.intp)
+        return none, none, np.zeros(0)
+    return np.concatenate(found_a), np.concatenate(found_b), np.concatenate(found_depth)
+
+
+def _holding(boxes: Boxes, a: NDArray[np.intp], b: NDArray[np.intp]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Pairs (outer, inner) in which the outer box holds all of the inner one."""
+    outer, inner = np.concatenate([a, b]), np.concatenate([b, a])
+    inside = contains(boxes, outer, inner)
+    return outer[inside], inner[inside]
+
+
+def _shells(scene: Scene, boxes: Boxes, holds: tuple[NDArray[np.intp], NDArray[np.intp]]) -> dict[int, int]:
+    """Shells, and how many pieces of furniture each holds."""
+    large = np.all(np.sort(2 * boxes.half, axis=1) >= _SHELL_SIZE_M, axis=1) & ~scene.simulates
+    outer, inner = holds
+    furniture = large[outer] & ~scene.loose[inner]
+    held: dict[int, set[int]] = {}
+    for o, i in zip(outer[furniture].tolist(), scene.assembly[inner[furniture]].tolist(), strict=True):
+        held.setdefault(o, set()).add(i)
+    return {
+        o: len(assemblies)
+        for o, assemblies in sorted(held.items())
+        if len(assemblies) - sum(_pair(int(scene.assembly[o]), i) in scene.joined for i in assemblies) >= _SHELL_HOLDS
+    }
+
+
+def _contents(
+    scene: Scene,
+    boxes: Boxes,
+    shells: Mapping[int, int],
+    collisions: Collisions,
+    a: NDArray[np.intp],
+    b: NDArray[np.intp],
+) -> dict[int, list[int]]:
+    """For each body that holds something loose: what. Of nested holders the smallest counts."""
+    outer, inner = np.concatenate([a, b]), np.concatenate([b, a])
+    volume = np.prod(boxes.half, axis=1)
+    able = scene.loose[inner] & (volume[outer] > 2 * volume[inner])
+    outer, inner = outer[able], inner[able]
+    inside = contains(boxes, outer, inner, share=0.8)
+    outer, inner = outer[inside], inner[inside]
+    smallest: dict[int, int] = {}
+    for o, i in zip(outer.tolist(), inner.tolist(), strict=True):
+        if o in shells or scene.ids[o] in collisions.ghosts:
+            continue
+        if i not in smallest or volume[o] < volume[smallest[i]]:
+            smallest[i] = o
+    contents: dict[int, list[int]] = {}
+    for i, o in sorted(smallest.items()):
+        contents.setdefault(o, []).append(i)
+    return contents
+
+
+def _fronts(scene: Scene) -> dict[int, list[Array]]:
+    """For each assembly that does not move by itself: where what is joined to it (doors, drawers) stands."""
+    numbers, firsts = np.unique(scene.assembly, return_index=True)
+    first = dict(zip(numbers.tolist(), firsts.tolist(), strict=True))
+    fronts: dict[int, list[Array]] = {}
+    for pair in scene.joined:
+        for here, there in (pair, pair[::-1]):
+            if not scene.simulates[first[here]]:
+                fronts.setdefault(here, []).append(scene.poses[first[there], :3])
+    return fronts
+
+
+def _hollow(
+    scene: Scene, boxes: Boxes, collisions: Collisions, outer: int, inner: list[int], fronts: Sequence[Array]
+) -> Note:
+    """Makes one body hollow around its contents: those that just came, and those that are still in it."""
+    id = scene.ids[outer]
+    before = set(collisions.contents.get(id, ()))
+    old = np.array([i for i, other in enumerate(scene.ids) if other in before], dtype=np.intp) if before else inner[:0]
+    still = [int(i) for i in old if contains(boxes, np.array([outer]), np.array([i]), share=0.8)[0]]
+    inside = sorted({*inner, *still})
+    hollow = hollow_out(
+        scene.poses[outer], scene.sizes[outer], [Content(scene.poses[i], scene.sizes[i]) for i in inside], fronts
+    )
+    names = tuple(scene.ids[i] for i in inside)
+    collisions.hollows[id] = hollow.plates
+    collisions.contents[id] = names
+    text = f"{id} is hollow, open {hollow.opening}, so that {', '.join(names)} can be inside"
+    return Note(NoteKind.HOLLOW, (id, *names), text)
+
+
+def _keep_apart(
+    scene: Scene,
+    collisions: Collisions,
+    overlaps: tuple[NDArray[np.intp], NDArray[np.intp], Array],
+    resting: set[tuple[int, int]],
+) -> list[Note]:
+    """Overlapping pairs do not collide, unless one of them now has an inside for the other."""
+    a, b, depth = overlaps
+    matters = scene.simulates[a] | scene.simulates[b]
+    a, b, depth = a[matters], b[matters], depth[matters]
+    crowded = set(np.flatnonzero(np.bincount(np.concatenate([a, b]), minlength=len(scene.ids)) > _CROWD).tolist())
+    notes = []
+    for index in sorted(crowded):
+        id = scene.ids[index]
+        if id not in collisions.ghosts and scene.simulates[index]:
+            collisions.ghosts.add(id)
+            text = f"{id} overlaps more than {_CROWD} others, so it collides with nothing"
+            notes.append(Note(NoteKind.OVERLAP, (id,), text))
+    for i, j, deep in zip(a.tolist(), b.tolist(), depth.tolist(), strict=True):
+        first, second = scene.ids[i], scene.ids[j]
+        ghost = first in collisions.ghosts or second in collisions.ghosts
+        if ghost or (i, j) in resting or (j, i) in resting:
+            continue
+        collisions.apart.add((first, second) if first < second else (second, first))
+        if _pair(int(scene.assembly[i]), int(scene.assembly[j])) not in scene.joined:
+            text = f"{first} and {second} overlap by {deep * 1000:.0f} mm where they stand, so they do not collide"
+            notes.append(Note(NoteKind.OVERLAP, (first, second), text))
+    return notes
+
+
+def _pair(a: int, b: int) -> tuple[int, int]:
+    return (a, b) if a < b else (b, a)

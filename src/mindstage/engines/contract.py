@@ -1,0 +1,212 @@
+"""What every engine promises: a world goes in, lives, and comes back out with nothing lost.
+
+An engine is single-threaded and owned by whoever made it (usually a `Stage`). All edits keep the rest of the running
+world as it was: poses, velocities, contacts, sleep. Poses enter and leave in the world frame [m, w x y z]; each
+engine changes axes and units on its own side.
+
+A call ends in one of three ways: it succeeds; it raises a `WorldError`, because the world does not allow it, and the
+world is unchanged; or it raises an `EngineError`, because the engine broke.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from enum import Enum
+from typing import NewType, Protocol, runtime_checkable
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from mindstage.world import BodyId, Colour, Material, Physics, Pose, Vector, World
+
+__all__ = ["Ability", "Engine", "Failure", "Note", "NoteKind", "Poses", "SpawnReport", "State"]
+
+Poses = NDArray[np.float64]
+"""n x 7: x y z [m], then w x y z."""
+
+State = NewType("State", object)
+"""What `save` returns; only the engine that made it can read it."""
+
+
+class Ability(Enum):
+    """What only some engines can do; ask `engine.abilities` before calling."""
+
+    SAVE = "save"
+    """`save` and `restore`."""
+    JOINTS = "joints"
+    """`joint_positions`."""
+
+
+class Failure(msgspec.Struct, frozen=True):
+    """Something that could not be spawned."""
+
+    id: str
+    reason: str
+
+
+class NoteKind(Enum):
+    """What an engine had to decide by itself; each kind can be counted and filtered."""
+
+    MASS_ESTIMATED = "mass estimated"
+    SIZE_ASSUMED = "size assumed"
+    MOBILITY_ASSUMED = "mobility assumed"
+    SHELL = "shell"
+    """Encloses much of the world; nothing collides with it."""
+    HOLLOW = "hollow"
+    """Has something inside that must rest on it, so it got an inside."""
+    OVERLAP = "overlap"
+    """A pair stands in one another, so the two do not collide."""
+    CONSTRAINT = "constraint"
+    """A constraint is not taken literally."""
+    ATTACHMENT = "attachment"
+    """An attachment is not taken literally."""
+
+
+class Note(msgspec.Struct, frozen=True):
+    """One decision that the map did not make, in words."""
+
+    kind: NoteKind
+    ids: tuple[str, ...]
+    text: str
+
+
+class SpawnReport(msgspec.Struct, frozen=True, kw_only=True):
+    """What became of a world that was to be spawned."""
+
+    bodies: int = 0
+    """Spawned bodies."""
+    constraints: int = 0
+    attachments: int = 0
+    failed_bodies: tuple[Failure, ...] = ()
+    failed_constraints: tuple[Failure, ...] = ()
+    failed_attachments: tuple[Failure, ...] = ()
+    """The child's id."""
+    notes: tuple[Note, ...] = ()
+    """What was assumed."""
+
+    @property
+    def ok(self) -> bool:
+        """Whether everything was spawned; assumptions do not count against it."""
+        return not (self.failed_bodies or self.failed_constraints or self.failed_attachments)
+
+
+@runtime_checkable
+class Engine(Protocol):
+    """A running world. Every method but `close` raises `EngineClosed` after `close`."""
+
+    @property
+    def name(self) -> str:
+        """A short name for reports, such as "mujoco"."""
+
+    @property
+    def abilities(self) -> frozenset[Ability]:
+        """What this engine can do beyond the rest of this contract."""
+
+    @property
+    def time_s(self) -> float:
+        """Simulated time since the engine was made [s]."""
+
+    def spawn(self, world: World) -> SpawnReport:
+        """Adds a world to what is there: bodies first, then constraints, then attachments.
+
+        What cannot be spawned is listed in the report with the reason; the rest is spawned.
+        """
+
+    def delete(self, ids: Iterable[BodyId]) -> None:
+        """Removes bodies, their constraints and attachments; what hung on them stays where it is.
+
+        Raises:
+            BodyUnknown: for the first id that is not there; nothing is deleted then.
+        """
+
+    def clear(self) -> None:
+        """Removes everything; time goes on."""
+
+    def attach(self, parent: BodyId, child: BodyId) -> None:
+        """From now on the child goes rigidly where the parent goes; both stay where they are now.
+
+        Raises:
+            BodyUnknown: one of the two is not there.
+            AttachmentRefused: it would close a circle. A child that hung elsewhere is detached first.
+        """
+
+    def detach(self, child: BodyId) -> None:
+        """Lets go of a child where it is, with the velocity that it has; nothing happens if it hangs nowhere.
+
+        Raises:
+            BodyUnknown: there is no such body.
+        """
+
+    def set_pose(self, id: BodyId, pose: Pose) -> None:
+        """Puts a body somewhere else, at rest, and all that hangs on it with it.
+
+        Raises:
+            BodyUnknown: there is no such body.
+            PoseUnreachable: its constraint does not let it get there, or the pose is not finite.
+        """
+
+    def set_physics(self, id: BodyId, physics: Physics) -> None:
+        """Changes mobility, gravity, mass, overlap events.
+
+        Raises:
+            BodyUnknown: there is no such body.
+        """
+
+    def set_materials(self, id: BodyId, materials: tuple[Material, ...]) -> None:
+        """Changes the surface.
+
+        Raises:
+            BodyUnknown: there is no such body.
+        """
+
+    def highlight(self, ids: Iterable[BodyId], colour: Colour | None) -> None:
+        """Lights bodies up in a colour; None puts them out.
+
+        Raises:
+            BodyUnknown: for the first id that is not there; nothing changes then.
+        """
+
+    def highlights(self) -> Mapping[BodyId, Colour]:
+        """Which bodies are lit, and how."""
+
+    def push(self, id: BodyId, force: Vector, at: Vector | None = None) -> None:
+        """Applies a force [N, world frame] throughout the next `step`, at a point [m, world frame].
+
+        Without a point it acts on the centre of mass. Pushes on one body add up; static and kinematic bodies
+        do not feel them.
+
+        Raises:
+            BodyUnknown: there is no such body.
+        """
+
+    def step(self, duration_s: float) -> None:
+        """Lets time pass. What is less than a time step of the engine is kept for the next call.
+
+        Raises:
+            SimulationUnstable: the numbers stopped making sense; the engine is still usable (delete, restore).
+        """
+
+    def poses(self) -> tuple[tuple[BodyId, ...], Poses]:
+        """All bodies' ids and poses at once, in one order; the array is the caller's to keep.
+
+        The tuple of ids is the same object until a body comes or goes.
+        """
+
+    def joint_positions(self) -> Mapping[BodyId, tuple[float, ...]]:
+        """How far each constraint has moved from where it was spawned (ability JOINTS).
+
+        Six numbers for each constraint that can move: x, y, z [m], twist, swing2, swing1 [rad].
+        """
+
+    def log(self) -> World:
+        """Everything as it is now. What was not moved comes back exactly as it was given."""
+
+    def save(self) -> State:
+        """The whole state, bodies included (ability SAVE)."""
+
+    def restore(self, state: State) -> None:
+        """Brings a saved state back, exactly (ability SAVE)."""
+
+    def close(self) -> None:
+        """Ends the engine; any number of times."""

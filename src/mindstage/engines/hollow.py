@@ -1,0 +1,151 @@
+"""Hollow: a box with room inside, made of plates.
+
+A map says that milk is in the fridge and where; it does not say that a fridge has walls and shelves. What stands in a
+box must stand on something, so the box gets a floor at each height on which its contents stand.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from mindstage.world import Vector
+from mindstage.world.geometry import Array, conjugate, rotate, rotation_matrix
+
+__all__ = ["Content", "Hollow", "Plate", "hollow_out"]
+
+_WALL_M = 0.015
+_THINNEST_M = 0.001
+_CLEARANCE_M = 0.0005
+"""Between a wall and what stands next to it."""
+_LEVEL_M = 0.004
+"""Contents whose undersides differ by less stand on one level."""
+_SIDES = ("to the back", "to the front", "to the right", "to the left", "to the bottom", "to the top")
+"""Of the body's own axes: x backwards and forwards, y, z."""
+
+
+@dataclass(frozen=True, slots=True)
+class Content:
+    """Something inside."""
+
+    pose: Array
+    """Seven numbers, in the world."""
+    size: Array
+    """Three numbers [m]."""
+
+
+@dataclass(frozen=True, slots=True)
+class Plate:
+    """A solid part, parallel to the hollow body's axes."""
+
+    centre: Vector
+    """In the body's frame [m]."""
+    size: Vector
+    """[m]."""
+
+
+@dataclass(frozen=True, slots=True)
+class Hollow:
+    """What became of the box."""
+
+    plates: tuple[Plate, ...]
+    opening: str
+    """Where one reaches in, in words."""
+
+
+def hollow_out(pose: Array, size: Array, contents: Sequence[Content], fronts: Sequence[Array]) -> Hollow:
+    """Walls, an opening and floors for a box with contents.
+
+    Args:
+        pose: of the box, seven numbers, unit quaternion.
+        size: its extents [m].
+        contents: what is inside.
+        fronts: centres, in the world, of what closes it (doors): each opens the side that it is nearest to.
+            Without any, the top is open.
+    """
+    half = size / 2
+    back = conjugate(pose[3:])
+    low, high = _extents(pose, contents)
+    up = rotate(back, [0.0, 0.0, 1.0])
+    vertical = int(np.argmax(np.abs(up)))
+    top = 2 * vertical + (1 if up[vertical] > 0 else 0)
+    sides = {_side_towards(rotate(back, front - pose[:3]), half) for front in fronts} - {top ^ 1}
+    opening = sides or {top}
+    inner = _inner(half, low, high)
+    plates = [
+        _plate(half, side // 2, *_wall_range(side, half, inner))
+        for side in range(6)
+        if side not in opening and side // 2 != vertical
+    ]
+    if top not in opening:
+        plates.append(_plate(half, vertical, *_wall_range(top, half, inner)))
+    plates += _floors(half, vertical, up[vertical] > 0, low, high)
+    words = " and ".join(_SIDES[side] for side in sorted(opening))
+    return Hollow(tuple(plate for plate in plates if min(plate.size) > 0.0), words)
+
+
+def _extents(pose: Array, contents: Sequence[Content]) -> tuple[Array, Array]:
+    """Lower and upper corners of the contents, each n x 3, in the frame of the box."""
+    back = conjugate(pose[3:])
+    poses = np.array([content.pose for content in contents])
+    sizes = np.array([content.size for content in contents])
+    centre = rotate(back, poses[:, :3] - pose[:3])
+    turn = np.abs(rotation_matrix(back) @ rotation_matrix(poses[:, 3:]))
+    reach = np.einsum("nij,nj->ni", turn, sizes / 2)
+    return centre - reach, centre + reach
+
+
+def _side_towards(point: Array, half: Array) -> int:
+    """The side of the box that a point is farthest out of: 0 is x backwards, 1 x forwards, and so on for y and z."""
+    out = np.abs(point) - half
+    axis = int(np.argmax(out))
+    return 2 * axis + int(point[axis] > 0)
+
+
+def _inner(half: Array, low: Array, high: Array) -> tuple[Array, Array]:
+    """The room between the walls: as wide as the contents need, no wall thicker than usual."""
+    usual = half - np.minimum(_WALL_M, half / 5)
+    return np.minimum(-usual, low.min(axis=0) - _CLEARANCE_M), np.maximum(usual, high.max(axis=0) + _CLEARANCE_M)
+
+
+def _wall_range(side: int, half: Array, inner: tuple[Array, Array]) -> tuple[float, float]:
+    """From where to where a wall goes along its own axis; the two are equal where there is no room for one."""
+    axis = side // 2
+    if side % 2:
+        start, end = float(inner[1][axis]), float(half[axis])
+    else:
+        start, end = float(-half[axis]), float(inner[0][axis])
+    return (start, end) if end - start >= _THINNEST_M else (start, start)
+
+
+def _floors(half: Array, vertical: int, upright: bool, low: Array, high: Array) -> list[Plate]:
+    """A plate under each level of contents that does not stand on other contents."""
+    bottoms = low[:, vertical] if upright else -high[:, vertical]
+    tops = high[:, vertical] if upright else -low[:, vertical]
+    others = [axis for axis in range(3) if axis != vertical]
+    levels: list[float] = []
+    for index in np.argsort(bottoms):
+        beneath = np.abs(tops - bottoms[index]) < _LEVEL_M
+        beside = np.all((low[:, others] < high[index, others]) & (low[index, others] < high[:, others]), axis=1)
+        stands_on_another = bool(np.any(np.delete(beneath & beside, index)))
+        if not stands_on_another and not (levels and bottoms[index] - levels[-1] < _LEVEL_M):
+            levels.append(float(bottoms[index]))
+    floors = []
+    for level in levels:
+        under = tops[tops <= level + _LEVEL_M]
+        ceiling_below = max(float(under.max(initial=-half[vertical])), float(-half[vertical]))
+        start = -half[vertical] if level == levels[0] else max(level - _WALL_M, ceiling_below + _CLEARANCE_M)
+        if level - start >= _THINNEST_M:
+            span = (float(start), level) if upright else (-level, -float(start))
+            floors.append(_plate(half, vertical, *span))
+    return floors
+
+
+def _plate(half: Array, axis: int, start: float, end: float) -> Plate:
+    """A plate across the whole box, between two places along one axis."""
+    centre, size = np.zeros(3), 2 * half
+    centre[axis], size[axis] = (start + end) / 2, end - start
+    (x, y, z), (dx, dy, dz) = centre.tolist(), size.tolist()
+    return Plate((x, y, z), (dx, dy, dz))

@@ -1,0 +1,366 @@
+"""Build: a blueprint becomes a compiled MuJoCo model.
+
+The blueprint is all that was decided before (who hangs on whom, what collides, which masses); nothing is decided
+here. Every body becomes one MuJoCo body, so that every pose can be read back.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from mindstage.engines.collision import Collisions
+from mindstage.engines.mujoco.forest import Assembly, Branch, Forest
+from mindstage.engines.mujoco.joints import Axis, axes_of, is_ball
+from mindstage.errors import EngineUnavailable
+from mindstage.world import Body, BodyId, Constraint, Mobility, Motion, ShapeKind
+from mindstage.world.geometry import Array, compose, invert
+
+__all__ = ["Blueprint", "Joint", "Live", "build"]
+
+_STIFF_LIMIT = (0.005, 1.0)
+"""Time constant [s] and damping ratio of a hard limit: a strong arm presses a drawer less than 1 mm past it."""
+_SLIDE_FRICTION = 1.0
+"""A slide holds against what would accelerate it by this [m/s²]: 5 N for a drawer of 5 kg."""
+_HINGE_FRICTION = 2.0
+"""The same for hinges [rad/s²]."""
+_DAMPING = 1.0
+"""Of the speed along a joint, this part is lost in a second [1/s]."""
+_THINNEST_M = 0.001
+_INERTIA_M = 0.005
+"""For inertia a body is taken at least this thick, or a sheet of paper would spin without end."""
+
+
+@dataclass(slots=True)
+class Blueprint:
+    """All that a model is made from; rows of arrays go with `rows`."""
+
+    bodies: dict[BodyId, Body]
+    rows: dict[BodyId, int]
+    where: Array
+    """Where the bodies stand, n x 7, unit quaternions."""
+    sizes: Array
+    masses: dict[BodyId, float]
+    forest: Forest
+    holds: dict[BodyId, Array]
+    """Each attached child's pose as seen from what it hangs on."""
+    ends: dict[BodyId, tuple[Array, Array]]
+    """Each constraint's frame as seen from the map's parent and from its child."""
+    collisions: Collisions
+    constraints: dict[BodyId, Constraint]
+    timestep_s: float
+
+
+@dataclass(slots=True)
+class Joint:
+    """A branch of the forest as it stands in the model."""
+
+    branch: Branch
+    axes: tuple[Axis, ...]
+    ball: bool
+    position: int
+    """Where its coordinates begin in `qpos`, in the order of `axes` (a ball's quaternion last)."""
+    velocity: int
+    """Where they begin in `qvel`."""
+    body: int
+    """The MuJoCo body that the joints move."""
+
+
+@dataclass(slots=True)
+class Live:
+    """A compiled model, its state, and where everything is in it."""
+
+    model: Any
+    data: Any
+    numbers: dict[BodyId, int]
+    """MuJoCo's number of each body."""
+    order: NDArray[np.intp]
+    """The same in the order of `Blueprint.rows`, for reading all poses at once."""
+    joints: dict[BodyId, Joint]
+    """By constraint."""
+    free: dict[BodyId, tuple[int, int]]
+    """Of each assembly that moves freely: where its pose begins in `qpos`, its velocity in `qvel`."""
+    mocap: dict[BodyId, int]
+    """MuJoCo's mocap number of each kinematic assembly."""
+
+
+class _Builder:
+    """Holds what the steps of one build share."""
+
+    def __init__(self, blueprint: Blueprint) -> None:
+        self.blueprint = blueprint
+        self.spec = mujoco.MjSpec()
+        self.made: dict[BodyId, Any] = {}
+        self.free: dict[BodyId, Any] = {}
+        self.jointed: dict[BodyId, tuple[Branch, tuple[Axis, ...], bool, list[Any], Any]] = {}
+
+    def options(self) -> None:
+        option = self.spec.option
+        option.timestep = self.blueprint.timestep_s
+        option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+        option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+        option.impratio = 10.0  # friction nearly as stiff as contact, so that nothing creeps down a slope
+        option.enableflags |= int(mujoco.mjtEnableBit.mjENBL_SLEEP)
+        option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)  # a broken world must not look like a new one
+        self.spec.compiler.degree = False
+
+    def assembly(self, assembly: Assembly) -> None:
+        plan = self.blueprint
+        branch = plan.forest.branches.get(assembly.top)
+        if branch is None:
+            top = self._body(self.spec.worldbody, assembly.top, plan.where[plan.rows[assembly.top]])
+            if assembly.simulates:
+                self.free[assembly.top] = top.add_freejoint()
+            elif assembly.mobility is Mobility.KINEMATIC:
+                top.mocap = True
+        else:
+            self._branch(assembly, branch)
+        for id in assembly.bodies[1:]:
+            self._body(self.made[plan.forest.holders[id]], id, plan.holds[id])
+
+    def _branch(self, assembly: Assembly, branch: Branch) -> None:
+        parent_from_frame, frame_from_top, top_from_frame = self._frames(assembly.top, branch)
+        top = self._body(self.made[branch.parent], assembly.top, compose(parent_from_frame, frame_from_top))
+        axes = axes_of(branch.constraint)
+        ball = is_ball(axes)
+        self._joints(top, branch, axes, ball, top_from_frame)
+
+    def _frames(self, top: BodyId, branch: Branch) -> tuple[Array, Array, Array]:
+        """The joint frame seen from the parent body; the top seen from that frame, and the other way round."""
+        plan = self.blueprint
+        of_parent, of_child = plan.ends[branch.constraint.id]
+        if branch.upside_down:
+            of_parent, of_child = of_child, of_parent
+        top_from_frame = of_child
+        if branch.child != top:
+            top_from_child = compose(invert(plan.where[plan.rows[top]]), plan.where[plan.rows[branch.child]])
+            top_from_frame = compose(top_from_child, of_child)
+        return of_parent, invert(top_from_frame), top_from_frame
+
+    def _joints(self, body: Any, branch: Branch, axes: tuple[Axis, ...], ball: bool, frame: Array) -> list[Any]:
+        """The joints of one constraint, on a body in which its frame is known."""
+        directions = np.eye(3)
+        made = []
+        for axis in axes:
+            if ball and not axis.slides:
+                continue
+            turned = _rotate(frame[3:], directions[axis.direction])
+            joint = body.add_joint(
+                type=mujoco.mjtJoint.mjJNT_SLIDE if axis.slides else mujoco.mjtJoint.mjJNT_HINGE,
+                pos=frame[:3],
+                axis=turned,
+            )
+            if axis.limit is not None:
+                joint.limited = True
+                joint.range = (-axis.limit, axis.limit)
+                joint.solref_limit = _STIFF_LIMIT
+                joint.solimp_limit = (0.95, 0.999, 0.0005, 0.5, 2)
+            made.append(joint)
+        if ball:
+            made.append(body.add_joint(type=mujoco.mjtJoint.mjJNT_BALL, pos=frame[:3]))
+        if made:
+            self.jointed[branch.constraint.id] = (branch, axes, ball, made, body)
+        return made
+
+    def _body(self, parent: Any, id: BodyId, place: Array) -> Any:
+        plan = self.blueprint
+        body = parent.add_body(name=_name(id), pos=place[:3], quat=place[3:])
+        self.made[id] = body
+        description = plan.bodies[id]
+        size = plan.sizes[plan.rows[id]]
+        ghost = id in plan.collisions.ghosts
+        plates = plan.collisions.hollows.get(id)
+        if plates is None:
+            kind, extent = _geometry(description, size)
+            _add_geom(body, kind, extent, (0.0, 0.0, 0.0), ghost)
+        else:
+            for plate in plates:
+                extent = np.maximum(np.asarray(plate.size) / 2, _THINNEST_M / 2)
+                _add_geom(body, mujoco.mjtGeom.mjGEOM_BOX, extent, plate.centre, ghost)
+        mass = plan.masses.get(id, 0.0)
+        if mass > 0.0:
+            body.explicitinertial = True
+            body.mass, body.inertia = mass, _inertia(description, mass, size)
+            body.ipos, body.iquat = np.zeros(3), (1.0, 0.0, 0.0, 0.0)
+        if description.physics.gravity is False:
+            body.gravcomp = 1.0
+        return body
+
+    def apart(self) -> None:
+        """Pairs that never collide: decided ones, and all of two assemblies joined by a constraint."""
+        plan = self.blueprint
+        pairs = set(plan.collisions.apart)
+        for constraint in plan.constraints.values():
+            if constraint.disable_collision is False:
+                continue
+            one, other = plan.forest.of_body[constraint.parent], plan.forest.of_body[constraint.child]
+            for a in plan.forest.assemblies[one].bodies:
+                pairs |= {(a, b) if a < b else (b, a) for b in plan.forest.assemblies[other].bodies}
+        for a, b in sorted(pairs):
+            if plan.forest.of_body[a] != plan.forest.of_body[b]:
+                self.spec.add_exclude(bodyname1=_name(a), bodyname2=_name(b))
+
+    def loop(self, branch: Branch) -> None:
+        """A constraint that closes a loop.
+
+        MuJoCo has equalities for "welded" and "one point in common". Any other kind goes through a light go-between
+        that has the joints and is welded to the far side.
+        """
+        of_parent, of_child = self.blueprint.ends[branch.constraint.id]
+        if branch.upside_down:
+            of_parent, of_child = of_child, of_parent
+        axes = axes_of(branch.constraint)
+        linear, angular = branch.constraint.linear, branch.constraint.angular
+        pinned = all(motion is Motion.LOCKED for motion in (linear.x, linear.y, linear.z))
+        turns = all(motion is Motion.FREE for motion in (angular.twist, angular.swing1, angular.swing2))
+        if not axes:
+            self._weld(_name(branch.parent), _name(branch.child), compose(of_parent, invert(of_child)))
+        elif pinned and turns:
+            equality = self.spec.add_equality(
+                type=mujoco.mjtEq.mjEQ_CONNECT, objtype=mujoco.mjtObj.mjOBJ_BODY,
+                name1=_name(branch.child), name2=_name(branch.parent),
+            )  # fmt: skip
+            equality.data[:3] = of_child[:3]
+        else:
+            self._go_between(branch, axes, of_parent, of_child)
+
+    def _go_between(self, branch: Branch, axes: tuple[Axis, ...], of_parent: Array, of_child: Array) -> None:
+        plan = self.blueprint
+        name = f"loop:{branch.constraint.id}"
+        body = self.made[branch.parent].add_body(name=name, pos=of_parent[:3], quat=of_parent[3:])
+        mass = 0.01 * max(plan.forest.assemblies[plan.forest.of_body[branch.child]].mass_kg, 0.1)
+        body.explicitinertial, body.mass, body.inertia = True, mass, np.full(3, mass * 0.01)
+        body.ipos, body.iquat = np.zeros(3), (1.0, 0.0, 0.0, 0.0)
+        body.gravcomp = 1.0
+        self._joints(body, branch, axes, is_ball(axes), np.array([0.0, 0, 0, 1, 0, 0, 0]))
+        self._weld(name, _name(branch.child), invert(of_child))
+
+    def _weld(self, first: str, second: str, second_from_first: Array) -> None:
+        equality = self.spec.add_equality(
+            type=mujoco.mjtEq.mjEQ_WELD, objtype=mujoco.mjtObj.mjOBJ_BODY, name1=first, name2=second
+        )
+        equality.data[:3] = 0.0
+        equality.data[3:10] = second_from_first
+        equality.data[10] = 1.0
+
+    def finish(self) -> Live:
+        plan = self.blueprint
+        try:
+            model = self.spec.compile()
+        except ValueError as error:  # what MuJoCo's compiler refuses; the inventory should have refused it before
+            raise EngineUnavailable("mujoco", cause=f"it cannot compile this world: {error}") from error
+        data = mujoco.MjData(model)
+        numbers = {id: body.id for id, body in self.made.items()}
+        joints = {}
+        for id, (branch, axes, ball, made, body) in self.jointed.items():
+            first = made[0].id
+            position, velocity = int(model.jnt_qposadr[first]), int(model.jnt_dofadr[first])
+            joints[id] = Joint(branch, axes, ball, position, velocity, body.id)
+        free = {
+            top: (int(model.jnt_qposadr[joint.id]), int(model.jnt_dofadr[joint.id])) for top, joint in self.free.items()
+        }
+        mocap = {
+            top: int(model.body_mocapid[numbers[top]])
+            for top, assembly in plan.forest.assemblies.items()
+            if model.body_mocapid[numbers[top]] >= 0
+        }
+        order = np.fromiter((numbers[id] for id in plan.rows), dtype=np.intp, count=len(plan.rows))
+        return Live(model, data, numbers, order, joints, free, mocap)
+
+
+def build(blueprint: Blueprint) -> Live:
+    """Compiles a blueprint.
+
+    Raises:
+        EngineUnavailable: MuJoCo refuses the model; its words are in the cause.
+    """
+    builder = _Builder(blueprint)
+    builder.options()
+    for assembly in blueprint.forest.assemblies.values():
+        builder.assembly(assembly)
+    for branch in blueprint.forest.loops:
+        builder.loop(branch)
+    builder.apart()
+    live = builder.finish()
+    _soften(live)
+    _add_friction(live)
+    return live
+
+
+def _name(id: BodyId) -> str:
+    return f"body:{id}"  # "world" is a name of MuJoCo's own
+
+
+def _add_geom(body: Any, kind: Any, extent: Any, centre: Any, ghost: bool) -> None:
+    if ghost:
+        body.add_geom(type=kind, size=extent, pos=centre, mass=0.0, contype=0, conaffinity=0)
+    else:
+        body.add_geom(type=kind, size=extent, pos=centre, mass=0.0, friction=(0.8, 0.005, 0.0001))
+
+
+def _geometry(body: Body, size: Array) -> tuple[Any, Array]:
+    """MuJoCo's primitive and its half extents; one that is not round any more becomes an ellipsoid."""
+    half = np.maximum(size, _THINNEST_M) / 2
+    kind = body.shape.kind if body.shape is not None else ShapeKind.BOX
+    if kind is ShapeKind.SPHERE:
+        return mujoco.mjtGeom.mjGEOM_ELLIPSOID, half
+    if kind is ShapeKind.CYLINDER:
+        return mujoco.mjtGeom.mjGEOM_CYLINDER, np.array([(half[0] + half[1]) / 2, half[2], 0.0])
+    return mujoco.mjtGeom.mjGEOM_BOX, half
+
+
+def _inertia(body: Body, mass: float, size: Array) -> Array:
+    """The diagonal of the inertia tensor of a solid of even density [kg m²]."""
+    squares = np.maximum(size, _INERTIA_M) ** 2
+    kind = body.shape.kind if body.shape is not None else ShapeKind.BOX
+    weight = {
+        ShapeKind.BOX: (1 / 12, 1 / 12, 1 / 12),
+        ShapeKind.SPHERE: (1 / 20, 1 / 20, 1 / 20),
+        ShapeKind.CYLINDER: (1 / 16, 1 / 16, 1 / 12),
+    }[kind]
+    x, y, z = squares * weight
+    return mass * np.array([y + z, z + x, x + y])
+
+
+def _rotate(quaternion: Array, vector: Array) -> Array:
+    out = np.zeros(3)
+    mujoco.mju_rotVecQuat(out, vector, quaternion)
+    return out
+
+
+def _soften(live: Live) -> None:
+    """Soft limits as springs and dampers of their true strength.
+
+    MuJoCo's negative solref is stiffness and damping for a unit of inertia, so the joint's own inertia divides them.
+    """
+    model = live.model
+    for joint in live.joints.values():
+        limitable = [axis for axis in joint.axes if axis.slides or not joint.ball]
+        for offset, axis in enumerate(limitable):
+            if axis.soft.enabled and axis.limit is not None and axis.soft.stiffness > 0.0:
+                number = int(np.flatnonzero(model.jnt_dofadr == joint.velocity + offset)[0])
+                weight = model.dof_invweight0[joint.velocity + offset]
+                damping = max(axis.soft.damping, 1e-6)
+                model.jnt_solref[number] = (-axis.soft.stiffness * weight, -damping * weight)
+                model.jnt_solimp[number] = (0.9999, 0.9999, 0.001, 0.5, 2)
+
+
+def _add_friction(live: Live) -> None:
+    """Gives every joint so much friction that it stays where it was put, gravity or not."""
+    model, data = live.model, live.data
+    mujoco.mj_forward(model, data)
+    gravity = np.abs(data.qfrc_bias - data.qfrc_passive)
+    inertia = 1.0 / np.maximum(model.dof_invweight0, 1e-9)
+    for joint in live.joints.values():
+        for offset in range(len(joint.axes)):
+            dof = joint.velocity + offset
+            slides = offset < sum(axis.slides for axis in joint.axes)
+            holding = _SLIDE_FRICTION if slides else _HINGE_FRICTION
+            model.dof_frictionloss[dof] = holding * inertia[dof] + 1.25 * gravity[dof]
+            model.dof_damping[dof] = _DAMPING * inertia[dof]
+            model.dof_solref[dof] = (0.005, 1.0)
+            model.dof_solimp[dof] = (0.99, 0.999, 0.001, 0.5, 2)

@@ -1,0 +1,252 @@
+"""MujocoEngine: a world in MuJoCo.
+
+Static bodies are fixed to the world, kinematic ones are mocap bodies, dynamic ones move freely, and constraints make
+kinematic trees of them. An edit only marks the model as stale; the next call that needs physics builds it once, and
+what was running goes on (see `carry`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from types import MappingProxyType
+
+import mujoco
+import numpy as np
+
+from mindstage.engines.contract import Ability, Note, Poses, SpawnReport, State
+from mindstage.engines.inventory import placeable
+from mindstage.engines.mujoco.build import Live
+from mindstage.engines.mujoco.carry import coordinates, put, wake
+from mindstage.engines.mujoco.joints import place_from, place_of
+from mindstage.engines.mujoco.scene import SceneKeeper
+from mindstage.errors import EngineClosed, PoseUnreachable, SimulationUnstable
+from mindstage.world import BodyId, Colour, Material, Physics, Pose, Vector, World
+from mindstage.world.geometry import Array, compose, invert, pose_array, pose_from, rotation_angle, unit
+
+__all__ = ["MujocoEngine"]
+
+_SAME = 1e-12
+"""A pose that differs by less from the described one is the described one [m, rad]; larger numbers round more."""
+_REACHED_M, _REACHED_RAD = 1e-6, 1e-6
+
+
+class MujocoEngine:
+    """The contract, kept by MuJoCo."""
+
+    name = "mujoco"
+    abilities = frozenset({Ability.SAVE, Ability.JOINTS})
+
+    def __init__(self, *, timestep_s: float = 0.002) -> None:
+        """An empty world.
+
+        Args:
+            timestep_s: MuJoCo's time step [s].
+        """
+        self._keeper = SceneKeeper(timestep_s)
+        self._timestep_s = timestep_s
+        self._owed_s = 0.0
+        self._pushes: list[tuple[BodyId, Array, Array | None]] = []
+        self._closed = False
+
+    @property
+    def time_s(self) -> float:
+        """See the contract, here and below."""
+        return self._open().time_s
+
+    def spawn(self, world: World) -> SpawnReport:
+        return self._open().add(world)
+
+    def delete(self, ids: Iterable[BodyId]) -> None:
+        self._open().remove(tuple(ids))
+
+    def clear(self) -> None:
+        keeper = self._open()
+        keeper.remove(keeper.inventory.ids)
+        time_s = keeper.time_s
+        self._keeper = SceneKeeper(self._timestep_s, time_s=time_s)
+        self._pushes.clear()
+
+    def attach(self, parent: BodyId, child: BodyId) -> None:
+        self._open().attach(parent, child)
+
+    def detach(self, child: BodyId) -> None:
+        self._open().detach(child)
+
+    def set_pose(self, id: BodyId, pose: Pose) -> None:
+        keeper = self._open()
+        keeper.inventory.body(id)
+        if reason := placeable(pose):
+            raise PoseUnreachable(id, reason=reason)
+        target = _unit_pose(pose)
+        if id in keeper.forest.branches:
+            keeper.live()  # how far a joint goes is known to the model
+        if not keeper.stale and self._move_in_place(keeper, id, target):
+            keeper.inventory.replace(id, pose=pose)
+            return
+        keeper.move(id, target)
+        keeper.inventory.replace(id, pose=pose)
+
+    def set_physics(self, id: BodyId, physics: Physics) -> None:
+        self._open().set_physics(id, physics)
+
+    def set_materials(self, id: BodyId, materials: tuple[Material, ...]) -> None:
+        self._open().inventory.replace(id, materials=materials)
+
+    def highlight(self, ids: Iterable[BodyId], colour: Colour | None) -> None:
+        self._open().inventory.highlight(ids, colour)
+
+    def highlights(self) -> Mapping[BodyId, Colour]:
+        return MappingProxyType(self._open().inventory.lit)
+
+    def push(self, id: BodyId, force: Vector, at: Vector | None = None) -> None:
+        self._open().inventory.body(id)
+        self._pushes.append((id, np.asarray(force, dtype=float), None if at is None else np.asarray(at, dtype=float)))
+
+    def step(self, duration_s: float) -> None:
+        keeper = self._open()
+        self._owed_s += duration_s
+        steps = int(self._owed_s / self._timestep_s + 1e-6)
+        if steps <= 0:
+            return
+        self._owed_s = max(0.0, self._owed_s - steps * self._timestep_s)
+        live = keeper.live()
+        if self._pushes:
+            self._apply_pushes(live)
+        mujoco.mj_step(live.model, live.data, nstep=steps)
+        mujoco.mj_kinematics(live.model, live.data)
+        if self._pushes:
+            live.data.xfrc_applied[:] = 0.0
+            self._pushes.clear()
+        _check(live)
+
+    def poses(self) -> tuple[tuple[BodyId, ...], Poses]:
+        keeper = self._open()
+        return keeper.inventory.ids, keeper.where()
+
+    def joint_positions(self) -> Mapping[BodyId, tuple[float, ...]]:
+        keeper = self._open()
+        live, where = keeper.live(), keeper.where_by_id()
+        positions = {}
+        for id, joint in live.joints.items():
+            constraint = joint.branch.constraint
+            of_parent, of_child = keeper.ends[id]
+            fixed = compose(where[constraint.parent], of_parent)
+            moving = compose(where[constraint.child], of_child)
+            positions[id] = tuple(place_of(compose(invert(fixed), moving), joint.axes).tolist())
+        return positions
+
+    def log(self) -> World:
+        keeper = self._open()
+        now = keeper.where()
+        given = pose_array(body.pose for body in keeper.inventory.bodies.values())
+        scale = np.maximum(1.0, np.abs(given[:, :3]).max(axis=1, initial=1.0))
+        stayed = (np.abs(now[:, :3] - given[:, :3]).max(axis=1, initial=0.0) <= _SAME * scale) & (
+            rotation_angle(given[:, 3:], now[:, 3:]) <= _SAME
+        )
+        rows = np.flatnonzero(~stayed).tolist()
+        return keeper.inventory.world({keeper.inventory.ids[row]: pose_from(now[row]) for row in rows})
+
+    def save(self) -> State:
+        return State(self._open().copy())
+
+    def restore(self, state: State) -> None:
+        self._open()
+        if not isinstance(state, SceneKeeper):
+            raise TypeError(f"a state that MujocoEngine.save made is needed, not {type(state).__name__}")
+        self._keeper = state.copy()
+        self._pushes.clear()
+        self._owed_s = 0.0
+
+    def close(self) -> None:
+        self._closed = True
+
+    @property
+    def notes(self) -> tuple[Note, ...]:
+        """What had to be decided because of edits since the last spawn (the spawn's own are in its report)."""
+        return tuple(self._open().late_notes)
+
+    def _open(self) -> SceneKeeper:
+        if self._closed:
+            raise EngineClosed(self.name)
+        return self._keeper
+
+    def _apply_pushes(self, live: Live) -> None:
+        for id, force, at in self._pushes:
+            number = live.numbers.get(id)
+            if number is None:
+                continue
+            live.data.xfrc_applied[number, :3] += force
+            if at is not None:
+                live.data.xfrc_applied[number, 3:] += np.cross(at - live.data.xipos[number], force)
+
+    def _move_in_place(self, keeper: SceneKeeper, id: BodyId, target: Array) -> bool:
+        """Moves what needs no new model: what is free, kinematic, or on a joint. False for the rest."""
+        live = keeper.live()
+        moving = keeper.reach(id)
+        if id in live.free:
+            position, velocity = live.free[id]
+            live.data.qpos[position : position + 7] = target
+            live.data.qvel[velocity : velocity + 6] = 0.0
+        elif id in live.mocap:
+            live.data.mocap_pos[live.mocap[id]] = target[:3]
+            live.data.mocap_quat[live.mocap[id]] = target[3:]
+        elif (branch := keeper.forest.branches.get(id)) is not None:
+            self._turn_joint(keeper, id, branch.constraint.id, target)
+        else:
+            return False
+        before = keeper.bounds(moving)
+        mujoco.mj_kinematics(live.model, live.data)
+        wake(live, np.stack([before, keeper.bounds(moving)]))
+        return True
+
+    def _turn_joint(self, keeper: SceneKeeper, id: BodyId, constraint: BodyId, target: Array) -> None:
+        """Puts a body on a joint where it is asked to be.
+
+        Raises:
+            PoseUnreachable: its joint does not go there.
+        """
+        live, where = keeper.live(), keeper.where_by_id()
+        child_from_top = compose(invert(where[id]), where[keeper.forest.branches[id].child])
+        joint = live.joints.get(constraint)
+        if joint is None:
+            raise PoseUnreachable(id, reason=f"the constraint {constraint!r} locks it")
+        asked = {**where, joint.branch.child: compose(target, child_from_top)}
+        ends = keeper.ends[constraint]
+        place = coordinates(joint, asked, ends)
+        for axis in joint.axes:
+            if axis.limit is not None and abs(place[axis.index]) > axis.limit + _REACHED_M:
+                asked_for = f"{abs(place[axis.index]):.4g} {'m' if axis.slides else 'rad'}"
+                raise PoseUnreachable(id, reason=f"{constraint!r} ends at {axis.limit:g}, asked for was {asked_for}")
+        allowed = np.zeros(6)
+        for axis in joint.axes:
+            allowed[axis.index] = place[axis.index]
+        of_parent, of_child = ends[::-1] if joint.branch.upside_down else ends
+        relative = place_from(allowed.tolist())
+        if joint.ball:
+            relative[3:] = place[6:]
+        reached = compose(compose(compose(where[joint.branch.parent], of_parent), relative), invert(of_child))
+        wanted = asked[joint.branch.child]
+        off_m = float(np.linalg.norm(reached[:3] - wanted[:3]))
+        if off_m > _REACHED_M or float(rotation_angle(reached[3:], wanted[3:])) > _REACHED_RAD:
+            reason = f"{constraint!r} does not lead there; the nearest it allows is {off_m:.3g} m off"
+            raise PoseUnreachable(id, reason=reason)
+        put(live, joint, place)
+
+
+def _unit_pose(pose: Pose) -> Array:
+    row = pose_array([pose])[0]
+    row[3:] = unit(row[3:])
+    return np.asarray(row)
+
+
+def _check(live: Live) -> None:
+    """Raises if MuJoCo saw numbers that mean nothing."""
+    bad = (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, mujoco.mjtWarning.mjWARN_BADQACC)
+    for warning in bad:
+        entry = live.data.warning[warning]
+        if entry.number:
+            body = live.model.body(int(live.model.dof_bodyid[entry.lastinfo])).name.removeprefix("body:")
+            entry.number = 0
+            quantity = warning.name.removeprefix("mjWARN_BAD").lower()
+            what = f"the {quantity} of {body!r} is not a number or far too large"
+            raise SimulationUnstable(time_s=float(live.data.time), what=what)

@@ -1,0 +1,91 @@
+"""Joints: the six axes of a constraint as MuJoCo's slides, hinges and balls.
+
+Coordinates are those of the joint frame: x, y, z [m], then twist (about x), swing 2 (about y), swing 1 (about z) [rad].
+MuJoCo applies joints in order; slides come first, so that they go along axes that do not turn, then the hinges about
+z, y and x, which are the angles of a rotation in that order (Tait-Bryan). Three free angles are a ball, which has no
+singular pose.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from mindstage.world import Constraint, Motion, Soft
+from mindstage.world.geometry import Array, multiply
+
+__all__ = ["AXES", "Axis", "axes_of", "is_ball", "place_from", "place_of"]
+
+AXES = ("x", "y", "z", "twist", "swing2", "swing1")
+"""Of a constraint, in the order of coordinates."""
+
+_HINGE_ORDER = (5, 4, 3)
+
+
+@dataclass(frozen=True, slots=True)
+class Axis:
+    """One axis along or about which something can move."""
+
+    index: int
+    """Into `AXES`: 0 to 2 are slides along x, y, z; 3 to 5 hinges about them."""
+    limit: float | None
+    """Either way [m or rad]; None for no limit."""
+    soft: Soft
+
+    @property
+    def slides(self) -> bool:
+        """Whether it is a slide, not a hinge."""
+        return self.index < 3
+
+    @property
+    def direction(self) -> int:
+        """0, 1, 2 for x, y, z."""
+        return self.index % 3
+
+
+def axes_of(constraint: Constraint) -> tuple[Axis, ...]:
+    """The axes that can move, in the order in which MuJoCo needs them; a limit of 0 is no movement."""
+    linear, angular = constraint.linear, constraint.angular
+    motions = (linear.x, linear.y, linear.z, angular.twist, angular.swing2, angular.swing1)
+    limits = (*(linear.limit,) * 3, angular.twist_limit, angular.swing2_limit, angular.swing1_limit)
+    softs = (*(linear.soft,) * 3, angular.twist_soft, angular.swing_soft, angular.swing_soft)
+    return tuple(
+        Axis(index, None if motions[index] is Motion.FREE else limits[index], softs[index])
+        for index in (0, 1, 2, *_HINGE_ORDER)
+        if motions[index] is Motion.FREE or (motions[index] is Motion.LIMITED and limits[index] > 0.0)
+    )
+
+
+def is_ball(axes: Sequence[Axis]) -> bool:
+    """Whether all three rotations are free."""
+    return sum(axis.limit is None for axis in axes if not axis.slides) == 3
+
+
+def place_from(coordinates: Sequence[float]) -> Array:
+    """The child's joint frame seen from the parent's, seven numbers, for six coordinates."""
+    quaternion = np.array([1.0, 0.0, 0.0, 0.0])
+    for index in _HINGE_ORDER:
+        turn = np.zeros(4)
+        turn[0], turn[1 + index % 3] = np.cos(coordinates[index] / 2), np.sin(coordinates[index] / 2)
+        quaternion = multiply(quaternion, turn)
+    return np.array([*coordinates[:3], *quaternion])
+
+
+def place_of(relative: Array, axes: Sequence[Axis]) -> Array:
+    """Six coordinates of a joint frame seen from the parent's; angles within a half turn either way.
+
+    What the axes cannot express is left out; compare `place_from` of the result to know whether there was any.
+    """
+    w, x, y, z = (relative[3:] / np.linalg.norm(relative[3:])).tolist()
+    hinges = [axis for axis in axes if not axis.slides]
+    angles = np.zeros(3)
+    if len(hinges) == 1:
+        direction = hinges[0].direction
+        angles[direction] = 2 * np.arctan2((x, y, z)[direction], w)
+    elif hinges:
+        angles[0] = np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
+        angles[1] = np.arcsin(np.clip(2 * (w * y - z * x), -1.0, 1.0))
+        angles[2] = np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+    return np.concatenate([relative[:3], (angles + np.pi) % (2 * np.pi) - np.pi])

@@ -1,0 +1,205 @@
+"""Every error Mindstage raises, one class for each thing that a caller can act on.
+
+    MindstageError
+    ├── WorldError              the world itself says no (exit code 1)
+    │   ├── BodyUnknown         no body of that id
+    │   ├── BodyExists          the id is taken
+    │   ├── PoseUnreachable     a constraint or attachment forbids the pose
+    │   └── AttachmentRefused   it would close a circle, or the child hangs elsewhere
+    ├── KnowledgeError          a source cannot be used (exit code 2)
+    │   ├── SourceUnreadable    no such file, or not what its format promises
+    │   ├── MapMissing          no semantic map where one was asked for
+    │   └── MapAmbiguous        several maps, and nobody said which
+    ├── EngineError             the engine itself broke (exit code 2)
+    │   ├── EngineUnavailable   it is not installed, or cannot be reached
+    │   ├── EngineClosed        it was closed before the call
+    │   └── SimulationUnstable  the physics produced numbers that mean nothing
+    └── StageError              the stage could not take the call (exit code 2)
+        └── StageTimedOut       the stage's own thread did not answer in time
+
+Facts are fields, the sentence is made in `__str__`, and it ends with what exists or what to try.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from difflib import get_close_matches
+
+__all__ = [
+    "AttachmentRefused",
+    "BodyExists",
+    "BodyUnknown",
+    "EngineClosed",
+    "EngineError",
+    "EngineUnavailable",
+    "KnowledgeError",
+    "MapAmbiguous",
+    "MapMissing",
+    "MindstageError",
+    "PoseUnreachable",
+    "SimulationUnstable",
+    "SourceUnreadable",
+    "StageError",
+    "StageTimedOut",
+    "WorldError",
+]
+
+
+class MindstageError(Exception):
+    """The root: catch it to catch everything that Mindstage itself raises."""
+
+
+class WorldError(MindstageError):
+    """The call was understood and the world says no; the world is as it was before."""
+
+
+class BodyUnknown(WorldError):
+    """No body of that id stands in the world."""
+
+    def __init__(self, body: str, *, known: Iterable[str] = (), world: str = "") -> None:
+        self.body = body
+        self.world = world
+        self.near = tuple(get_close_matches(body, list(known), n=3, cutoff=0.5))
+        super().__init__(body)
+
+    def __str__(self) -> str:
+        where = f" in {self.world!r}" if self.world else ""
+        near = f"; near: {', '.join(map(repr, self.near))}" if self.near else ""
+        return f"no body {self.body!r}{where}{near}"
+
+
+class BodyExists(WorldError):
+    """The id of a body to be spawned is taken."""
+
+    def __init__(self, body: str) -> None:
+        self.body = body
+        super().__init__(body)
+
+    def __str__(self) -> str:
+        return f"the id {self.body!r} is taken; delete that body first, or choose another id"
+
+
+class PoseUnreachable(WorldError):
+    """What the body hangs on does not let it take that pose."""
+
+    def __init__(self, body: str, *, reason: str) -> None:
+        self.body = body
+        self.reason = reason
+        super().__init__(body)
+
+    def __str__(self) -> str:
+        return f"{self.body!r} cannot take that pose: {self.reason}"
+
+
+class AttachmentRefused(WorldError):
+    """The child cannot hang on that parent."""
+
+    def __init__(self, parent: str, child: str, *, reason: str) -> None:
+        self.parent = parent
+        self.child = child
+        self.reason = reason
+        super().__init__(child)
+
+    def __str__(self) -> str:
+        return f"{self.child!r} cannot be attached to {self.parent!r}: {self.reason}"
+
+
+class KnowledgeError(MindstageError):
+    """A source of knowledge cannot be used."""
+
+
+class SourceUnreadable(KnowledgeError):
+    """A file is not there, or its content is not what its format promises."""
+
+    def __init__(self, source: str, *, cause: str, line: int | None = None) -> None:
+        self.source = source
+        self.cause = cause
+        self.line = line
+        super().__init__(source)
+
+    def __str__(self) -> str:
+        place = f"{self.source}, line {self.line}" if self.line is not None else self.source
+        return f"cannot read {place}: {self.cause}"
+
+
+class MapMissing(KnowledgeError):
+    """No semantic map (of that name) among what was loaded."""
+
+    def __init__(self, *, wanted: str = "", known: Sequence[str] = ()) -> None:
+        self.wanted = wanted
+        self.known = tuple(known)
+        super().__init__(wanted)
+
+    def __str__(self) -> str:
+        if self.known:
+            return f"no map {self.wanted!r}; there is {', '.join(self.known)}"
+        where = f" in {self.wanted}" if self.wanted else ""
+        return f"no semantic map{where}: nothing there is a knowrob:SemanticEnvironmentMap"
+
+
+class MapAmbiguous(KnowledgeError):
+    """Several maps are loaded and nobody said which one is meant."""
+
+    def __init__(self, known: Sequence[str]) -> None:
+        self.known = tuple(known)
+        super().__init__(*known)
+
+    def __str__(self) -> str:
+        return f"{len(self.known)} maps are loaded ({', '.join(self.known)}); name one of them"
+
+
+class EngineError(MindstageError):
+    """The reason lies in the engine, not in the world it runs."""
+
+
+class EngineUnavailable(EngineError):
+    """The engine is not installed or does not answer."""
+
+    def __init__(self, engine: str, *, cause: str, remedy: str = "") -> None:
+        self.engine = engine
+        self.cause = cause
+        self.remedy = remedy
+        super().__init__(engine)
+
+    def __str__(self) -> str:
+        remedy = f"; {self.remedy}" if self.remedy else ""
+        return f"the engine {self.engine!r} is not available: {self.cause}{remedy}"
+
+
+class EngineClosed(EngineError):
+    """A call came after `close`."""
+
+    def __init__(self, engine: str) -> None:
+        self.engine = engine
+        super().__init__(engine)
+
+    def __str__(self) -> str:
+        return f"the engine {self.engine!r} is closed; make a new one"
+
+
+class SimulationUnstable(EngineError):
+    """The physics diverged: positions, velocities or accelerations stopped being numbers."""
+
+    def __init__(self, *, time_s: float, what: str) -> None:
+        self.time_s = time_s
+        self.what = what
+        super().__init__(what)
+
+    def __str__(self) -> str:
+        return f"the simulation became unstable at {self.time_s:.3f} s: {self.what}"
+
+
+class StageError(MindstageError):
+    """The stage could not take the call."""
+
+
+class StageTimedOut(StageError):
+    """The thread that owns the engine did not finish the call in time."""
+
+    def __init__(self, call: str, *, timeout_s: float) -> None:
+        self.call = call
+        self.timeout_s = timeout_s
+        super().__init__(call)
+
+    def __str__(self) -> str:
+        return f"{self.call} did not finish within {self.timeout_s:g} s; the stage may be busy or stopped"

@@ -1,0 +1,23 @@
+"""The files that come with Mindstage: a household ontology and a furnished kitchen."""
+
+from __future__ import annotations
+
+from importlib.resources import files
+from pathlib import Path
+
+__all__ = ["bundled_kitchen", "bundled_ontology"]
+
+
+def bundled_kitchen() -> Path:
+    """A kitchen to play with: a map of dialect 1."""
+    return _bundled("kitchen.owl")
+
+
+def bundled_ontology() -> Path:
+    """What a household holds, as classes that maps and questions share; every `KnowledgeBase` knows it unless told not to."""
+    return _bundled("household.ttl")
+
+
+def _bundled(name: str) -> Path:
+    # Wheels are always unpacked, so that a resource of ours is a file.
+    return Path(str(files("mindstage.knowledge") / "bundled" / name))

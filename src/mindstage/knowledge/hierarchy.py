@@ -1,0 +1,67 @@
+"""The class hierarchy: who is below whom, whatever circles the sources draw."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+
+from mindstage.world import Iri
+
+__all__ = ["ClassHierarchy"]
+
+
+class ClassHierarchy:
+    """An index of subclass statements; equal classes are below one another."""
+
+    def __init__(self, pairs: Iterable[tuple[Iri, Iri]]) -> None:
+        """Builds the index.
+
+        Args:
+            pairs: class and superclass, as told.
+        """
+        self._above: dict[Iri, set[Iri]] = {}
+        self._below: dict[Iri, set[Iri]] = {}
+        for cls, superclass in pairs:
+            if cls != superclass:
+                self._above.setdefault(cls, set()).add(superclass)
+                self._below.setdefault(superclass, set()).add(cls)
+
+    def levels(self, classes: Sequence[Iri]) -> Iterator[Sequence[Iri]]:
+        """The classes themselves, then their superclasses, then theirs; each class once, each level sorted."""
+        seen = set(classes)
+        level = list(dict.fromkeys(classes))
+        while level:
+            yield level
+            above = {superclass for cls in level for superclass in self._above.get(cls, ())} - seen
+            seen |= above
+            level = sorted(above)
+
+    def ancestors(self, cls: Iri) -> tuple[Iri, ...]:
+        """All superclasses, the nearest first; the class itself is not among them, even in a circle."""
+        _, *levels = self.levels([cls])
+        return tuple(superclass for level in levels for superclass in level)
+
+    def descendants(self, cls: Iri) -> frozenset[Iri]:
+        """All subclasses, without the class itself."""
+        found: set[Iri] = set()
+        waiting = [cls]
+        while waiting:
+            below = self._below.get(waiting.pop(), set()) - found
+            found |= below
+            waiting.extend(below)
+        return frozenset(found - {cls})
+
+    def is_a(self, cls: Iri, ancestor: Iri) -> bool:
+        """Whether one class is the other or below it."""
+        if cls == ancestor:
+            return True
+        if cls not in self._above or ancestor not in self._below:
+            return False
+        return any(ancestor in level for level in self.levels([cls]))
+
+    def most_specific(self, classes: Sequence[Iri]) -> Iri:
+        """The first of the classes that has none of the others below it; in a circle, the first of all."""
+        for cls in classes:
+            others = (other for other in classes if other != cls)
+            if not any(self.is_a(other, cls) and not self.is_a(cls, other) for other in others):
+                return cls
+        return classes[0]

@@ -1,0 +1,278 @@
+"""Words: how one value of a world is said by one statement, and understood again.
+
+A word understands more than it says ("Dynamic" and "dynamic", 1 and true). What it would not say again in the same
+way stays a fact beside the value, so that nothing is lost; numbers are the same when their values are.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import Enum
+from typing import Generic, TypeVar
+
+import msgspec
+
+from mindstage.knowledge.vocabulary import LABEL, TAGS_DATA, TAGS_JSON, knowrob, ms, xsd
+from mindstage.world import FactValue, Iri, Literal, Mobility, Motion, Reference, ShapeKind, Tag
+
+__all__ = [
+    "COLOUR",
+    "DAMPING",
+    "DISABLE_COLLISION",
+    "GRAVITY",
+    "ID",
+    "INDEX",
+    "INTENSITY",
+    "LABEL_WORD",
+    "LIMIT",
+    "MASS",
+    "MATERIAL_NAME",
+    "MATERIAL_PATH",
+    "MESH",
+    "MOBILITY",
+    "OVERLAP_EVENTS",
+    "QUATERNION",
+    "SHAPE",
+    "SIZE",
+    "SOFT",
+    "STIFFNESS",
+    "SWING1",
+    "SWING1_LIMIT",
+    "SWING2",
+    "SWING2_LIMIT",
+    "SWING_DAMPING",
+    "SWING_SOFT",
+    "SWING_STIFFNESS",
+    "TAGS",
+    "TAGS_AS_JSON",
+    "TRANSLATION",
+    "TWIST",
+    "TWIST_DAMPING",
+    "TWIST_LIMIT",
+    "TWIST_SOFT",
+    "TWIST_STIFFNESS",
+    "X_MOTION",
+    "Y_MOTION",
+    "Z_MOTION",
+    "Word",
+]
+
+T = TypeVar("T")
+Kind = TypeVar("Kind", bound=Enum)
+
+_NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?", re.ASCII)
+_TRUTH = {"true": True, "1": True, "false": False, "0": False}
+
+
+@dataclass(frozen=True, slots=True)
+class Word(Generic[T]):
+    """One property, and what its values mean."""
+
+    property: Iri
+    what: str
+    """What a value must be, for those who write something else."""
+    understand: Callable[[FactValue], T | None]
+    say: Callable[[T], FactValue]
+    by_value: bool = False
+    """Whether texts of one datatype that mean the same are the same statement."""
+
+    def repeats(self, value: T, told: FactValue) -> bool:
+        """Whether saying the value gives back what was told."""
+        said = self.say(value)
+        if self.by_value and isinstance(said, Literal) and isinstance(told, Literal):
+            return said.datatype == told.datatype
+        return said == told
+
+
+def number_in(text: str) -> float | None:
+    """A finite number, exactly; None for anything else (Python itself would also take "nan" or "1_000")."""
+    text = text.strip(" \t\r\n")
+    if not _NUMBER.fullmatch(text):
+        return None
+    number = float(text)
+    return number if math.isfinite(number) else None
+
+
+def _text_in(value: FactValue) -> str | None:
+    return value.text if isinstance(value, Literal) and value.language is None else None
+
+
+def _text(property: Iri) -> Word[str]:
+    return Word(property, "a text", _text_in, Literal)
+
+
+def _label(property: Iri) -> Word[str]:
+    return Word(property, "a text", lambda value: value.text if isinstance(value, Literal) else None, Literal)
+
+
+def _path(property: Iri) -> Word[str]:
+    def understand(value: FactValue) -> str | None:
+        return value.iri if isinstance(value, Reference) and not value.iri.startswith("_:") else _text_in(value)
+
+    return Word(property, "a path", understand, Literal)
+
+
+def _one_of(property: Iri, kinds: type[Kind]) -> Word[Kind]:
+    names = {str(kind.value): kind for kind in kinds}
+
+    def understand(value: FactValue) -> Kind | None:
+        text = _text_in(value)
+        return None if text is None else names.get(text.strip().lower())
+
+    return Word(property, "one of " + ", ".join(names), understand, lambda kind: Literal(str(kind.value)))
+
+
+def _truth(property: Iri) -> Word[bool]:
+    def understand(value: FactValue) -> bool | None:
+        text = _text_in(value)
+        return None if text is None else _TRUTH.get(text.strip().lower())
+
+    datatype = xsd("boolean")
+    return Word(property, "true or false", understand, lambda told: Literal(str(told).lower(), datatype))
+
+
+def _number(property: Iri, *, datatype: str = "float", least: float = -math.inf) -> Word[float]:
+    def understand(value: FactValue) -> float | None:
+        text = _text_in(value)
+        number = None if text is None else number_in(text)
+        return number if number is not None and number >= least else None
+
+    what = "a finite number" if least else "a finite number of 0 or more"
+    return Word(property, what, understand, lambda number: Literal(repr(float(number)), xsd(datatype)), by_value=True)
+
+
+def _whole_number(property: Iri) -> Word[int]:
+    def understand(value: FactValue) -> int | None:
+        text = _text_in(value)
+        return int(text) if text is not None and re.fullmatch(r"\s*\d{1,9}\s*", text, re.ASCII) else None
+
+    return Word(property, "a whole number", understand, lambda number: Literal(str(number), xsd("integer")), True)
+
+
+def _motion(property: Iri) -> Word[Motion]:
+    def understand(value: FactValue) -> Motion | None:
+        number = number_in(_text_in(value) or "")
+        return Motion(int(number)) if number in set(Motion) else None
+
+    what = "0 (free), 1 (limited) or 2 (locked)"
+    return Word(property, what, understand, lambda motion: Literal(str(motion.value), xsd("integer")), by_value=True)
+
+
+def _numbers(property: Iri, count: int, *, nonzero: bool = False) -> Word[tuple[float, ...]]:
+    def understand(value: FactValue) -> tuple[float, ...] | None:
+        numbers = [number_in(part) for part in (_text_in(value) or "").split()]
+        if len(numbers) != count or None in numbers:
+            return None
+        told = tuple(number for number in numbers if number is not None)
+        return told if not nonzero or math.hypot(*told) > 0.0 else None
+
+    def say(numbers: tuple[float, ...]) -> Literal:
+        return Literal(" ".join(repr(float(number)) for number in numbers))
+
+    what = f"{count} finite numbers" + (" that are not all 0" if nonzero else "")
+    return Word(property, what, understand, say, by_value=True)
+
+
+# -- tags --------------------------------------------------------------------------------------------------------------
+
+
+def _tags_of(value: FactValue) -> tuple[Tag, ...] | None:
+    """Reads "SemLog;Class,Cup;Id,c1;Other;k,v;": types, each followed by its pairs."""
+    text = _text_in(value)
+    if text is None:
+        return None
+    tags, kind = [], None
+    for part in text.removesuffix(";").split(";") if text else ():
+        key, comma, told = part.partition(",")
+        if not comma:
+            kind = part
+        elif kind is None:
+            return None
+        else:
+            tags.append(Tag(type=kind, key=key, value=told))
+    return tuple(tags)
+
+
+def _tags_said(tags: tuple[Tag, ...]) -> Literal:
+    parts, kind = [], None
+    for tag in tags:
+        if tag.type != kind:
+            kind = tag.type
+            parts.append(kind)
+        parts.append(f"{tag.key},{tag.value}")
+    return Literal("".join(part + ";" for part in parts))
+
+
+def _tags_of_json(value: FactValue) -> tuple[Tag, ...] | None:
+    try:
+        told = msgspec.json.decode(_text_in(value) or "", type=list[tuple[str, str, str]])
+    except (msgspec.DecodeError, UnicodeError):
+        return None
+    return tuple(Tag(type=kind, key=key, value=value) for kind, key, value in told)
+
+
+def _tags_said_as_json(tags: tuple[Tag, ...]) -> Literal:
+    # JSON in ASCII has an escape for every letter, also for those that XML has no way to write.
+    text = msgspec.json.encode([(tag.type, tag.key, tag.value) for tag in tags]).decode()
+    return Literal("".join(letter if letter.isascii() and letter != "\x7f" else _escaped(letter) for letter in text))
+
+
+def _escaped(letter: str) -> str:
+    code = letter.encode("utf-16-be")
+    return "".join(f"\\u{code[at]:02x}{code[at + 1]:02x}" for at in range(0, len(code), 2))
+
+
+# -- the words ---------------------------------------------------------------------------------------------------------
+
+ID = _text(ms("id"))
+LABEL_WORD = _label(LABEL)
+MESH = _path(knowrob("pathToCadModel"))
+SHAPE = _one_of(ms("shape"), ShapeKind)
+TAGS = Word(TAGS_DATA, 'tags ("type;key,value;…")', _tags_of, _tags_said)
+TAGS_AS_JSON = Word(TAGS_JSON, "a JSON array of [type, key, value]", _tags_of_json, _tags_said_as_json)
+
+MOBILITY = _one_of(knowrob("mobility"), Mobility)
+GRAVITY = _truth(knowrob("gravity"))
+OVERLAP_EVENTS = _truth(knowrob("overlapEvents"))
+MASS = _number(knowrob("mass"), least=0.0)
+
+SIZE = (
+    _number(knowrob("depthOfObject"), least=0.0),
+    _number(knowrob("widthOfObject"), least=0.0),
+    _number(knowrob("heightOfObject"), least=0.0),
+)
+"""Along x, y and z."""
+
+TRANSLATION = _numbers(knowrob("translation"), 3)
+QUATERNION = _numbers(knowrob("quaternion"), 4, nonzero=True)
+
+X_MOTION = _motion(knowrob("xMotion"))
+Y_MOTION = _motion(knowrob("yMotion"))
+Z_MOTION = _motion(knowrob("zMotion"))
+LIMIT = _number(knowrob("limit"), least=0.0)
+SOFT = _truth(knowrob("softConstraint"))
+STIFFNESS = _number(knowrob("stiffness"))
+DAMPING = _number(knowrob("damping"))
+
+SWING1 = _motion(knowrob("swing1Motion"))
+SWING2 = _motion(knowrob("swing2Motion"))
+TWIST = _motion(knowrob("twistMotion"))
+SWING1_LIMIT = _number(knowrob("swing1Limit"), least=0.0)
+SWING2_LIMIT = _number(knowrob("swing2Limit"), least=0.0)
+TWIST_LIMIT = _number(knowrob("twistLimit"), least=0.0)
+SWING_SOFT = _truth(knowrob("softSwingConstraint"))
+SWING_STIFFNESS = _number(knowrob("swingStiffness"))
+SWING_DAMPING = _number(knowrob("swingDamping"))
+TWIST_SOFT = _truth(knowrob("softTwistConstraint"))
+TWIST_STIFFNESS = _number(knowrob("twistStiffness"))
+TWIST_DAMPING = _number(knowrob("twistDamping"))
+
+DISABLE_COLLISION = _truth(ms("disableCollision"))
+COLOUR = _numbers(ms("colour"), 3)
+INTENSITY = _number(ms("intensity"), datatype="double")
+INDEX = _whole_number(ms("index"))
+MATERIAL_NAME = _text(ms("name"))
+MATERIAL_PATH = _text(ms("path"))

@@ -1,0 +1,61 @@
+"""Grip: a spring between a point on a body and a point in the air, as a hand or a mouse pulls.
+
+The force is what a person would use on furniture, so a door opens and a wall does not. Spring and damper follow the
+mass that is pulled: one that suits a fridge door would shake a teaspoon to pieces.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mindstage.engines.contract import Poses
+from mindstage.world import BodyId, Vector
+from mindstage.world.geometry import Array, rotate, unit
+
+__all__ = ["GRIP_PIECE_S", "Grip"]
+
+GRIP_PIECE_S = 0.004
+"""The force is computed anew this often [s]; spring and damper below are stable at this pace."""
+_STIFFEST = 400.0  # [N/m]
+_STIFFNESS_PER_KG = 1500.0  # [N/(m kg)], by which gravity makes a held thing sag 7 mm
+
+
+@dataclass(slots=True, kw_only=True)
+class Grip:
+    """One hold on one body."""
+
+    id: BodyId
+    point: Vector
+    """Where it is held, in the body's own frame [m]."""
+    target: Vector
+    """Where that point shall go, in the world [m]."""
+    mass_kg: float = 1.0
+    """Of what is pulled."""
+    strongest: float = 150.0
+    """[N]: about what one arm can pull."""
+    _before: Array | None = None
+
+    def force(self, pose: Poses, duration_s: float) -> tuple[Vector, Vector]:
+        """The force [N] and where it acts [m], both in the world.
+
+        Args:
+            pose: the body's present pose, seven numbers.
+            duration_s: time since the last call, to know the point's speed.
+        """
+        held = pose[:3] + rotate(unit(pose[3:]), np.asarray(self.point))
+        velocity = np.zeros(3) if self._before is None else (held - self._before) / max(duration_s, 1e-6)
+        self._before = held
+        stiffness = min(_STIFFEST, _STIFFNESS_PER_KG * self.mass_kg)
+        damping = 1.4 * (stiffness * self.mass_kg) ** 0.5
+        force = stiffness * (np.asarray(self.target) - held) - damping * velocity
+        size = float(np.linalg.norm(force))
+        if size > self.strongest:
+            force *= self.strongest / size
+        return _vector(force), _vector(held)
+
+
+def _vector(array: Array) -> Vector:
+    x, y, z = array.tolist()
+    return x, y, z

@@ -1,0 +1,109 @@
+"""Loop: the one thread that owns an engine.
+
+Calls from any thread are queued and answered here, between two ticks of the running world, so that an engine never
+sees two callers at once. Nobody waits for ever: each call has a timeout, and a call that has not begun by then is
+withdrawn, so that it cannot surprise anyone later.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from concurrent.futures import CancelledError, Future
+from queue import Empty, SimpleQueue
+from typing import TypeVar
+
+from mindstage.errors import StageTimedOut
+
+__all__ = ["Loop"]
+
+T = TypeVar("T")
+
+_Call = tuple["Future[object]", Callable[[], object]]
+
+
+class Loop:
+    """Runs `tick` again and again while it asks for it, and queued calls in between."""
+
+    def __init__(self, tick: Callable[[], float | None], *, name: str = "mindstage-stage") -> None:
+        """Starts the thread.
+
+        Args:
+            tick: called in the thread; returns in how many seconds it wants to be called again, or None to sleep
+                until the next call.
+            name: of the thread, for debuggers.
+        """
+        self._tick = tick
+        self._calls: SimpleQueue[_Call | None] = SimpleQueue()
+        self._stopping = False
+        self._thread = threading.Thread(target=self._run, name=name, daemon=True)
+        self._thread.start()
+
+    def call(self, function: Callable[[], T], *, what: str, timeout_s: float) -> T:
+        """Runs a function in the thread and gives back what it returns or raises.
+
+        Raises:
+            StageTimedOut: it did not finish in time, or the loop has stopped.
+        """
+        if threading.current_thread() is self._thread:
+            return function()
+        if self._stopping:
+            raise StageTimedOut(what, timeout_s=0.0)
+        future: Future[T] = Future()
+        self._calls.put((future, function))  # type: ignore[arg-type]  # Future is invariant
+        try:
+            return future.result(timeout=timeout_s)
+        except (TimeoutError, CancelledError):
+            if future.done() and not future.cancelled():
+                return future.result()  # the function itself raised TimeoutError, or finished just now
+            future.cancel()
+            raise StageTimedOut(what, timeout_s=timeout_s) from None
+
+    def wake(self) -> None:
+        """Makes the loop ask `tick` at once."""
+        self._calls.put((Future(), lambda: None))
+
+    def stop(self, *, timeout_s: float = 10.0) -> None:
+        """Ends the thread after the call it is in; any number of times."""
+        if not self._stopping:
+            self._stopping = True
+            self._calls.put(None)
+        if threading.current_thread() is not self._thread:
+            self._thread.join(timeout_s)
+
+    def _run(self) -> None:
+        due: float | None = None
+        while True:
+            wait = None if due is None else max(0.0, due - time.monotonic())
+            try:
+                entry = self._calls.get(timeout=wait)
+            except Empty:
+                entry = (Future(), lambda: None)
+            if entry is None:
+                self._refuse_the_rest()
+                return
+            self._answer(*entry)
+            if self._calls.empty() or (due is not None and time.monotonic() >= due):
+                delay = self._tick()
+                due = None if delay is None else time.monotonic() + delay
+
+    @staticmethod
+    def _answer(future: Future[object], function: Callable[[], object]) -> None:
+        if not future.set_running_or_notify_cancel():
+            return
+        try:
+            result = function()
+        except BaseException as error:
+            future.set_exception(error)
+        else:
+            future.set_result(result)
+
+    def _refuse_the_rest(self) -> None:
+        while True:
+            try:
+                entry = self._calls.get_nowait()
+            except Empty:
+                return
+            if entry is not None:
+                entry[0].cancel()

@@ -1,0 +1,306 @@
+"""Stage: one knowledge base, one engine, one loop.
+
+Everything that touches the engine goes through here and runs in the stage's own thread. Any thread may call; a call
+takes its turn, has a timeout, and raises what the engine raised. What many watch (poses, lights, time) is published
+as a `Frame` after each tick, which costs the watchers nothing and the world next to nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from functools import partial
+from typing import TypeVar
+
+import msgspec
+
+from mindstage.engines.contract import Ability, Engine, Poses, SpawnReport, State
+from mindstage.errors import EngineError, StageError
+from mindstage.knowledge import KnowledgeBase
+from mindstage.stage.clock import Clock
+from mindstage.stage.grip import GRIP_PIECE_S, Grip
+from mindstage.stage.loop import Loop
+from mindstage.world import BodyId, Colour, Vector, World
+
+__all__ = ["Frame", "Stage"]
+
+T = TypeVar("T")
+
+_TICK_S = 1 / 60
+"""How often a playing world is brought up to date; a drag feels smooth at this rate."""
+_STEP_CHUNK_S = 0.1
+"""Long steps are cut into pieces of this simulated length, so that other calls get their turn."""
+
+
+class Frame(msgspec.Struct, frozen=True, eq=False):
+    """The world at one moment; a new one replaces it, this one never changes."""
+
+    time_s: float
+    ids: tuple[BodyId, ...]
+    poses: Poses
+    """n x 7, in the order of `ids`."""
+    highlights: Mapping[BodyId, Colour]
+    edition: int
+    """Counts up when bodies, materials or lights came, went or changed, not when they moved."""
+    playing: bool
+    speed: float
+    real_time_factor: float
+    fault: str = ""
+    """Why the world stands still although nobody paused it."""
+
+
+class Stage:
+    """Spawns what the knowledge base knows into an engine, and lets it live."""
+
+    def __init__(self, knowledge: KnowledgeBase, engine: Engine, *, timeout_s: float = 10.0) -> None:
+        """Takes over the engine; from now on only the stage may call it.
+
+        Args:
+            knowledge: what is known.
+            engine: who runs it; closed together with the stage.
+            timeout_s: how long a call may take before `StageTimedOut`.
+        """
+        self.knowledge = knowledge
+        self.timeout_s = timeout_s
+        self._engine = engine
+        self._edition = 0
+        self._worlds: tuple[World, ...] = ()
+        self._spawned: State | None = None
+        self._clock: Clock | None = None
+        self._grips: dict[BodyId, Grip] = {}
+        self._fault = ""
+        self._closed = False
+        self._frame = self._take_frame()
+        self._loop = Loop(self._tick)
+
+    # -- the world -----------------------------------------------------------------------------------------
+
+    @property
+    def engine_name(self) -> str:
+        """Which engine runs the world."""
+        return self._engine.name
+
+    @property
+    def abilities(self) -> frozenset[Ability]:
+        """What the engine can do beyond the contract."""
+        return self._engine.abilities
+
+    @property
+    def worlds(self) -> tuple[World, ...]:
+        """What was spawned, as it was given."""
+        return self._worlds
+
+    @property
+    def frame(self) -> Frame:
+        """The world as last published; reading it never waits."""
+        return self._frame
+
+    def spawn(self, world: World | str | None = None, *, timeout_s: float | None = None) -> SpawnReport:
+        """Spawns a world, or the map of that name, or the only map that is known.
+
+        The timeout grows with the world: 20 ms a body on top of the stage's own, unless given.
+        """
+        described = world if isinstance(world, World) else self.knowledge.world(world)
+
+        def spawn(engine: Engine) -> SpawnReport:
+            report = engine.spawn(described)
+            self._worlds = (*self._worlds, described)
+            self._remember(engine)
+            return report
+
+        patience = self.timeout_s + 0.02 * (len(described.bodies) + len(described.constraints))
+        return self.call(spawn, what="spawn", timeout_s=patience if timeout_s is None else timeout_s, edits=True)
+
+    def log(self) -> World:
+        """The world as it is now, as a description."""
+        return self.call(lambda engine: engine.log(), what="log")
+
+    def highlight(self, ids: Iterable[BodyId], colour: Colour | None) -> None:
+        """Lights bodies up, or puts them out (None)."""
+        lit = tuple(ids)
+        self.call(lambda engine: engine.highlight(lit, colour), what="highlight", edits=True)
+
+    def reset(self) -> None:
+        """Brings back the world as it was right after it was spawned."""
+
+        def reset(engine: Engine) -> None:
+            self._grips.clear()
+            if self._spawned is not None:
+                engine.restore(self._spawned)
+                return
+            engine.clear()
+            for world in self._worlds:
+                engine.spawn(world)
+
+        self.call(reset, what="reset", edits=True, timeout_s=self.timeout_s * 3)
+        self._fault = ""
+
+    def clear(self) -> None:
+        """Removes everything."""
+
+        def clear(engine: Engine) -> None:
+            engine.clear()
+            self._worlds, self._spawned = (), None
+            self._grips.clear()
+
+        self.call(clear, what="clear", edits=True)
+
+    def call(
+        self, function: Callable[[Engine], T], *, what: str = "", timeout_s: float | None = None, edits: bool = False
+    ) -> T:
+        """Runs any function on the engine in the stage's thread: `stage.call(lambda engine: engine.save())`.
+
+        Args:
+            function: gets the engine; it must not keep it.
+            what: names the call in errors.
+            timeout_s: instead of the stage's own.
+            edits: whether bodies, materials or lights may have changed, so that watchers look again.
+
+        Raises:
+            StageTimedOut: the call did not finish in time.
+            StageError: the stage is closed.
+        """
+        if self._closed:
+            raise StageError("the stage is closed; make a new one")
+
+        def run() -> T:
+            try:
+                return function(self._engine)
+            finally:
+                self._edition += edits
+                self._frame = self._take_frame()
+
+        name = what or getattr(function, "__name__", "the call")
+        return self._loop.call(run, what=name, timeout_s=self.timeout_s if timeout_s is None else timeout_s)
+
+    # -- time ----------------------------------------------------------------------------------------------
+
+    def step(self, duration_s: float, *, progress: Callable[[float], None] | None = None) -> None:
+        """Lets simulated time pass as fast as the engine can; other calls get their turn in between.
+
+        Args:
+            duration_s: how long [s].
+            progress: told after each piece how much has passed [s].
+        """
+        done = 0.0
+        while done < duration_s:
+            piece = min(_STEP_CHUNK_S, duration_s - done)
+            self.call(partial(self._advance_by, piece), what="step", timeout_s=self.timeout_s * 6)
+            done = done + piece if duration_s - done > _STEP_CHUNK_S else duration_s
+            if progress is not None:
+                progress(done)
+
+    def play(self, *, speed: float = 1.0) -> None:
+        """Lets time pass by itself, at a multiple of real time."""
+        if not speed > 0:
+            raise ValueError(f"speed must be above 0, not {speed}")
+        self._fault = ""
+        self._clock = Clock(speed)
+        self._loop.wake()
+
+    def pause(self) -> None:
+        """Stops time; edits and single steps go on working."""
+        self._clock = None
+        self.call(lambda engine: None, what="pause")
+
+    # -- hands ---------------------------------------------------------------------------------------------
+
+    def grip(self, id: BodyId, *, point: Vector, target: Vector) -> None:
+        """Pulls a point of a body towards a place until `release`; call again to move the place.
+
+        Args:
+            id: the body.
+            point: where it is held, in the body's frame [m].
+            target: where that point shall go, in the world [m].
+        """
+        held = self._grips.get(id)
+        if held is None or held.point != point:
+            self._grips[id] = Grip(id=id, point=point, target=target, mass_kg=self._mass_moved_with(id))
+        else:
+            held.target = target
+
+    def release(self, id: BodyId | None = None) -> None:
+        """Lets go of one body, or of all."""
+        if id is None:
+            self._grips.clear()
+        else:
+            self._grips.pop(id, None)
+
+    # -- the end -------------------------------------------------------------------------------------------
+
+    def close(self) -> None:
+        """Ends the loop and the engine; any number of times."""
+        if self._closed:
+            return
+        self._closed = True
+        self._clock = None
+        self._loop.stop()
+        self._engine.close()
+
+    def __enter__(self) -> Stage:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    # -- inside the thread ---------------------------------------------------------------------------------
+
+    def _tick(self) -> float | None:
+        clock = self._clock
+        if clock is None:
+            return None
+        owed = clock.owed_s()
+        if owed > 0.0:
+            try:
+                self._advance(owed)
+            except EngineError as error:
+                self._fault, self._clock = str(error), None
+            clock.paid(owed)
+            self._frame = self._take_frame()
+        return _TICK_S if self._clock is not None else None
+
+    def _advance_by(self, duration_s: float, _: Engine) -> None:
+        self._advance(duration_s)
+
+    def _advance(self, duration_s: float) -> None:
+        left_s = duration_s
+        while self._grips and left_s > GRIP_PIECE_S:
+            self._pull(GRIP_PIECE_S)
+            self._engine.step(GRIP_PIECE_S)
+            left_s -= GRIP_PIECE_S
+        self._engine.step(left_s)
+
+    def _pull(self, duration_s: float) -> None:
+        ids, poses = self._engine.poses()
+        rows = {id: row for row, id in enumerate(ids) if id in self._grips}
+        for id, grip in list(self._grips.items()):
+            if id in rows:
+                self._engine.push(id, *grip.force(poses[rows[id]], duration_s))
+
+    def _mass_moved_with(self, id: BodyId) -> float:
+        """What one pulls when one pulls that body: its own mass and that of all it hangs on [kg]."""
+        masses = {body.id: body.physics.mass_kg or 0.0 for world in self._worlds for body in world.bodies}
+        parents = {hold.child: hold.parent for world in self._worlds for hold in world.attachments}
+        mass, above = 0.0, set[BodyId]()
+        while id in masses and id not in above:
+            mass += masses[id]
+            above.add(id)
+            id = parents.get(id, BodyId(""))
+        return mass or 1.0
+
+    def _remember(self, engine: Engine) -> None:
+        self._spawned = engine.save() if Ability.SAVE in engine.abilities else None
+
+    def _take_frame(self) -> Frame:
+        ids, poses = self._engine.poses()
+        clock = self._clock
+        return Frame(
+            time_s=self._engine.time_s,
+            ids=ids,
+            poses=poses,
+            highlights=self._engine.highlights(),
+            edition=self._edition,
+            playing=clock is not None,
+            speed=clock.speed if clock else 1.0,
+            real_time_factor=clock.real_time_factor if clock else 0.0,
+            fault=self._fault,
+        )

@@ -1,0 +1,194 @@
+"""Palette: which colour a thing has, decided from what it is.
+
+The knowledge base has the first word: the class itself, then its ancestors, nearest first. Where none of them says
+what the thing is made of, a word inside the class's name may; and a class that says nothing at all gets a quiet
+colour of its own, the same every time.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+from colorsys import hls_to_rgb
+from enum import Enum
+from hashlib import blake2s
+
+import msgspec
+
+from mindstage.world import Colour, Iri, Material
+
+__all__ = ["HIGHLIGHT_OPACITY", "Paint", "Surface", "lit", "local_name", "paint", "surface", "words"]
+
+HIGHLIGHT_OPACITY = 0.85
+"""Of a lit body that is see-through otherwise: a highlight must be seen."""
+
+
+class Surface(Enum):
+    """What a thing looks like it is made of."""
+
+    WALL = "wall"
+    FLOOR = "floor"
+    CEILING = "ceiling"
+    WOOD = "wood"
+    FRONT = "front"
+    STONE = "stone"
+    STEEL = "steel"
+    BLACK_GLASS = "black glass"
+    DARK_METAL = "dark metal"
+    FOOD = "food"
+    CERAMIC = "ceramic"
+    LAMP = "lamp"
+    GLASS = "glass"
+    TEXTILE = "textile"
+    PAPER = "paper"
+    PLANT = "plant"
+    PLASTIC = "plastic"
+    UNKNOWN = "unknown"
+
+
+class Paint(msgspec.Struct, frozen=True):
+    """A colour, and how much of what is behind stays hidden."""
+
+    colour: Colour
+    opacity: float = 1.0
+
+
+def _rgb(text: str) -> Colour:
+    red, green, blue = (int(text[start : start + 2], 16) / 255 for start in (0, 2, 4))
+    return red, green, blue
+
+
+_PAINTS: dict[Surface, tuple[Paint, ...]] = {
+    Surface.WALL: (Paint(_rgb("e9e4da")),),
+    Surface.FLOOR: (Paint(_rgb("cfc6b8")),),
+    Surface.CEILING: (Paint(_rgb("f2efe9")),),
+    Surface.WOOD: (Paint(_rgb("b98b5e")),),
+    Surface.FRONT: (Paint(_rgb("e6dac6")),),
+    Surface.STONE: (Paint(_rgb("6d6a68")),),
+    Surface.STEEL: (Paint(_rgb("aeb8c0")),),
+    Surface.BLACK_GLASS: (Paint(_rgb("2b3036")),),
+    Surface.DARK_METAL: (Paint(_rgb("3a3f45")),),
+    Surface.FOOD: tuple(Paint(_rgb(text)) for text in ("c9654a", "d9a441", "8ca556", "b98a5a")),
+    Surface.CERAMIC: tuple(Paint(_rgb(text)) for text in ("f5f1e8", "6f94a8", "c98b6b", "8fae9b")),
+    Surface.LAMP: (Paint(_rgb("ffe9b0")),),
+    Surface.GLASS: (Paint(_rgb("a9cbd8"), 0.32),),
+    Surface.TEXTILE: tuple(Paint(_rgb(text)) for text in ("8a9a86", "a8798a", "6f7f99")),
+    Surface.PAPER: (Paint(_rgb("efe6d2")),),
+    Surface.PLANT: (Paint(_rgb("6f9557")),),
+    Surface.PLASTIC: tuple(Paint(_rgb(text)) for text in ("5f87a8", "7a7f86", "c2a24e")),
+}
+"""Where there are several, a class keeps the one that its name falls on."""
+
+_SURFACE_WORDS: dict[Surface, str] = {
+    Surface.WALL: "wall pillar column building construction",
+    Surface.FLOOR: "floor ground mat",
+    Surface.CEILING: "ceiling roof",
+    Surface.WOOD: """area base board bench bookcase bookshelf box cabinet chair chest crate cupboard desk dresser
+        furniture furniturepiece frame island nightstand shelf sideboard stool storagefurniture table tray wardrobe
+        wood breadbasket basket storageconstruct""",
+    Surface.FRONT: "door doorway drawer front gate panel",
+    Surface.STONE: "countertop counter worktop plinth sill stone marble",
+    Surface.STEEL: """appliance bar bin can colander cutlery dishwasher extractor faucet filter fork freezer fridge
+        grater hood kettle knife ladle lid metal pan pot rack radiator refrigerator silverware sink spatula spoon
+        steel strainer tap teaspoon toaster utensil washer whisk""",
+    Surface.BLACK_GLASS: "cooktop display hob microwave monitor oven screen stove television tv heatsource",
+    Surface.DARK_METAL: "button dial handle hinge knob lever switch",
+    Surface.FOOD: """apple banana beer beverage biscuit bread butter cake carrot cereal cheese chocolate cocoa coffee
+        cookie cracker cucumber drink egg flour food foodstuff fruit ham honey jam juice ketchup lemon lettuce meat
+        milk mustard noodle oil onion orange pancake pasta pepper pizza popcorn potato rice salad salt sandwich sauce
+        sausage snack soup sugar tea tomato vegetable vinegar water wine yogurt yoghurt""",
+    Surface.CERAMIC: """bowl ceramic cup dish jug mug plate pitcher saucer teapot vase drinkingvessel eatingvessel
+        crockery vessel""",
+    Surface.LAMP: "bulb lamp light lightbulb",
+    Surface.GLASS: "bottle carafe glass jar pane window",
+    Surface.TEXTILE: "carpet cloth clothing curtain cushion mattress napkin pillow rug sofa textile towel",
+    Surface.PAPER: "book letter magazine newspaper notebook paper picture poster sheet",
+    Surface.PLANT: "flower herb plant tree",
+    Surface.PLASTIC: "bucket container device dispenser machine plastic robot soap sponge",
+}
+_SURFACES = {word: surface for surface, text in _SURFACE_WORDS.items() for word in text.split()}
+
+_OWN_COLOURS = {
+    word: Paint(_rgb(colour))
+    for colour, text in {
+        "f3f1ea": "milk egg flour sugar salt rice yogurt yoghurt toilet",
+        "c48a4a": "bread biscuit cake cookie pancake cereal pasta noodle cracker",
+        "b7463a": "apple tomato ketchup ham meat jam",
+        "e3bd4b": "banana butter cheese lemon honey mustard oil",
+        "e08a35": "orange juice carrot pumpkin",
+        "6b4a35": "chocolate cocoa coffee tea",
+        "7f9f4d": "cucumber lettuce salad vegetable pepper",
+        "c9ced2": "dishwasher refrigerator fridge freezer",
+    }.items()
+    for word in text.split()
+}
+"""What everybody knows the colour of."""
+
+
+def surface(cls: Iri, ancestors: Iterable[Iri] = ()) -> Surface:
+    """What things of a class are made of, by the look of it.
+
+    Args:
+        cls: the class.
+        ancestors: its ancestors, nearest first.
+    """
+    for name in (cls, *ancestors):
+        if (key := _telling_word(name)) is not None:
+            return _SURFACES[key]
+    named = (_known(word) for word in reversed(words(cls)))
+    return next((_SURFACES[word] for word in named if word is not None), Surface.UNKNOWN)
+
+
+def paint(cls: Iri, ancestors: Iterable[Iri] = (), materials: Sequence[Material] = ()) -> Paint:
+    """How a thing is painted: as its materials say, else as its class suggests."""
+    for material in materials:
+        if material.colour is not None:
+            return Paint(material.colour)
+    chain = (cls, *ancestors)
+    made_of = surface(cls, chain[1:])
+    for word in (word for name in chain for word in reversed(words(name))):
+        if (own := _OWN_COLOURS.get(word)) is not None and _SURFACES.get(word) is made_of:
+            return own
+    if made_of is Surface.UNKNOWN:
+        return Paint(_quiet_colour(local_name(cls)))
+    choices = _PAINTS[made_of]
+    return choices[_number(local_name(cls)) % len(choices)]
+
+
+def lit(paint: Paint, colour: Colour | None) -> Paint:
+    """The same surface with a highlight, or as it is."""
+    return paint if colour is None else Paint(colour, max(paint.opacity, HIGHLIGHT_OPACITY))
+
+
+def local_name(iri: str) -> str:
+    """What stands after the last # or / of an IRI."""
+    return re.split(r"[#/]", iri.rstrip("#/"))[-1]
+
+
+def words(iri: str) -> tuple[str, ...]:
+    """The words of a class's name in lower case: codes, numbers and what tells homonyms apart are left out.
+
+    `IAIDrawerW60H29` is a drawer, `Table-PieceOfFurniture` a table.
+    """
+    name = local_name(iri).split("-")[0]
+    parts = re.findall(r"[A-Z]+(?=[A-Z][a-z])|[A-Z]?[a-z]+|[A-Z]+\d*|\d+", name)
+    return tuple(part.lower() for part in parts if len(part) > 1 and not (part.isupper() or part.isdigit()))
+
+
+def _telling_word(iri: str) -> str | None:
+    """The noun that the name of a class ends with, or the whole name, if it is a known one."""
+    parts = words(iri)
+    return _known("".join(parts)) or (_known(parts[-1]) if parts else None)
+
+
+def _known(word: str) -> str | None:
+    return next((form for form in (word, word.removesuffix("s"), word.removesuffix("es")) if form in _SURFACES), None)
+
+
+def _number(text: str) -> int:
+    return int.from_bytes(blake2s(text.encode(), digest_size=4).digest(), "big")
+
+
+def _quiet_colour(name: str) -> Colour:
+    """A hue that depends on the name alone, greyish and neither dark nor bright."""
+    return hls_to_rgb(_number(name) % 360 / 360, 0.66, 0.18)

@@ -1,0 +1,174 @@
+"""Names of one world found again in another: what a thing is called there does not matter, what it is does.
+
+Most things keep their name. A map that was written anew has a new name, and a label (`_:…`) means something only
+inside its own world. Labels are matched one to one: first by the place that they are mentioned at, then by
+everything that is said about them and with them. A match that is wrong can only show differences that are none; it
+cannot hide any, since all that is said is still compared under the names that were found.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Mapping
+
+from mindstage.world.comparison_facts import Forms
+from mindstage.world.facts import Anonymous, Fact, Iri, Reference, Resource
+from mindstage.world.values import Body, Constraint, Light, World
+
+__all__ = ["is_label", "same_names"]
+
+ROUNDS = 16
+"""How far around a label one looks at most to tell it from others."""
+
+Place = tuple[str, str]
+"""Who says it, and by which property."""
+
+
+def is_label(name: str) -> bool:
+    """Whether a name means something only inside its own world."""
+    return name.startswith("_:")
+
+
+def same_names(a: World, b: World, known: Iterable[tuple[str, str]], forms: Forms) -> Mapping[str, str]:
+    """For names in b that mean something else in a, or nothing: the name in a, or one that nothing has.
+
+    Args:
+        a: one world.
+        b: the other.
+        known: names in a and b of the same thing.
+        forms: the table that the statements of both are compared with.
+    """
+    names = {theirs: mine for mine, theirs in known}
+    mine, theirs = _Labels(a), _Labels(b)
+    if mine.all or theirs.all:
+        _Matching(mine, theirs, names, forms).run()
+    for taken in set(names.values()).difference(names):
+        names[taken] = f"{taken} of b"  # no name holds a blank, so this one stands for nothing in a
+    return {theirs: mine for theirs, mine in names.items() if theirs != mine}
+
+
+def _statements(world: World) -> Iterator[tuple[Iri, Fact]]:
+    owners: list[World | Body | Constraint | Light | Resource]
+    owners = [world, *world.bodies, *world.constraints, *world.lights, *world.resources]
+    yield from ((owner.iri, fact) for owner in owners for fact in owner.facts)
+    for body in world.bodies:
+        if is_label(body.cls):
+            yield body.iri, Fact(Iri("cls"), Reference(body.cls))
+
+
+def _labels_in(fact: Fact) -> Iterator[str]:
+    waiting = [fact]
+    while waiting:
+        value = waiting.pop().value
+        if isinstance(value, Anonymous):
+            waiting.extend(value.facts)
+        elif isinstance(value, Reference) and is_label(value.iri):
+            yield value.iri
+
+
+class _Labels:
+    """The labels of one world, and where they stand."""
+
+    def __init__(self, world: World) -> None:
+        self.all: dict[str, None] = {}
+        """In the order of the world."""
+        self.said_by: dict[str, list[Fact]] = defaultdict(list)
+        """What is said about a label."""
+        self.said_with: dict[str, list[tuple[str, Fact]]] = defaultdict(list)
+        """Who mentions a label, and how."""
+        self.at: dict[Place, dict[str, None]] = defaultdict(dict)
+        self.places: dict[str, list[Place]] = defaultdict(list)
+        """Where a name, label or not, mentions labels."""
+        for owner, fact in _statements(world):
+            if is_label(owner):
+                self.all[owner] = None
+                self.said_by[owner].append(fact)
+            for label in _labels_in(fact):
+                self._mention(owner, fact, label)
+
+    def _mention(self, owner: str, fact: Fact, label: str) -> None:
+        place = (owner, fact.property)
+        self.all[label] = None
+        self.said_with[label].append((owner, fact))
+        if not self.at[place]:
+            self.places[owner].append(place)
+        self.at[place][label] = None
+
+
+class _Matching:
+    """The search for pairs; `names` (from b's to a's) grows while it runs."""
+
+    def __init__(self, a: _Labels, b: _Labels, names: dict[str, str], forms: Forms) -> None:
+        self.a, self.b, self.names, self.forms = a, b, names, forms
+        self.taken = {mine: theirs for theirs, mine in names.items()}
+        """The same from a's to b's."""
+
+    def run(self) -> None:
+        """Looks at places first, since those still tell labels apart when something was lost on the way."""
+        self._follow([self.names.get(name, name) for name in self.b.places if name in self.names or not is_label(name)])
+        mine, theirs = self._by_colour()
+        for colour, labels in theirs.items():
+            free = iter(mine.get(colour, ()))
+            for label in labels:
+                if label not in self.names:
+                    self._pair(next((name for name in free if name not in self.taken), None), label)
+        for label in self.b.all:
+            self._pair(label if label in self.a.all else None, label)
+
+    def _pair(self, mine: str | None, theirs: str) -> None:
+        if mine is None or mine in self.taken or theirs in self.names:
+            return
+        self.names[theirs], self.taken[mine] = mine, theirs
+        self._follow([mine])
+
+    def _follow(self, owners: list[str]) -> None:
+        """Pairs labels that stand alone at the same place, then those at their places, and so on."""
+        while owners:
+            owner = owners.pop()
+            for place in self.a.places.get(owner, ()):
+                there = self.b.at.get((self.taken.get(owner, owner), place[1]), ())
+                mine = [label for label in self.a.at[place] if label not in self.taken]
+                theirs = [label for label in there if label not in self.names]
+                if len(mine) == len(theirs) == 1:
+                    self.names[theirs[0]], self.taken[mine[0]] = mine[0], theirs[0]
+                    owners.append(mine[0])
+
+    def _by_colour(self) -> tuple[Mapping[str, list[str]], Mapping[str, list[str]]]:
+        """The labels of both that are still alone, by what is said about and with them, near and far."""
+        a = {label: label if label in self.taken else "" for label in self.a.all}
+        b = {label: self.names.get(label, "") for label in self.b.all}
+        colours = 0
+        for _ in range(ROUNDS):
+            table: dict[object, str] = {}
+            a = self._recoloured(self.a, a, a, table)
+            b = self._recoloured(self.b, b, {**self.names, **b}, table)
+            if len(table) == colours:
+                break
+            colours = len(table)
+        return _grouped(a, self.taken), _grouped(b, self.names)
+
+    def _recoloured(
+        self, labels: _Labels, colours: Mapping[str, str], names: Mapping[str, str], table: dict[object, str]
+    ) -> dict[str, str]:
+        numbers: dict[int, int] = {}
+
+        def number(fact: Fact) -> int:
+            if id(fact) not in numbers:
+                numbers[id(fact)] = self.forms.number(fact, names)
+            return numbers[id(fact)]
+
+        def colour(label: str) -> str:
+            about = sorted(number(fact) for fact in labels.said_by[label])
+            around = sorted((names.get(owner, owner), number(fact)) for owner, fact in labels.said_with[label])
+            return table.setdefault((colours[label], *about, *around), f"colour {len(table)}")
+
+        paired = self.taken if labels is self.a else self.names
+        return {label: old if label in paired else colour(label) for label, old in colours.items()}
+
+
+def _grouped(colours: Mapping[str, str], paired: Mapping[str, str]) -> Mapping[str, list[str]]:
+    groups: dict[str, list[str]] = defaultdict(list)
+    for label, colour in colours.items():
+        if label not in paired:
+            groups[colour].append(label)
+    return groups

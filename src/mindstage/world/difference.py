@@ -1,0 +1,259 @@
+"""The judge: everything that two worlds do not agree on, and by how much.
+
+`difference` compares all that a World holds. Order carries no meaning, so tags, facts and things are compared as sets
+that count repetitions; only materials keep their order, since a mesh names its surfaces by number. What a world holds
+twice under one id is compared in its order. Names that mean something only inside their own world may differ, what
+they stand for may not.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Container, Iterable, Iterator, Mapping
+from math import isfinite
+from typing import Any, TypeVar
+
+import msgspec
+from msgspec.structs import replace
+
+from mindstage.world.comparison_facts import Forms, Statement
+from mindstage.world.comparison_fields import (
+    BODY_FIELDS,
+    CONSTRAINT_FIELDS,
+    LIGHT_FIELDS,
+    MEASURED,
+    WORLD_FIELDS,
+    Change,
+    Kind,
+    columns,
+    material_columns,
+)
+from mindstage.world.comparison_names import is_label, same_names
+from mindstage.world.comparison_pairs import Pairs, pair_bodies, pair_constraints, pair_lights
+from mindstage.world.comparison_statements import Statements
+from mindstage.world.facts import Fact
+from mindstage.world.values import Body, BodyId, Constraint, Light, World
+
+__all__ = ["Difference", "difference"]
+
+Thing = TypeVar("Thing", World, Body, Constraint, Light)
+
+
+class Difference(msgspec.Struct, frozen=True, kw_only=True):
+    """What two worlds, a and b, do not agree on; the same whatever the order that they hold things in."""
+
+    only_in_a: tuple[str, ...] = ()
+    """Ids of bodies, constraints and lights that b lacks."""
+    only_in_b: tuple[str, ...] = ()
+    """Ids of bodies, constraints and lights that a lacks."""
+    changed: tuple[Change, ...] = ()
+    """The fields that differ of what stands in both, by id, then by field.
+
+    What a body hangs on is its field `attachment.parent`; a resource that only one world has is a change of its field
+    `resource`.
+    """
+    lost: tuple[Statement, ...] = ()
+    """Facts and tags of a that are not in b, those of what is only in a included."""
+    gained: tuple[Statement, ...] = ()
+    """Facts and tags of b that are not in a."""
+
+    @property
+    def lost_facts(self) -> int:
+        """How many facts and tags of a are not in b."""
+        return len(self.lost)
+
+    @property
+    def gained_facts(self) -> int:
+        """How many facts and tags of b are not in a."""
+        return len(self.gained)
+
+    @property
+    def max_error(self) -> Mapping[str, float]:
+        """The largest error of each kind that is measured, 0 where nothing differs; see `Kind` for the units."""
+        largest = dict.fromkeys((str(kind) for kind in MEASURED), 0.0)
+        for change in self.changed:
+            if change.error is not None:
+                largest[change.kind] = max(largest[change.kind], change.error)
+        return largest
+
+    def identical(self, tolerance: float = 0.0, *, kinds: Container[Kind] | None = None) -> bool:
+        """Whether the worlds are the same, but for errors up to a tolerance.
+
+        No tolerance forgives what has no error: a lost fact, another parent, a mass against none.
+
+        Args:
+            tolerance: the largest error that is forgiven, in the unit of each kind.
+            kinds: look only at changes of these kinds, such as `MECHANICS`; what stands in one world only still counts.
+
+        Raises:
+            ValueError: the tolerance is negative or NaN.
+        """
+        return not (self.only_in_a or self.only_in_b or self.beyond(tolerance, kinds=kinds))
+
+    def beyond(self, tolerance: float = 0.0, *, kinds: Container[Kind] | None = None) -> tuple[Change, ...]:
+        """The changes that the tolerance does not forgive.
+
+        Raises:
+            ValueError: the tolerance is negative or NaN.
+        """
+        if not tolerance >= 0.0:
+            raise ValueError(f"a tolerance of {tolerance} forgives nothing; give 0 or more")
+        return tuple(
+            change
+            for change in self.changed
+            if (kinds is None or change.kind in kinds) and (change.error is None or change.error > tolerance)
+        )
+
+    def to_builtins(self, delta: float = 0.0) -> dict[str, Any]:
+        """What `mindstage compare --json` promises, as dicts, lists, texts and numbers.
+
+        Facts become lines of text, and numbers that JSON lacks the texts "nan", "inf", "-inf".
+        """
+        errors = self.max_error
+        return {
+            "identical": self.identical(delta),
+            "delta": delta,
+            "max_error": max(errors.values()),
+            "errors": dict(errors),
+            "only_in_a": list(self.only_in_a),
+            "only_in_b": list(self.only_in_b),
+            "changed": _rows(self.changed),
+            "lost_facts": self.lost_facts,
+            "gained_facts": self.gained_facts,
+            "lost": _lines(self.lost),
+            "gained": _lines(self.gained),
+        }
+
+    def to_json(self, delta: float = 0.0) -> str:
+        """The same as a text."""
+        return msgspec.json.encode(self.to_builtins(delta)).decode()
+
+
+def difference(a: World, b: World) -> Difference:
+    """Compares everything that two worlds hold.
+
+    Rotations are compared as rotations, numbers in facts by value. NaN is equal to NaN and to nothing else. Takes a
+    time that grows with the number of things, and not with its square.
+    """
+    return _Comparison(a, b).result()
+
+
+class _Comparison:
+    """One run of the judge."""
+
+    def __init__(self, a: World, b: World) -> None:
+        self.a, self.b = a, b
+        self.bodies = pair_bodies(a.bodies, b.bodies)
+        self.ids = {y.id: x.id for x, y in self.bodies.same() if x.id != y.id}
+        """What a calls the bodies of b that have another id there."""
+        self.constraints = pair_constraints(a.constraints, b.constraints, self.ids)
+        self.lights = pair_lights(a.lights, b.lights)
+        forms = Forms()
+        self.names = same_names(a, b, self._known_names(), forms)
+        """What a calls the things that b calls otherwise."""
+        self.said = Statements(self.names, forms)
+
+    @property
+    def things(self) -> Iterator[Pairs[Body] | Pairs[Constraint] | Pairs[Light]]:
+        yield from (self.bodies, self.constraints, self.lights)
+
+    def result(self) -> Difference:
+        changes = [*self._fields(), *self._attachments()]
+        self._compare_statements()
+        changes.extend(self.said.changes)
+        return Difference(
+            only_in_a=tuple(sorted(item.id for pairs in self.things for item in pairs.only_in_a)),
+            only_in_b=tuple(sorted(item.id for pairs in self.things for item in pairs.only_in_b)),
+            changed=tuple(sorted(changes, key=lambda change: (change.id, change.field))),
+            lost=self.said.lost,
+            gained=self.said.gained,
+        )
+
+    def _known_names(self) -> Iterator[tuple[str, str]]:
+        yield self.a.iri, self.b.iri
+        for pairs in self.things:
+            yield from ((x.iri, y.iri) for x, y in pairs.same() if x.iri != y.iri or is_label(x.iri))
+
+    def _fields(self) -> Iterator[Change]:
+        bodies, constraints, lights = self.bodies, self.constraints, self.lights
+        yield from columns(WORLD_FIELDS, [self.a.iri], [self.a], [self._named(self.a, self.b)])
+        yield from columns(BODY_FIELDS, bodies.ids, bodies.a, [self._body(x, y) for x, y in bodies.same()])
+        yield from material_columns(bodies.ids, bodies.a, bodies.b)
+        joined = [self._constraint(x, y) for x, y in constraints.same()]
+        yield from columns(CONSTRAINT_FIELDS, constraints.ids, constraints.a, joined)
+        yield from columns(LIGHT_FIELDS, lights.ids, lights.a, [self._named(x, y) for x, y in lights.same()])
+
+    def _named(self, x: Thing, y: Thing) -> Thing:
+        """A thing of b under the name that a has for it, where both names are none."""
+        if is_label(x.iri) and is_label(y.iri):
+            return replace(y, iri=self.names.get(y.iri, y.iri))
+        return y
+
+    def _body(self, x: Body, y: Body) -> Body:
+        if is_label(x.cls) and is_label(y.cls):
+            y = replace(y, cls=self.names.get(y.cls, y.cls))
+        return self._named(x, y)
+
+    def _constraint(self, x: Constraint, y: Constraint) -> Constraint:
+        if self.ids:
+            y = replace(y, parent=self.ids.get(y.parent, y.parent), child=self.ids.get(y.child, y.child))
+        return self._named(x, y)
+
+    def _attachments(self) -> Iterator[Change]:
+        mine, theirs = _parents(self.a, {}), _parents(self.b, self.ids)
+        for child in mine.keys() | theirs.keys():
+            x, y = _one_or_more(mine.get(child, [])), _one_or_more(theirs.get(child, []))
+            if x != y:
+                yield Change(id=child, field="attachment.parent", kind=Kind.STRUCTURE, a=x, b=y)
+
+    def _compare_statements(self) -> None:
+        self.said.facts(self.a.iri, self.a.facts, self.b.facts)
+        self.said.resources(self.a.resources, self.b.resources)
+        for pairs in self.things:
+            for x, y in pairs.same():
+                self.said.facts(x.id, x.facts, y.facts)
+                self.said.tags(x.id, x.tags, y.tags)
+            for x in pairs.only_in_a:
+                self.said.only_in_a(x.id, (*x.facts, *x.tags))
+            for y in pairs.only_in_b:
+                self.said.only_in_b(y.id, (*y.facts, *y.tags))
+
+
+def _parents(world: World, ids: Mapping[BodyId, BodyId]) -> Mapping[BodyId, list[BodyId]]:
+    parents: dict[BodyId, list[BodyId]] = defaultdict(list)
+    for attachment in world.attachments:
+        parents[ids.get(attachment.child, attachment.child)].append(ids.get(attachment.parent, attachment.parent))
+    return parents
+
+
+def _one_or_more(ids: list[BodyId]) -> str | tuple[str, ...] | None:
+    return tuple(sorted(ids)) if len(ids) > 1 else ids[0] if ids else None
+
+
+def _rows(changes: Iterable[Change]) -> list[dict[str, Any]]:
+    return [
+        {
+            "id": change.id,
+            "field": change.field,
+            "kind": change.kind.value,
+            "a": _plain(change.a),
+            "b": _plain(change.b),
+            "error": change.error,
+        }
+        for change in changes
+    ]
+
+
+def _lines(statements: Iterable[Statement]) -> list[dict[str, str]]:
+    return [{"id": statement.id, "said": str(statement)} for statement in statements]
+
+
+def _plain(value: Any) -> Any:
+    """What JSON can say of a change's value."""
+    if isinstance(value, tuple):
+        return [_plain(part) for part in value]
+    if isinstance(value, Fact):
+        return str(Statement("", value))
+    if isinstance(value, float) and not isfinite(value):
+        return str(value)
+    return msgspec.to_builtins(value)

@@ -1,0 +1,104 @@
+"""Rotations and poses in bulk: every function takes one or many, as arrays whose last axis is the value.
+
+Quaternions are w x y z (Hamilton). None of these needs unit quaternions unless it says so; a pose's quaternion may
+be off by the digits that a map writes, so `unit` comes first wherever that matters.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from mindstage.world.values import Pose
+
+__all__ = [
+    "compose",
+    "conjugate",
+    "invert",
+    "multiply",
+    "pose_array",
+    "pose_from",
+    "rotate",
+    "rotation_angle",
+    "rotation_matrix",
+    "unit",
+]
+
+Array = NDArray[np.float64]
+
+
+def pose_array(poses: Iterable[Pose]) -> Array:
+    """Poses as an array n x 7: x y z, then w x y z, digits as given."""
+    return np.array([(*pose.position, *pose.quaternion) for pose in poses], dtype=np.float64).reshape(-1, 7)
+
+
+def pose_from(row: ArrayLike) -> Pose:
+    """One row of seven numbers as a `Pose`."""
+    x, y, z, *quaternion = np.asarray(row, dtype=np.float64).tolist()
+    w, i, j, k = quaternion
+    return Pose((x, y, z), (w, i, j, k))
+
+
+def unit(quaternion: ArrayLike) -> Array:
+    """The same rotations with norm 1; a quaternion of zeros gives NaN."""
+    q = np.asarray(quaternion, dtype=np.float64)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.asarray(q / np.linalg.norm(q, axis=-1, keepdims=True))
+
+
+def multiply(left: ArrayLike, right: ArrayLike) -> Array:
+    """The Hamilton product: first `right` turns, then `left`."""
+    a, b = np.asarray(left, dtype=np.float64), np.asarray(right, dtype=np.float64)
+    scalar = a[..., :1] * b[..., :1] - np.sum(a[..., 1:] * b[..., 1:], axis=-1, keepdims=True)
+    vector = a[..., :1] * b[..., 1:] + b[..., :1] * a[..., 1:] + np.cross(a[..., 1:], b[..., 1:])
+    return np.concatenate([scalar, vector], axis=-1)
+
+
+def conjugate(quaternion: ArrayLike) -> Array:
+    """The inverse of unit quaternions."""
+    return np.asarray(np.asarray(quaternion, dtype=np.float64) * np.array([1.0, -1.0, -1.0, -1.0]))
+
+
+def rotate(quaternion: ArrayLike, vector: ArrayLike) -> Array:
+    """Vectors turned by unit quaternions."""
+    q, v = np.asarray(quaternion, dtype=np.float64), np.asarray(vector, dtype=np.float64)
+    twice = 2.0 * np.cross(q[..., 1:], v)
+    return np.asarray(v + q[..., :1] * twice + np.cross(q[..., 1:], twice))
+
+
+def rotation_matrix(quaternion: ArrayLike) -> Array:
+    """Matrices ... x 3 x 3 of unit quaternions; their columns are the turned axes."""
+    q = np.asarray(quaternion, dtype=np.float64)[..., None, :]
+    return np.swapaxes(rotate(q, np.eye(3)), -1, -2)
+
+
+def rotation_angle(a: ArrayLike, b: ArrayLike) -> Array:
+    """The smallest angle between rotations [rad]: q and -q are one, and lengths do not count.
+
+    The sine and cosine halves go into one arctangent, which stays exact for tiny angles where an arccosine loses
+    half its digits.
+    """
+    relative = multiply(conjugate(a), b)
+    return np.asarray(2.0 * np.arctan2(np.linalg.norm(relative[..., 1:], axis=-1), np.abs(relative[..., 0])))
+
+
+def compose(outer: ArrayLike, inner: ArrayLike) -> Array:
+    """The inner pose seen from where the outer one is told; poses are ... x 7, their quaternions unit ones.
+
+    So written, the frames cancel: `world_from_cup = compose(world_from_table, table_from_cup)`.
+    """
+    a, b = np.asarray(outer, dtype=np.float64), np.asarray(inner, dtype=np.float64)
+    position = a[..., :3] + rotate(a[..., 3:], b[..., :3])
+    return np.concatenate([position, multiply(a[..., 3:], b[..., 3:])], axis=-1)
+
+
+def invert(pose: ArrayLike) -> Array:
+    """The same told from the other end; poses are ... x 7, their quaternions unit ones.
+
+    So `table_from_world = invert(world_from_table)`.
+    """
+    p = np.asarray(pose, dtype=np.float64)
+    back = conjugate(p[..., 3:])
+    return np.concatenate([-rotate(back, p[..., :3]), back], axis=-1)

@@ -1,0 +1,273 @@
+"""World: a place as plain data, with no RDF and no engine in it.
+
+Units are SI, frames are ROS's (right-handed, x forward, y left, z up), quaternions are w x y z. Every value is
+frozen and hashable, so worlds can be compared, sent, stored and used as keys. A field that is None was not told:
+nothing is made up here, and an engine that needs a value chooses one and reports it.
+"""
+
+from __future__ import annotations
+
+from enum import Enum, IntEnum
+from typing import NewType
+
+import msgspec
+
+from mindstage.errors import BodyUnknown
+from mindstage.world.facts import Fact, Iri, Resource
+
+__all__ = [
+    "IDENTITY",
+    "AngularMotion",
+    "Attachment",
+    "Body",
+    "BodyId",
+    "Colour",
+    "Constraint",
+    "Light",
+    "LightKind",
+    "LinearMotion",
+    "Material",
+    "Mobility",
+    "Motion",
+    "Physics",
+    "Pose",
+    "Quaternion",
+    "Shape",
+    "ShapeKind",
+    "Soft",
+    "Tag",
+    "Vector",
+    "World",
+]
+
+BodyId = NewType("BodyId", str)
+"""The local name of an individual, unique in its world; constraints and lights have ids of the same kind."""
+
+Vector = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]
+Colour = tuple[float, float, float]
+"""Red, green, blue, each 0 to 1."""
+
+
+class Value(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True):
+    """What all parts of a world are: frozen, hashable, made by keyword."""
+
+
+class Pose(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Where something is: a position [m] and a rotation, in the frame of the world unless said otherwise."""
+
+    position: Vector = (0.0, 0.0, 0.0)
+    """x, y, z [m]."""
+    quaternion: Quaternion = (1.0, 0.0, 0.0, 0.0)
+    """w, x, y, z as given: it may be normalised only to the digits that a map writes."""
+
+
+IDENTITY = Pose()
+
+
+class Mobility(Enum):
+    """Who may move a body."""
+
+    STATIC = "static"
+    """Nobody: it is part of the building."""
+    STATIONARY = "stationary"
+    """Nobody: a light that may change its colour, but not its place."""
+    DYNAMIC = "dynamic"
+    """The physics."""
+    KINEMATIC = "kinematic"
+    """A program; it pushes dynamic bodies and is never pushed."""
+
+
+class Physics(Value, frozen=True, kw_only=True):
+    """How a body takes part in the physics; None means that the map does not say."""
+
+    mobility: Mobility | None = None
+    """None is taken as static."""
+    gravity: bool | None = None
+    """None is taken as true."""
+    overlap_events: bool | None = None
+    """Whether touching is announced; None is taken as false."""
+    mass_kg: float | None = None
+    """[kg]. None or 0 is not a mass; an engine that needs one estimates it from the size and says so."""
+
+    @property
+    def simulates(self) -> bool:
+        """Whether the physics moves the body."""
+        return self.mobility is Mobility.DYNAMIC
+
+
+class Tag(Value, frozen=True, kw_only=True):
+    """One key and value that an engine keeps with a body ("UTag")."""
+
+    type: str
+    key: str
+    value: str
+
+
+class Material(Value, frozen=True, kw_only=True):
+    """A named surface; the path says where an engine finds it, the colour how to paint it without."""
+
+    name: str
+    path: str = ""
+    colour: Colour | None = None
+
+
+class ShapeKind(Enum):
+    """The forms that a body without a mesh can have."""
+
+    BOX = "box"
+    SPHERE = "sphere"
+    CYLINDER = "cylinder"
+    """Upright: its axis is z."""
+
+
+class Shape(Value, frozen=True, kw_only=True):
+    """The form of a body inside its size; a mesh, where it is found, is what one sees instead."""
+
+    kind: ShapeKind = ShapeKind.BOX
+
+
+class Body(Value, frozen=True, kw_only=True):
+    """One individual that has a place."""
+
+    id: BodyId
+    iri: Iri
+    cls: Iri
+    """Its most telling class; further types are facts."""
+    pose: Pose
+    label: str | None = None
+    size: Vector | None = None
+    """Depth, width, height: the extents along its own x, y, z [m]."""
+    mesh: str | None = None
+    """A path (`package://…`) or a name."""
+    shape: Shape | None = None
+    """None is taken as a box."""
+    physics: Physics = Physics()
+    materials: tuple[Material, ...] = ()
+    tags: tuple[Tag, ...] = ()
+    facts: tuple[Fact, ...] = ()
+    """Every other statement about the individual."""
+
+
+class Motion(IntEnum):
+    """What one axis of a constraint allows; the numbers are those of maps and of the wire."""
+
+    FREE = 0
+    LIMITED = 1
+    LOCKED = 2
+
+
+class Soft(Value, frozen=True, kw_only=True):
+    """A limit as a spring instead of a wall, where `enabled`."""
+
+    enabled: bool = False
+    stiffness: float = 0.0
+    """[N/m] or [Nm/rad]."""
+    damping: float = 0.0
+    """[Ns/m] or [Nms/rad]."""
+
+
+class LinearMotion(Value, frozen=True, kw_only=True):
+    """How far the child may slide along the axes of the joint frame, either way from where it was spawned."""
+
+    x: Motion = Motion.LOCKED
+    y: Motion = Motion.LOCKED
+    z: Motion = Motion.LOCKED
+    limit: float = 0.0
+    """[m], for every limited axis."""
+    soft: Soft = Soft()
+
+
+class AngularMotion(Value, frozen=True, kw_only=True):
+    """How far the child may turn about the axes of the joint frame, either way from where it was spawned."""
+
+    swing1: Motion = Motion.LOCKED
+    """About z."""
+    swing2: Motion = Motion.LOCKED
+    """About y."""
+    twist: Motion = Motion.LOCKED
+    """About x."""
+    swing1_limit: float = 0.0
+    """[rad]."""
+    swing2_limit: float = 0.0
+    """[rad]."""
+    twist_limit: float = 0.0
+    """[rad]."""
+    swing_soft: Soft = Soft()
+    twist_soft: Soft = Soft()
+
+
+class Constraint(Value, frozen=True, kw_only=True):
+    """A joint with up to six degrees of freedom between two bodies (PhysX calls it D6)."""
+
+    id: BodyId
+    iri: Iri
+    parent: BodyId
+    child: BodyId
+    """Roles as the map has them; the heavier side may well be the child."""
+    pose: Pose
+    """The joint's frame when spawned, in the world."""
+    linear: LinearMotion = LinearMotion()
+    angular: AngularMotion = AngularMotion()
+    disable_collision: bool | None = None
+    """Between the two bodies; None is taken as true."""
+    tags: tuple[Tag, ...] = ()
+    facts: tuple[Fact, ...] = ()
+
+
+class Attachment(Value, frozen=True, kw_only=True):
+    """The child goes where the parent goes, and never the other way round."""
+
+    parent: BodyId
+    child: BodyId
+
+
+class LightKind(Enum):
+    """How a light shines."""
+
+    POINT = "point"
+    SPOT = "spot"
+    """Along the negative z axis of its pose."""
+    DIRECTIONAL = "directional"
+
+
+class Light(Value, frozen=True, kw_only=True):
+    """A source of light."""
+
+    id: BodyId
+    iri: Iri
+    kind: LightKind
+    pose: Pose
+    colour: Colour = (1.0, 1.0, 1.0)
+    intensity: float = 1.0
+    """[cd] for point and spot, [lx] for directional, as glTF's KHR_lights_punctual has it."""
+    tags: tuple[Tag, ...] = ()
+    facts: tuple[Fact, ...] = ()
+
+
+class World(Value, frozen=True, kw_only=True):
+    """A whole place. Order carries no meaning; ids are unique across bodies, constraints and lights."""
+
+    iri: Iri
+    """The map's individual."""
+    name: str = ""
+    bodies: tuple[Body, ...] = ()
+    constraints: tuple[Constraint, ...] = ()
+    attachments: tuple[Attachment, ...] = ()
+    lights: tuple[Light, ...] = ()
+    facts: tuple[Fact, ...] = ()
+    """What is said about the map itself."""
+    resources: tuple[Resource, ...] = ()
+    """What the map's source says about anything else: its classes, its properties, the ontology it is part of."""
+    format_version: int = 1
+
+    def body(self, id: str) -> Body:
+        """The body of that id; made for tests and consoles, since it looks through all of them.
+
+        Raises:
+            BodyUnknown: no body has that id.
+        """
+        for body in self.bodies:
+            if body.id == id:
+                return body
+        raise BodyUnknown(id, known=[body.id for body in self.bodies], world=self.name)

@@ -1,0 +1,92 @@
+"""A map as a world that lives; and the demo, which is the same with a page."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import subprocess
+import sys
+from urllib.request import urlopen
+
+import pytest
+from tests.cli.typed import Run, WriteMap, told
+
+from mindstage.cli.sources import BUNDLED_KITCHEN
+
+MINDSTAGE = [sys.executable, "-m", "mindstage"]
+
+
+def test_spawning_the_kitchen_reports_everything(run: Run) -> None:
+    result = run("spawn", BUNDLED_KITCHEN, "--no-viewport", "--for", "0.1", "--json")
+    assert result.exit_code == 0
+    report = told(result)
+    assert report["engine"] == "mujoco"
+    assert report["spawn"]["ok"] is True
+    assert report["spawn"]["bodies"] >= 120
+    assert report["spawn"]["constraints"] >= 20
+    assert report["simulated_s"] == 0.1
+    assert report["real_time_factor"] > 0.0
+
+
+def test_people_see_kinds_of_assumptions_and_each_one_when_verbose(run: Run) -> None:
+    short = run("spawn", BUNDLED_KITCHEN, "--no-viewport")
+    long = run("spawn", BUNDLED_KITCHEN, "--no-viewport", "--verbose")
+    assert "--verbose" in short.stdout
+    assert len(long.stdout.splitlines()) > len(short.stdout.splitlines())
+
+
+def test_time_that_passes_is_told(run: Run, write_map: WriteMap) -> None:
+    result = run("spawn", write_map(), "--no-viewport", "--engine", "null", "--for", "2")
+    assert "2 s simulated" in result.stdout
+    assert "times real time" in result.stdout
+
+
+def test_an_individual_without_a_pose_is_left_out_and_named(run: Run, write_map: WriteMap) -> None:
+    result = run("spawn", write_map(mugs={"Here": "1 2 3", "Lost": None}), "--no-viewport", "--engine", "null")
+    assert result.exit_code == 1
+    assert "Lost" in result.stderr
+    assert "Traceback" not in result.stderr
+    report = told(run("spawn", write_map(mugs={"Here": "1 2 3", "Lost": None}), "--no-viewport", "--json"))
+    assert report["spawn"]["bodies"] == 1
+    assert "Lost" in str(report["findings"])
+
+
+def test_what_cannot_be_spawned_ends_with_one(run: Run, write_map: WriteMap, monkeypatch: pytest.MonkeyPatch) -> None:
+    import msgspec
+
+    from mindstage.engines import Failure, NullEngine, SpawnReport
+    from mindstage.world import World
+
+    class Picky(NullEngine):
+        def spawn(self, world: World) -> SpawnReport:
+            report = super().spawn(world)
+            return msgspec.structs.replace(report, failed_bodies=(Failure("Mug1", "no room left"),))
+
+    monkeypatch.setattr("mindstage.engines.NullEngine", Picky)
+    result = run("spawn", write_map(), "--no-viewport", "--engine", "null")
+    assert result.exit_code == 1
+    assert "Mug1: no room left" in result.stderr
+
+
+@pytest.mark.parametrize("ended_by", ["flag", "environment"])
+def test_the_demo_serves_its_page_until_its_time_is_up(ended_by: str) -> None:
+    command = [*MINDSTAGE, "demo", "--port", "0", "--no-open", *(["--for", "2"] if ended_by == "flag" else [])]
+    environment = os.environ | ({"MINDSTAGE_DEMO_SECONDS": "2"} if ended_by == "environment" else {})
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment
+    ) as process:
+        assert process.stdout is not None
+        lines = iter(process.stdout.readline, "")
+        url = next(found[1] for line in lines if (found := re.search(r"open at (http://\S+)", line)))
+        with urlopen(url, timeout=30) as page:
+            assert b"<html" in page.read().lower()
+        process.communicate(timeout=60)
+    assert process.returncode == 0
+
+
+def test_a_spawned_world_tells_its_page_in_json(write_map: WriteMap) -> None:
+    command = [*MINDSTAGE, "spawn", str(write_map()), "--engine", "null", "--port", "0", "--for", "0.5", "--json"]
+    result = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
+    assert result.returncode == 0, result.stderr
+    assert json.loads(result.stdout)["url"].startswith("http://127.0.0.1:")

@@ -1,0 +1,58 @@
+"""What all tests share: the sample maps, the outside programs, and how hard hypothesis tries.
+
+A component that is missing skips the tests that need it, with the reason; where CI is set, which promises to have all
+of them, it fails them instead.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+from pathlib import Path
+
+import pytest
+from hypothesis import HealthCheck, settings
+
+ROOT = Path(__file__).resolve().parent.parent
+
+settings.register_profile("ci", derandomize=True, deadline=None, max_examples=60, print_blob=True)
+settings.register_profile("quick", deadline=None, max_examples=20)
+settings.register_profile(
+    "thorough",
+    deadline=None,
+    max_examples=2000,
+    suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large],
+)
+# Everyone runs what CI runs unless told otherwise: HYPOTHESIS_PROFILE=thorough make test
+settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "ci"))
+
+
+@pytest.fixture(scope="session")
+def shared_data() -> Path:
+    """The sample maps and ontologies of other systems, which are not part of this project."""
+    folder = Path(os.environ.get("MINDSTAGE_DATA") or ROOT.parent / "shared" / "data")
+    if not (folder / "maps").is_dir():
+        pytest.skip(f"no sample maps in {folder}; name their folder with MINDSTAGE_DATA")
+    return folder
+
+
+@pytest.fixture(scope="session")
+def swipl() -> Path:
+    """SWI-Prolog's executable."""
+    return _program("swipl", package="swi-prolog-nox")
+
+
+@pytest.fixture(scope="session")
+def chromium() -> Path:
+    """A headless browser's executable."""
+    return _program("chromium", "chromium-browser", "google-chrome", package="chromium")
+
+
+def _program(*names: str, package: str) -> Path:
+    for name in names:
+        if path := shutil.which(name):
+            return Path(path)
+    reason = f"{names[0]} is not installed (Debian's package {package})"
+    if os.environ.get("CI"):
+        pytest.fail(reason)
+    pytest.skip(reason)

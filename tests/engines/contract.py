@@ -1,0 +1,462 @@
+"""What every engine must do, as one class of sentences; an engine adds a subclass and an `engine` fixture.
+
+Tolerances are attributes, so that an engine of single precision can state its own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import msgspec
+import numpy as np
+import pytest
+
+from mindstage.engines import Ability, Engine, NoteKind
+from mindstage.errors import AttachmentRefused, BodyUnknown, EngineClosed, PoseUnreachable
+from mindstage.world import BodyId, Material, Mobility, Physics, Pose, World, difference
+from mindstage.world.geometry import rotate, rotation_angle, unit
+
+from .scenes import FLOOR, LIMIT_M, LIMIT_RAD, body, hinge, hold, room, slide, weld, world
+
+
+def pose_of(engine: Engine, id: str) -> np.ndarray:
+    ids, poses = engine.poses()
+    return poses[ids.index(BodyId(id))]
+
+
+def moved(engine: Engine, id: str, start: np.ndarray) -> float:
+    """How far a body is from where it was [m]."""
+    return float(np.linalg.norm(pose_of(engine, id)[:3] - start[:3]))
+
+
+def pull(engine: Engine, id: str, force: tuple[float, float, float], duration_s: float) -> None:
+    """Pushes a body at its own centre for a while."""
+    for _ in range(round(duration_s / 0.01)):
+        x, y, z = pose_of(engine, id)[:3].tolist()
+        engine.push(BodyId(id), force, (x, y, z))
+        engine.step(0.01)
+
+
+class DescriptionContract:
+    """What holds for any engine, with physics or without."""
+
+    exact = 1e-12
+    """A world that was not stepped comes back as given, up to this [m, rad]."""
+
+    def test_a_spawned_world_comes_back_from_the_log(self, engine: Engine) -> None:
+        assert engine.spawn(room()).ok
+        assert difference(room(), engine.log()).identical(0.0)
+
+    def test_poses_of_a_world_not_stepped_are_the_given_ones(self, engine: Engine) -> None:
+        engine.spawn(room())
+        ids, poses = engine.poses()
+        given = {b.id: b.pose for b in room().bodies}
+        assert set(ids) == set(given)
+        for id, pose in zip(ids, poses, strict=True):
+            assert np.abs(pose[:3] - given[id].position).max() <= self.exact
+            assert rotation_angle(pose[3:], given[id].quaternion) <= self.exact
+
+    def test_an_id_that_is_taken_fails_and_the_rest_is_spawned(self, engine: Engine) -> None:
+        engine.spawn(world(FLOOR))
+        report = engine.spawn(world(FLOOR, body("box", (0, 0, 1), (1, 1, 1))))
+        assert [failure.id for failure in report.failed_bodies] == ["floor"]
+        assert "taken" in report.failed_bodies[0].reason
+        assert engine.poses()[0] == ("floor", "box")
+
+    def test_a_constraint_to_nowhere_and_a_circle_of_attachments_fail_with_their_reasons(self, engine: Engine) -> None:
+        boxes = [body(name, (i, 0, 1), (0.1, 0.1, 0.1)) for i, name in enumerate("ab")]
+        report = engine.spawn(world(*boxes, slide("s", "a", "ghost", (0, 0, 1)), hold("a", "b"), hold("b", "a")))
+        assert not report.ok
+        assert (report.bodies, report.constraints, report.attachments) == (2, 0, 1)
+        assert "ghost" in report.failed_constraints[0].reason
+        assert "circle" in report.failed_attachments[0].reason
+
+    @pytest.mark.parametrize("position", [(float("nan"), 0.0, 0.0), (float("inf"), 0.0, 0.0)])
+    def test_a_pose_that_is_not_finite_fails(self, engine: Engine, position: tuple[float, float, float]) -> None:
+        report = engine.spawn(world(body("box", position, (1, 1, 1))))
+        assert "finite" in report.failed_bodies[0].reason
+
+    def test_a_quaternion_of_zeros_fails(self, engine: Engine) -> None:
+        report = engine.spawn(world(body("box", (0, 0, 0), (1, 1, 1), quaternion=(0.0, 0.0, 0.0, 0.0))))
+        assert "quaternion" in report.failed_bodies[0].reason
+
+    def test_a_deleted_body_is_gone_with_its_constraints_and_attachments(self, engine: Engine) -> None:
+        engine.spawn(room())
+        engine.delete([BodyId("door")])
+        log = engine.log()
+        assert "door" not in {b.id for b in log.bodies}
+        assert "door_hinge" not in {c.id for c in log.constraints}
+        assert all("door" not in (a.parent, a.child) for a in log.attachments)
+        assert {"door_handle", "fridge", "drawer"} <= {b.id for b in log.bodies}
+
+    def test_an_unknown_body_is_refused_with_near_names_and_nothing_changes(self, engine: Engine) -> None:
+        engine.spawn(room())
+        with pytest.raises(BodyUnknown, match="near: .*'drawer'"):
+            engine.delete([BodyId("mug"), BodyId("drawr")])
+        assert difference(room(), engine.log()).identical(0.0)
+
+    def test_attached_bodies_follow_when_their_parent_is_put_elsewhere(self, engine: Engine) -> None:
+        engine.spawn(world(body("table", (1, 2, 3), (1, 1, 0.1), "kinematic"), body("lamp", (1.3, 2, 3.2), (0.1, 0.1, 0.3), "kinematic"), hold("table", "lamp")))  # fmt: skip
+        turn = unit([1.0, 0.0, 0.0, 1.0])
+        engine.set_pose(BodyId("table"), Pose((5, 5, 5), tuple(turn.tolist())))
+        lamp = pose_of(engine, "lamp")
+        np.testing.assert_allclose(lamp[:3], np.add((5, 5, 5), rotate(turn, [0.3, 0, 0.2])), atol=1e-9)
+        assert rotation_angle(lamp[3:], turn) < 1e-9
+
+    def test_a_child_put_elsewhere_leaves_its_parent_alone_and_stays_attached(self, engine: Engine) -> None:
+        engine.spawn(world(body("table", (0, 0, 1), (1, 1, 0.1), "kinematic"), body("lamp", (0, 0, 1.2), (0.1, 0.1, 0.3), "kinematic"), hold("table", "lamp")))  # fmt: skip
+        engine.set_pose(BodyId("lamp"), Pose((0.4, 0, 1.2)))
+        assert moved(engine, "table", np.array([0, 0, 1.0])) < self.exact
+        engine.set_pose(BodyId("table"), Pose((1, 0, 1)))
+        np.testing.assert_allclose(pose_of(engine, "lamp")[:3], (1.4, 0, 1.2), atol=1e-9)
+
+    def test_attaching_keeps_both_where_they_are_and_detaching_too(self, engine: Engine) -> None:
+        engine.spawn(room())
+        before = {id: pose_of(engine, id) for id in ("crate", "mug")}
+        engine.attach(BodyId("crate"), BodyId("mug"))
+        assert max(moved(engine, id, start) for id, start in before.items()) < 1e-9
+        engine.detach(BodyId("mug"))
+        assert max(moved(engine, id, start) for id, start in before.items()) < 1e-9
+
+    def test_a_circle_of_attachments_is_refused(self, engine: Engine) -> None:
+        engine.spawn(room())
+        with pytest.raises(AttachmentRefused, match="circle"):
+            engine.attach(BodyId("drawer_handle"), BodyId("drawer"))
+
+    def test_materials_and_physics_change_in_the_log(self, engine: Engine) -> None:
+        engine.spawn(room())
+        steel, heavy = (Material(name="steel"),), Physics(mobility=Mobility.DYNAMIC, mass_kg=7.0, gravity=False)
+        engine.set_materials(BodyId("mug"), steel)
+        engine.set_physics(BodyId("mug"), heavy)
+        mug = engine.log().body("mug")
+        assert (mug.materials, mug.physics) == (steel, heavy)
+
+    def test_highlights_are_kept_until_they_are_put_out(self, engine: Engine) -> None:
+        engine.spawn(room())
+        engine.highlight([BodyId("mug"), BodyId("door")], (1.0, 0.0, 0.0))
+        engine.highlight([BodyId("mug")], (0.0, 1.0, 0.0))
+        assert dict(engine.highlights()) == {"mug": (0.0, 1.0, 0.0), "door": (1.0, 0.0, 0.0)}
+        engine.highlight([BodyId("door")], None)
+        engine.delete([BodyId("mug")])
+        assert dict(engine.highlights()) == {}
+
+    def test_a_saved_state_comes_back_bodies_and_all(self, engine: Engine) -> None:
+        if Ability.SAVE not in engine.abilities:
+            pytest.skip("the engine has no SAVE ability")
+        engine.spawn(room())
+        engine.step(0.3)
+        state, log, time_s = engine.save(), engine.log(), engine.time_s
+        engine.set_pose(BodyId("crate"), Pose((3, 3, 3)))
+        engine.delete([BodyId("mug")])
+        engine.step(0.2)
+        engine.restore(state)
+        assert engine.time_s == time_s
+        assert difference(log, engine.log()).identical(0.0)
+
+    def test_clearing_removes_everything_and_spawning_again_works(self, engine: Engine) -> None:
+        engine.spawn(room())
+        engine.clear()
+        assert engine.log().bodies == ()
+        assert engine.spawn(room()).ok
+
+    def test_time_passes_exactly_as_asked(self, engine: Engine) -> None:
+        engine.spawn(world(FLOOR))
+        for _ in range(300):
+            engine.step(1 / 60)
+        assert engine.time_s == pytest.approx(5.0, abs=0.01)
+
+    def test_closing_twice_is_harmless_and_calls_after_it_are_refused(self, engine: Engine) -> None:
+        engine.close()
+        engine.close()
+        with pytest.raises(EngineClosed):
+            engine.log()
+
+    def test_the_ids_of_poses_are_the_same_object_until_a_body_comes(self, engine: Engine) -> None:
+        engine.spawn(room())
+        assert engine.poses()[0] is engine.poses()[0]
+
+
+class PhysicsContract(DescriptionContract):
+    """What holds for any engine in which things fall."""
+
+    limit_m = 0.001
+    limit_rad = np.radians(0.5)
+    rest_m = 0.002
+
+    # -- bodies
+
+    def test_a_dropped_body_rests_on_the_floor(self, engine: Engine) -> None:
+        engine.spawn(world(FLOOR, body("box", (0, 0, 1), (0.2, 0.2, 0.2), "dynamic", 1.0)))
+        engine.step(3.0)
+        np.testing.assert_allclose(pose_of(engine, "box")[:3], (0, 0, 0.1), atol=self.rest_m)
+        before = pose_of(engine, "box")
+        engine.step(2.0)
+        assert moved(engine, "box", before) < 1e-4
+
+    def test_a_static_body_stays_whatever_hits_it(self, engine: Engine) -> None:
+        shelf = body("shelf", (0, 0, 1), (1, 1, 0.05), mass=1.0)
+        engine.spawn(world(FLOOR, shelf, body("anvil", (0.4, 0, 2), (0.3, 0.3, 0.3), "dynamic", 80.0)))
+        engine.push(BodyId("shelf"), (1000.0, 0.0, 0.0))
+        engine.step(2.0)
+        assert moved(engine, "shelf", np.array([0, 0, 1.0])) == 0.0
+
+    def test_without_gravity_a_body_floats(self, engine: Engine) -> None:
+        engine.spawn(world(FLOOR, body("balloon", (0, 0, 1), (0.2, 0.2, 0.2), "dynamic", 0.1, gravity=False)))
+        engine.step(2.0)
+        assert moved(engine, "balloon", np.array([0, 0, 1.0])) < 1e-6
+
+    def test_a_kinematic_body_does_not_fall_and_pushes_others(self, engine: Engine) -> None:
+        engine.spawn(world(FLOOR, body("pusher", (0, 0, 0.25), (0.1, 0.5, 0.3), "kinematic"), body("box", (0.3, 0, 0.1), (0.2, 0.2, 0.2), "dynamic", 1.0)))  # fmt: skip
+        engine.step(0.5)
+        assert moved(engine, "pusher", np.array([0, 0, 0.25])) == 0.0
+        for step in range(1, 41):
+            engine.set_pose(BodyId("pusher"), Pose((0.01 * step, 0, 0.25)))
+            engine.step(0.02)
+        assert pose_of(engine, "pusher")[0] == pytest.approx(0.4)
+        assert pose_of(engine, "box")[0] > 0.5
+
+    def test_a_given_mass_is_what_a_force_accelerates(self, engine: Engine) -> None:
+        engine.spawn(world(body("puck", (0, 0, 0), (0.2, 0.2, 0.2), "dynamic", 2.5, gravity=False)))
+        for _ in range(50):
+            engine.push(BodyId("puck"), (5.0, 0.0, 0.0))
+            engine.step(0.02)
+        assert pose_of(engine, "puck")[0] == pytest.approx(0.5 * (5.0 / 2.5) * 1.0**2, rel=0.01)
+
+    @pytest.mark.parametrize("mass", [None, 0.0])
+    def test_a_dynamic_body_without_mass_gets_an_estimate_that_is_reported(
+        self, engine: Engine, mass: float | None
+    ) -> None:
+        report = engine.spawn(world(FLOOR, body("box", (0, 0, 0.5), (0.5, 0.5, 0.5), "dynamic", mass)))
+        assert [note.ids for note in report.notes if note.kind is NoteKind.MASS_ESTIMATED] == [("box",)]
+        engine.step(1.0)
+        assert engine.log().body("box").physics.mass_kg == mass  # the log says what is known, not what was guessed
+
+    # -- constraints
+
+    def drawer(self, engine: Engine, **more: object) -> None:
+        report = engine.spawn(world(FLOOR, body("case", (0, 0, 0.5), (0.6, 0.6, 1.0)), body("drawer", (0, 0, 0.5), (0.58, 0.5, 0.2), "dynamic", 5.0), slide("slide", "case", "drawer", (0.3, 0, 0.5), **more)))  # fmt: skip
+        assert report.ok
+
+    @pytest.mark.parametrize("way", [1, -1])
+    def test_a_pushed_drawer_slides_to_its_limit_and_no_further(self, engine: Engine, way: int) -> None:
+        self.drawer(engine)
+        for _ in range(300):
+            engine.push(BodyId("drawer"), (40.0 * way, 5.0, 0.0))
+            engine.step(0.01)
+        place = pose_of(engine, "drawer")
+        assert abs(place[0] - way * LIMIT_M) < self.limit_m
+        assert np.abs(place[1:3] - (0, 0.5)).max() < 0.001
+        assert rotation_angle(place[3:], [1, 0, 0, 0]) < self.limit_rad
+
+    def test_a_drawer_turned_by_its_frame_slides_along_that_frame(self, engine: Engine) -> None:
+        self.drawer(engine, quaternion=(0.7071067811865476, 0.0, 0.0, 0.7071067811865476))
+        pull(engine, "drawer", (30.0, 40.0, 0.0), 3.0)
+        np.testing.assert_allclose(pose_of(engine, "drawer")[:3], (0, LIMIT_M, 0.5), atol=self.limit_m)
+
+    def test_a_drawer_stays_where_it_was_left(self, engine: Engine) -> None:
+        self.drawer(engine)
+        pull(engine, "drawer", (30.0, 0.0, 0.0), 0.2)
+        engine.step(1.0)
+        left = pose_of(engine, "drawer")
+        assert 0.005 < left[0] < LIMIT_M
+        engine.step(5.0)
+        assert moved(engine, "drawer", left) < 0.001
+
+    def test_a_fridge_door_swings_to_its_limit_when_its_handle_is_pulled(self, engine: Engine) -> None:
+        engine.spawn(room())
+        start = pose_of(engine, "door")
+        pull(engine, "door_handle", (25.0, 0.0, 0.0), 4.0)
+        angle = rotation_angle(pose_of(engine, "door")[3:], start[3:])
+        assert abs(angle - LIMIT_RAD) < self.limit_rad
+
+    def test_a_handle_stays_rigidly_on_its_door(self, engine: Engine) -> None:
+        engine.spawn(room())
+        door, handle = pose_of(engine, "door"), pose_of(engine, "door_handle")
+        offset = handle[:3] - door[:3]
+        pull(engine, "door_handle", (25.0, 0.0, 0.0), 1.5)
+        door, handle = pose_of(engine, "door"), pose_of(engine, "door_handle")
+        assert rotation_angle(door[3:], [1, 0, 0, 0]) > 0.1
+        np.testing.assert_allclose(handle[:3], door[:3] + rotate(door[3:], offset), atol=1e-6)
+        assert rotation_angle(door[3:], handle[3:]) < 1e-6
+
+    def test_a_mug_in_a_drawer_comes_along(self, engine: Engine) -> None:
+        report = engine.spawn(room())
+        assert any(note.kind is NoteKind.HOLLOW and note.ids[0] == "drawer" for note in report.notes)
+        start = pose_of(engine, "mug")
+        pull(engine, "drawer_handle", (15.0, 0.0, 0.0), 4.0)
+        engine.step(1.0)
+        drawer, mug = pose_of(engine, "drawer"), pose_of(engine, "mug")
+        assert drawer[0] == pytest.approx(LIMIT_M, abs=self.limit_m)
+        assert abs(mug[0] - drawer[0]) < 0.29 - 0.04
+        assert abs(mug[1] - drawer[1]) < 0.275 - 0.04
+        assert mug[2] == pytest.approx(start[2], abs=0.01)
+
+    def test_an_upside_down_constraint_works_the_same(self, engine: Engine) -> None:
+        engine.spawn(world(FLOOR, body("case", (0, 0, 0.5), (0.6, 0.6, 1.0)), body("drawer", (0, 0, 0.5), (0.58, 0.5, 0.2), "dynamic", 5.0), slide("slide", "drawer", "case", (0.3, 0, 0.5))))  # fmt: skip
+        pull(engine, "drawer", (40.0, 0.0, 0.0), 3.0)
+        np.testing.assert_allclose(pose_of(engine, "drawer")[:3], (LIMIT_M, 0, 0.5), atol=self.limit_m)
+        assert moved(engine, "case", np.array([0, 0, 0.5])) == 0.0
+
+    def test_a_locked_joint_holds(self, engine: Engine) -> None:
+        engine.spawn(world(FLOOR, body("wall", (0, 0, 1), (0.1, 1, 2)), body("shelf", (0.3, 0, 1), (0.4, 0.8, 0.04), "dynamic", 3.0), weld("screw", "wall", "shelf", (0.05, 0, 1)), body("box", (0.35, 0, 1.3), (0.2, 0.2, 0.2), "dynamic", 5.0)))  # fmt: skip
+        engine.step(3.0)
+        assert moved(engine, "shelf", np.array([0.3, 0, 1.0])) < 0.001
+        assert pose_of(engine, "box")[2] == pytest.approx(1.12, abs=0.005)
+
+    def test_two_dynamic_bodies_hang_together_by_their_constraint(self, engine: Engine) -> None:
+        engine.spawn(world(FLOOR, body("heavy", (0, 0, 2), (0.4, 0.4, 0.4), "dynamic", 10.0), body("light", (0.45, 0, 2), (0.4, 0.2, 0.2), "dynamic", 1.0), hinge("pin", "light", "heavy", (0.2, 0, 2))))  # fmt: skip
+        engine.step(2.0)
+        heavy, light = pose_of(engine, "heavy"), pose_of(engine, "light")
+        pin_of_heavy = heavy[:3] + rotate(heavy[3:], [0.2, 0, 0])
+        pin_of_light = light[:3] + rotate(light[3:], [-0.25, 0, 0])
+        assert np.linalg.norm(pin_of_heavy - pin_of_light) < 0.001
+        assert heavy[2] < 0.3
+
+    def test_a_second_constraint_on_a_body_holds_too(self, engine: Engine) -> None:
+        engine.spawn(world(FLOOR, body("left", (0, 1, 1), (0.2, 0.2, 0.2)), body("right", (0, -1, 1), (0.2, 0.2, 0.2)), body("bar", (0, 0, 1), (0.1, 1.7, 0.1), "dynamic", 3.0), weld("a", "left", "bar", (0, 0.9, 1)), weld("b", "right", "bar", (0, -0.9, 1))))  # fmt: skip
+        pull(engine, "bar", (50.0, 0.0, 0.0), 1.0)
+        assert moved(engine, "bar", np.array([0, 0, 1.0])) < 0.002
+
+    # -- overlaps
+
+    def test_bodies_that_stand_in_one_another_do_not_explode_and_it_is_said(self, engine: Engine) -> None:
+        boxes = [body(f"box{i}", (0.03 * i, 0.02 * i, 0.3), (0.4, 0.4, 0.6), "dynamic", 5.0) for i in range(12)]
+        report = engine.spawn(world(FLOOR, *boxes))
+        assert sum(note.kind is NoteKind.OVERLAP for note in report.notes) == 12 * 11 / 2
+        engine.step(3.0)
+        for i, box in enumerate(boxes):
+            assert moved(engine, f"box{i}", np.array(box.pose.position)) < 0.01
+
+    def test_a_shell_round_the_room_collides_with_nothing_and_it_is_said(self, engine: Engine) -> None:
+        shell = body("walls", (0, 0, 1.5), (8, 8, 3.2))
+        report = engine.spawn(msgspec.structs.replace(room(), bodies=(*room().bodies, shell)))
+        assert [note.ids[0] for note in report.notes if note.kind is NoteKind.SHELL] == ["walls"]
+        engine.step(2.0)
+        assert pose_of(engine, "crate")[2] == pytest.approx(0.15, abs=self.rest_m)
+
+    def test_things_that_only_touch_still_collide(self, engine: Engine) -> None:
+        report = engine.spawn(world(FLOOR, body("table", (0, 0, 0.35), (1, 1, 0.7)), body("mug", (0, 0, 0.75), (0.1, 0.1, 0.1), "dynamic", 0.3)))  # fmt: skip
+        assert not [note for note in report.notes if note.kind is NoteKind.OVERLAP]
+        engine.step(2.0)
+        assert moved(engine, "mug", np.array([0, 0, 0.75])) < self.rest_m
+
+    # -- edits while it runs
+
+    def running(self, engine: Engine) -> dict[str, np.ndarray]:
+        """A room with an open drawer, a door on its way, a crate that has come to rest."""
+        engine.spawn(room())
+        pull(engine, "drawer_handle", (20.0, 0.0, 0.0), 2.0)
+        pull(engine, "door_handle", (25.0, 0.0, 0.0), 0.6)
+        return {id: pose_of(engine, id) for id in engine.poses()[0]}
+
+    def edits(self) -> Iterable[tuple[str, object]]:
+        yield "spawn", lambda engine: engine.spawn(world(body("new", (4, 4, 1), (0.2, 0.2, 0.2), "dynamic", 1.0)))
+        yield "delete", lambda engine: engine.delete([BodyId("fridge")])
+        yield "attach", lambda engine: engine.attach(BodyId("cabinet"), BodyId("fridge"))
+        yield (
+            "mass",
+            lambda engine: engine.set_physics(BodyId("crate"), Physics(mobility=Mobility.DYNAMIC, mass_kg=9.0)),
+        )
+        yield "materials", lambda engine: engine.set_materials(BodyId("crate"), (Material(name="oak"),))
+        yield "static pose", lambda engine: engine.set_pose(BodyId("floor"), Pose((0, 0, -0.0500001)))
+
+    @pytest.mark.parametrize("edit", ["spawn", "delete", "attach", "mass", "materials", "static pose"])
+    def test_an_edit_leaves_everything_else_where_it_is_and_moving(self, engine: Engine, edit: str) -> None:
+        before = self.running(engine)
+        door_before = pose_of(engine, "door")
+        engine.step(0.01)
+        speed_before = moved(engine, "door", door_before)
+        here = {id: pose_of(engine, id) for id in before}
+        dict(self.edits())[edit](engine)  # type: ignore[operator]
+        for id in set(here) & set(engine.poses()[0]) - {"floor"}:
+            assert moved(engine, id, here[id]) < 1e-6, id
+        if edit != "delete":
+            engine.step(0.01)
+            assert moved(engine, "door", here["door"]) == pytest.approx(speed_before, rel=0.2, abs=1e-5)
+        engine.step(0.5)
+        assert moved(engine, "drawer", before["drawer"]) < 0.002
+        assert moved(engine, "crate", before["crate"]) < 0.002
+
+    def test_a_body_in_flight_keeps_its_velocity_through_an_edit(self, engine: Engine) -> None:
+        engine.spawn(world(FLOOR, body("ball", (0, 0, 5), (0.1, 0.1, 0.1), "dynamic", 1.0)))
+        engine.step(0.5)
+        engine.spawn(world(body("other", (3, 0, 1), (0.1, 0.1, 0.1), "dynamic", 1.0)))
+        engine.step(0.3)
+        assert pose_of(engine, "ball")[2] == pytest.approx(5 - 0.5 * 9.81 * 0.8**2, abs=0.03)
+
+    def test_what_stood_on_a_deleted_table_falls(self, engine: Engine) -> None:
+        engine.spawn(world(FLOOR, body("table", (0, 0, 0.35), (1, 1, 0.7)), body("mug", (0, 0, 0.75), (0.1, 0.1, 0.1), "dynamic", 0.3)))  # fmt: skip
+        engine.step(3.0)
+        engine.delete([BodyId("table")])
+        engine.step(2.0)
+        assert pose_of(engine, "mug")[2] == pytest.approx(0.05, abs=self.rest_m)
+
+    @pytest.mark.parametrize("mobility", ["static", "kinematic"])
+    def test_what_stood_on_a_table_falls_when_the_table_is_put_elsewhere(self, engine: Engine, mobility: str) -> None:
+        engine.spawn(world(FLOOR, body("table", (0, 0, 0.35), (1, 1, 0.7), mobility), body("mug", (0, 0, 0.75), (0.1, 0.1, 0.1), "dynamic", 0.3)))  # fmt: skip
+        engine.step(3.0)
+        engine.set_pose(BodyId("table"), Pose((5, 0, 0.35)))
+        engine.step(2.0)
+        assert pose_of(engine, "mug")[2] == pytest.approx(0.05, abs=self.rest_m)
+
+    def test_a_drawer_whose_cabinet_is_deleted_falls_to_the_floor(self, engine: Engine) -> None:
+        engine.spawn(room())
+        engine.step(0.5)
+        engine.delete([BodyId("cabinet")])
+        engine.step(2.0)
+        assert pose_of(engine, "drawer")[2] < 0.12
+
+    def test_a_body_attached_to_a_door_swings_with_it_and_falls_when_let_go(self, engine: Engine) -> None:
+        note = body("note", (0.35, 2.1, 1.0), (0.004, 0.1, 0.1), "dynamic", 0.01)
+        engine.spawn(msgspec.structs.replace(room(), bodies=(*room().bodies, note)))
+        engine.attach(BodyId("door"), BodyId("note"))
+        pull(engine, "door_handle", (25.0, 0.0, 0.0), 4.0)
+        assert rotation_angle(pose_of(engine, "note")[3:], [1, 0, 0, 0]) == pytest.approx(LIMIT_RAD, abs=self.limit_rad)
+        engine.detach(BodyId("note"))
+        engine.step(2.0)
+        assert pose_of(engine, "note")[2] < 0.1
+
+    def test_setting_a_pose_on_a_joint_opens_it_and_what_it_forbids_is_refused(self, engine: Engine) -> None:
+        engine.spawn(room())
+        engine.set_pose(BodyId("drawer"), Pose((0.2, 0, 0.3)))
+        np.testing.assert_allclose(pose_of(engine, "drawer_handle")[:3], (0.52, 0, 0.3), atol=1e-6)
+        for forbidden in [(0.6, 0, 0.3), (0.2, 0.1, 0.3)]:
+            with pytest.raises(PoseUnreachable, match="drawer_slide"):
+                engine.set_pose(BodyId("drawer"), Pose(forbidden))
+        np.testing.assert_allclose(pose_of(engine, "drawer")[:3], (0.2, 0, 0.3), atol=1e-6)
+
+    def test_joint_positions_are_told_as_the_map_has_the_roles(self, engine: Engine) -> None:
+        if Ability.JOINTS not in engine.abilities:
+            pytest.skip("the engine has no JOINTS ability")
+        self.drawer(engine)
+        engine.set_pose(BodyId("drawer"), Pose((0.2, 0, 0.5)))
+        np.testing.assert_allclose(engine.joint_positions()[BodyId("slide")], (0.2, 0, 0, 0, 0, 0), atol=1e-6)
+
+    def test_a_dynamic_body_made_static_stays_in_the_air(self, engine: Engine) -> None:
+        engine.spawn(room())
+        engine.step(0.1)
+        engine.set_physics(BodyId("crate"), Physics(mobility=Mobility.STATIC))
+        before = pose_of(engine, "crate")
+        engine.step(1.0)
+        assert moved(engine, "crate", before) < 1e-9
+
+    def test_a_restored_world_runs_on_exactly_as_it_did(self, engine: Engine) -> None:
+        if Ability.SAVE not in engine.abilities:
+            pytest.skip("the engine has no SAVE ability")
+        self.running(engine)
+        state = engine.save()
+        engine.step(0.5)
+        first = engine.poses()[1]
+        engine.restore(state)
+        engine.step(0.5)
+        np.testing.assert_array_equal(engine.poses()[1], first)
+
+    def test_a_room_left_alone_stays(self, engine: Engine) -> None:
+        still: World = msgspec.structs.replace(room(), bodies=tuple(b for b in room().bodies if b.id != "crate"))
+        engine.spawn(still)
+        ids, before = engine.poses()
+        engine.step(10.0)
+        after = engine.poses()[1]
+        assert np.isfinite(after).all()
+        worst = np.linalg.norm(after[:, :3] - before[:, :3], axis=1)
+        assert worst.max() < 0.01, ids[int(worst.argmax())]

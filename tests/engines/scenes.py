@@ -1,0 +1,94 @@
+"""Small worlds made by hand, so that each physical truth can be seen by itself."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from mindstage.world import (
+    AngularMotion,
+    Attachment,
+    Body,
+    BodyId,
+    Constraint,
+    Iri,
+    LinearMotion,
+    Mobility,
+    Motion,
+    Physics,
+    Pose,
+    Vector,
+    World,
+)
+
+BASE = "http://example.org/maps/scene.owl#"
+LIMIT_M = 0.45
+LIMIT_RAD = 0.7853981633974483
+
+
+def body(
+    id: str, position: Vector, size: Vector, mobility: str = "static", mass: float | None = None, **more: Any
+) -> Body:
+    """A box; `more` goes to `Body`, `quaternion` to its pose, `gravity` to its physics."""
+    pose = Pose(position, more.pop("quaternion", (1.0, 0.0, 0.0, 0.0)))
+    physics = Physics(mobility=Mobility(mobility), mass_kg=mass, gravity=more.pop("gravity", True))
+    return Body(
+        id=BodyId(id), iri=Iri(BASE + id), cls=Iri(BASE + "Thing"), pose=pose, size=size, physics=physics, **more
+    )
+
+
+def slide(id: str, parent: str, child: str, at: Vector, limit: float = LIMIT_M, **more: Any) -> Constraint:
+    """A drawer's constraint: along x, either way."""
+    pose = Pose(at, more.pop("quaternion", (1.0, 0.0, 0.0, 0.0)))
+    return Constraint(
+        id=BodyId(id), iri=Iri(BASE + id), parent=BodyId(parent), child=BodyId(child), pose=pose,
+        linear=LinearMotion(x=Motion.LIMITED, limit=limit), **more,
+    )  # fmt: skip
+
+
+def hinge(id: str, parent: str, child: str, at: Vector, limit: float = LIMIT_RAD, **more: Any) -> Constraint:
+    """A door's constraint: about z, either way."""
+    return Constraint(
+        id=BodyId(id), iri=Iri(BASE + id), parent=BodyId(parent), child=BodyId(child), pose=Pose(at),
+        angular=AngularMotion(swing1=Motion.LIMITED, swing1_limit=limit), **more,
+    )  # fmt: skip
+
+
+def weld(id: str, parent: str, child: str, at: Vector) -> Constraint:
+    """Everything locked."""
+    return Constraint(id=BodyId(id), iri=Iri(BASE + id), parent=BodyId(parent), child=BodyId(child), pose=Pose(at))
+
+
+def hold(parent: str, child: str) -> Attachment:
+    return Attachment(parent=BodyId(parent), child=BodyId(child))
+
+
+def world(*parts: Body | Constraint | Attachment) -> World:
+    return World(
+        iri=Iri(BASE + "scene"),
+        name="scene",
+        bodies=tuple(part for part in parts if isinstance(part, Body)),
+        constraints=tuple(part for part in parts if isinstance(part, Constraint)),
+        attachments=tuple(part for part in parts if isinstance(part, Attachment)),
+    )
+
+
+FLOOR = body("floor", (0, 0, -0.05), (20, 20, 0.1))
+
+
+def room() -> World:
+    """A floor, a cabinet with a drawer that holds a mug, a fridge with a door and its handle, a ball in the air."""
+    return world(
+        FLOOR,
+        body("cabinet", (0, 0, 0.5), (0.6, 0.6, 1.0)),
+        body("drawer", (0, 0, 0.3), (0.58, 0.55, 0.2), "dynamic", 5.0),
+        body("drawer_handle", (0.32, 0, 0.3), (0.05, 0.3, 0.02), "kinematic", 0.2),
+        body("mug", (0.05, 0.1, 0.27), (0.08, 0.08, 0.1), "dynamic", 0.3),
+        body("fridge", (0, 2, 0.9), (0.6, 0.6, 1.8)),
+        body("door", (0.322, 2, 0.9), (0.04, 0.6, 1.8), "dynamic", 8.0),
+        body("door_handle", (0.362, 1.75, 0.9), (0.04, 0.03, 0.4), "kinematic", 0.3),
+        body("crate", (2, 0, 1), (0.3, 0.3, 0.3), "dynamic", 2.0),
+        slide("drawer_slide", "cabinet", "drawer", (0.29, 0, 0.3)),
+        hinge("door_hinge", "fridge", "door", (0.302, 2.3, 0.9)),
+        hold("drawer", "drawer_handle"),
+        hold("door", "door_handle"),
+    )

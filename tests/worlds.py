@@ -1,0 +1,353 @@
+"""Worlds to test with: any valid one, as hypothesis strategies.
+
+`worlds()` draws what an engine must be able to run and a map must be able to hold: ids are unique and fit into an
+IRI, references lead to something, attachments form a forest, texts can stand in XML, and no thing says the same twice.
+It does not shun what is unusual but allowed: masses of 0, quaternions with six digits, things in one another, one
+class with several sizes, blanks at the ends of a text.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import pi
+
+import msgspec
+from hypothesis import strategies as st
+from hypothesis.strategies import SearchStrategy
+
+from mindstage.world import (
+    AngularMotion,
+    Anonymous,
+    Attachment,
+    Body,
+    BodyId,
+    Constraint,
+    Fact,
+    FactValue,
+    Iri,
+    Light,
+    LightKind,
+    LinearMotion,
+    Literal,
+    Material,
+    Mobility,
+    Motion,
+    Physics,
+    Pose,
+    Quaternion,
+    Reference,
+    Resource,
+    Shape,
+    ShapeKind,
+    Soft,
+    Tag,
+    Vector,
+    World,
+)
+from mindstage.world.comparison_facts import Forms
+from tests.kitchenette import KNOWROB, MAP, RDFS, kitchenette
+
+__all__ = [
+    "anonymous",
+    "bodies",
+    "constraints",
+    "facts",
+    "ids",
+    "kitchenette",
+    "lights",
+    "masses",
+    "materials",
+    "physics",
+    "poses",
+    "quaternions",
+    "sizes",
+    "tags",
+    "texts",
+    "worlds",
+]
+
+A_BODY = BodyId("body")
+TERMS = "http://example.org/terms#"
+XSD = "http://www.w3.org/2001/XMLSchema#"
+
+CLASSES = tuple(
+    Iri(KNOWROB + name) for name in ("Cup", "Drawer", "Cupboard", "Handle", "Refrigerator", "Table-PieceOfFurniture")
+)
+
+# -- numbers -----------------------------------------------------------------------------------------------------------
+
+
+def numbers(low: float, high: float) -> SearchStrategy[float]:
+    """Finite numbers, some with the six digits of a map."""
+    exact = st.floats(low, high, allow_subnormal=False)
+    return exact | exact.map(lambda number: min(max(round(number, 6), low), high))
+
+
+def vectors(low: float, high: float) -> SearchStrategy[Vector]:
+    """Three numbers."""
+    return st.tuples(numbers(low, high), numbers(low, high), numbers(low, high))
+
+
+def sizes() -> SearchStrategy[Vector]:
+    """From a millimetre to twenty metres."""
+    return vectors(1e-3, 20.0)
+
+
+def masses() -> SearchStrategy[float | None]:
+    """None and 0 included, as in maps."""
+    return st.sampled_from((None, 0.0)) | numbers(1e-3, 2000.0)
+
+
+@st.composite
+def quaternions(draw: st.DrawFn) -> Quaternion:
+    """Rotations as maps have them: exact, with six digits, or with all signs turned round."""
+    w, x, y, z = draw(
+        st.sampled_from(((1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0), (1.0, 0.0, 0.0, 1.0), (1.0, -1.0, 1.0, 1.0)))
+        | st.tuples(*(st.floats(-1.0, 1.0, allow_subnormal=False),) * 4).filter(lambda q: max(map(abs, q)) > 0.1)
+    )
+    norm = (w * w + x * x + y * y + z * z) ** 0.5 * draw(st.sampled_from((1.0, -1.0)))
+    w, x, y, z = w / norm, x / norm, y / norm, z / norm
+    return (round(w, 6), round(x, 6), round(y, 6), round(z, 6)) if draw(st.booleans()) else (w, x, y, z)
+
+
+def poses() -> SearchStrategy[Pose]:
+    """Anywhere within a kilometre."""
+    return st.builds(Pose, vectors(-1000.0, 1000.0), quaternions())
+
+
+# -- words -------------------------------------------------------------------------------------------------------------
+
+LETTERS = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_-"
+
+
+def texts(*, without: str = "", min_size: int = 0) -> SearchStrategy[str]:
+    """What XML can hold: no control characters, no surrogates, not the two that are no characters."""
+    anything = st.characters(exclude_categories=("Cc", "Cs"), exclude_characters="\ufffe\uffff" + without)
+    plain = st.characters(codec="ascii", exclude_categories=("Cc",), exclude_characters=without)
+    return st.text(plain, min_size=min_size, max_size=8) | st.text(anything, min_size=min_size, max_size=8)
+
+
+def ids() -> SearchStrategy[BodyId]:
+    """Local names: mostly as the loggers make them, some with letters from elsewhere."""
+    return st.text(st.sampled_from(LETTERS + "üñ名"), min_size=1, max_size=22).map(BodyId)
+
+
+def tags(*, wild: bool = False) -> SearchStrategy[Tag]:
+    """Tags that fit into `tagsData`, which has no way to write `;` and `,`; wild ones may be anything."""
+    word = texts() if wild else texts(without=";,", min_size=1)
+    value = texts() if wild else texts(without=";,")
+    kind = st.sampled_from(("SemLog", "Mindstage")) | word
+    return st.builds(Tag, type=kind, key=st.sampled_from(("Id", "Class")) | word, value=value)
+
+
+# -- facts -------------------------------------------------------------------------------------------------------------
+
+PROPERTIES = tuple(
+    Iri(name) for name in (TERMS + "near", TERMS + "notes", TERMS + "größe", KNOWROB + "contains", RDFS + "comment")
+)
+THINGS = (Iri(KNOWROB + "Milk"), Iri(TERMS + "thing"), Iri("http://example.org/a/b?c=d&e=f"), Iri("urn:uuid:f81d4fae"))
+
+
+def _numerals() -> SearchStrategy[Literal]:
+    whole = st.sampled_from(("0", "007", "-12", "+3")) | st.integers(-(10**12), 10**12).map(str)
+    real = st.sampled_from(("0.0", "-0.0", "1.0E0", "177.512833", "1e-7", "NaN", "INF")) | st.floats(
+        allow_nan=False, allow_infinity=False
+    ).map(repr)
+    return (
+        whole.map(lambda text: Literal(text, Iri(XSD + "integer")))
+        | st.builds(Literal, real, st.sampled_from((Iri(XSD + "float"), Iri(XSD + "double"))))
+        | st.sampled_from(("0.10", "-3", "5.000000")).map(lambda text: Literal(text, Iri(XSD + "decimal")))
+    )
+
+
+def _literals() -> SearchStrategy[Literal]:
+    others = (
+        Literal("true", Iri(XSD + "boolean")),
+        Literal("1", Iri(XSD + "boolean")),
+        Literal("2019-03-14T09:26:53.500Z", Iri(XSD + "dateTime")),
+        Literal("http://example.org/", Iri(XSD + "anyURI")),
+        Literal("about 3", Iri(TERMS + "estimate")),
+    )
+    spoken = st.builds(Literal, texts(), language=st.sampled_from(("en", "de", "pt-br")))
+    return st.builds(Literal, texts()) | spoken | _numerals() | st.sampled_from(others)
+
+
+def anonymous(said: Sequence[Fact]) -> Anonymous:
+    """A thing without a name, its facts in order."""
+    return Anonymous(tuple(sorted(said, key=lambda fact: (fact.property, msgspec.json.encode(fact.value)))))
+
+
+def facts(names: Sequence[str] = (), *, max_size: int = 3, nested: int = 1) -> SearchStrategy[tuple[Fact, ...]]:
+    """Facts about one thing, no two of which say the same; `names` are things that they may mention."""
+    references = st.sampled_from((*map(Iri, names), *THINGS)).map(Reference)
+    values: SearchStrategy[FactValue] = references | _literals()
+    if nested:
+        values = values | facts(names, max_size=2, nested=nested - 1).map(anonymous)
+    one = st.builds(Fact, st.sampled_from(PROPERTIES), values)
+    forms = Forms()
+    return st.lists(one, max_size=max_size, unique_by=lambda fact: forms.number(fact, {})).map(tuple)
+
+
+# -- things ------------------------------------------------------------------------------------------------------------
+
+
+def materials() -> SearchStrategy[Material]:
+    """Named surfaces."""
+    colour = st.none() | vectors(0.0, 1.0)
+    return st.builds(Material, name=texts(min_size=1), path=st.just("") | texts(), colour=colour)
+
+
+def physics() -> SearchStrategy[Physics]:
+    """All mobilities, and all that a map may leave out."""
+    told = st.sampled_from((None, False, True))
+    mobility = st.sampled_from((None, *Mobility))
+    return st.builds(Physics, mobility=mobility, gravity=told, overlap_events=told, mass_kg=masses())
+
+
+def bodies(id: BodyId = A_BODY, *, names: Sequence[str] = (), wild_tags: bool = False) -> SearchStrategy[Body]:
+    """One body of that id."""
+    return st.builds(
+        Body,
+        id=st.just(id),
+        iri=st.just(Iri(MAP + id)),
+        cls=st.sampled_from(CLASSES),
+        label=st.none() | texts(),
+        pose=poses(),
+        size=st.none() | sizes(),
+        mesh=st.sampled_from((None, "Cup", "package://maps/Cup/Cup.dae")) | texts(min_size=1),
+        shape=st.sampled_from((None, *(Shape(kind=kind) for kind in ShapeKind))),
+        physics=physics(),
+        materials=st.lists(materials(), max_size=2).map(tuple),
+        tags=st.lists(tags(wild=wild_tags), max_size=3).map(tuple),
+        facts=facts(names),
+    )
+
+
+def _softs() -> SearchStrategy[Soft]:
+    strength = st.just(0.0) | numbers(0.0, 1e4)
+    return st.just(Soft()) | st.builds(Soft, enabled=st.booleans(), stiffness=strength, damping=strength)
+
+
+def constraints(
+    id: BodyId,
+    parent: BodyId,
+    child: BodyId,
+    *,
+    names: Sequence[str] = (),
+    wild_tags: bool = False,
+) -> SearchStrategy[Constraint]:
+    """Any mix of free, limited and locked axes between two bodies."""
+    motion = st.sampled_from(tuple(Motion))
+    angle = st.just(0.0) | numbers(0.0, pi)
+    linear = st.builds(
+        LinearMotion, x=motion, y=motion, z=motion, limit=st.just(0.0) | numbers(0.0, 10.0), soft=_softs()
+    )
+    angular = st.builds(
+        AngularMotion,
+        swing1=motion,
+        swing2=motion,
+        twist=motion,
+        swing1_limit=angle,
+        swing2_limit=angle,
+        twist_limit=angle,
+        swing_soft=_softs(),
+        twist_soft=_softs(),
+    )
+    return st.builds(
+        Constraint,
+        id=st.just(id),
+        iri=st.just(Iri(MAP + id)),
+        parent=st.just(parent),
+        child=st.just(child),
+        pose=poses(),
+        linear=linear,
+        angular=angular,
+        disable_collision=st.sampled_from((None, False, True)),
+        tags=st.lists(tags(wild=wild_tags), max_size=2).map(tuple),
+        facts=facts(names, max_size=2),
+    )
+
+
+def lights(id: BodyId, *, names: Sequence[str] = (), wild_tags: bool = False) -> SearchStrategy[Light]:
+    """One light of that id."""
+    return st.builds(
+        Light,
+        id=st.just(id),
+        iri=st.just(Iri(MAP + id)),
+        kind=st.sampled_from(tuple(LightKind)),
+        pose=poses(),
+        colour=vectors(0.0, 1.0),
+        intensity=numbers(0.0, 1e5),
+        tags=st.lists(tags(wild=wild_tags), max_size=2).map(tuple),
+        facts=facts(names, max_size=2),
+    )
+
+
+# -- worlds ------------------------------------------------------------------------------------------------------------
+
+
+@st.composite
+def worlds(
+    draw: st.DrawFn,
+    *,
+    min_bodies: int = 0,
+    max_bodies: int = 5,
+    max_constraints: int = 3,
+    max_lights: int = 1,
+    wild_tags: bool = False,
+    labels: bool = False,
+) -> World:
+    """A valid world.
+
+    Args:
+        draw: hypothesis.
+        min_bodies: at least so many bodies.
+        max_bodies: at most so many bodies.
+        max_constraints: at most so many constraints, which need two bodies.
+        max_lights: at most so many lights.
+        wild_tags: let tags hold what `tagsData` cannot write.
+        labels: let things be told of that have only a label (`_:…`) for a name.
+    """
+    count = draw(st.integers(min_bodies, max_bodies))
+    joints = draw(st.integers(0, max_constraints)) if count > 1 else 0
+    lamps = draw(st.integers(0, max_lights))
+    everything = count + joints + lamps
+    drawn = draw(st.lists(ids().filter("map".__ne__), min_size=everything, max_size=everything, unique=True))
+    bodily, joining, shining = drawn[:count], drawn[count : count + joints], drawn[count + joints :]
+    nameless = [f"_:b{number}" for number in range(draw(st.integers(0, 4)))] if labels else []
+    names = [*(MAP + id for id in bodily), *nameless]
+    return World(
+        iri=Iri(MAP + "map"),
+        name="map",
+        bodies=tuple(draw(bodies(id, names=names, wild_tags=wild_tags)) for id in bodily),
+        constraints=tuple(draw(_joints(id, bodily, names, wild_tags)) for id in joining),
+        attachments=draw(_forests(bodily)),
+        lights=tuple(draw(lights(id, names=names, wild_tags=wild_tags)) for id in shining),
+        facts=draw(facts(names)),
+        resources=draw(_resources(names, nameless)),
+    )
+
+
+@st.composite
+def _joints(draw: st.DrawFn, id: BodyId, bodily: Sequence[BodyId], names: Sequence[str], wild_tags: bool) -> Constraint:
+    first = draw(st.integers(0, len(bodily) - 1))
+    second = (first + draw(st.integers(1, len(bodily) - 1))) % len(bodily)
+    return draw(constraints(id, bodily[first], bodily[second], names=names, wild_tags=wild_tags))
+
+
+@st.composite
+def _forests(draw: st.DrawFn, bodily: Sequence[BodyId]) -> tuple[Attachment, ...]:
+    """Each hangs on one that comes before it in some order, or on none: no circle, one parent each."""
+    order = draw(st.permutations(bodily))
+    above = [draw(st.none() | st.sampled_from(order[:place])) if place else None for place in range(len(order))]
+    return tuple(
+        Attachment(parent=parent, child=child) for parent, child in zip(above, order, strict=True) if parent is not None
+    )
+
+
+@st.composite
+def _resources(draw: st.DrawFn, names: Sequence[str], nameless: Sequence[str]) -> tuple[Resource, ...]:
+    """Classes and other things that something is said about, and a label's facts if there are labels."""
+    told = draw(st.lists(st.sampled_from((*CLASSES, *THINGS)), max_size=3, unique=True))
+    said = facts(names, max_size=2).filter(bool)
+    return tuple(Resource(iri, draw(said)) for iri in (*told, *map(Iri, nameless)))
