@@ -33,7 +33,7 @@ again() {  # mirrors fail for a moment now and then
     "$@"
 }
 
-export DEBIAN_FRONTEND=noninteractive
+export DEBIAN_FRONTEND=noninteractive DEBCONF_NOWARNINGS=yes
 echo "installing ${missing[*]}"
 again apt-get update -qq
 again apt-get install -qq --yes --no-install-recommends "${missing[@]}" >/dev/null

@@ -177,7 +177,9 @@ def anonymous(said: Sequence[Fact]) -> Anonymous:
     return Anonymous(tuple(sorted(said, key=lambda fact: (fact.property, msgspec.json.encode(fact.value)))))
 
 
-def facts(names: Sequence[str] = (), *, max_size: int = 3, nested: int = 1) -> SearchStrategy[tuple[Fact, ...]]:
+def facts(
+    names: Sequence[str] = (), *, min_size: int = 0, max_size: int = 3, nested: int = 1
+) -> SearchStrategy[tuple[Fact, ...]]:
     """Facts about one thing, no two of which say the same; `names` are things that they may mention."""
     references = st.sampled_from((*map(Iri, names), *THINGS)).map(Reference)
     values: SearchStrategy[FactValue] = references | _literals()
@@ -185,7 +187,7 @@ def facts(names: Sequence[str] = (), *, max_size: int = 3, nested: int = 1) -> S
         values = values | facts(names, max_size=2, nested=nested - 1).map(anonymous)
     one = st.builds(Fact, st.sampled_from(PROPERTIES), values)
     forms = Forms()
-    return st.lists(one, max_size=max_size, unique_by=lambda fact: forms.number(fact, {})).map(tuple)
+    return st.lists(one, min_size=min_size, max_size=max_size, unique_by=lambda fact: forms.number(fact, {})).map(tuple)
 
 
 # -- things ------------------------------------------------------------------------------------------------------------
@@ -349,5 +351,5 @@ def _forests(draw: st.DrawFn, bodily: Sequence[BodyId]) -> tuple[Attachment, ...
 def _resources(draw: st.DrawFn, names: Sequence[str], nameless: Sequence[str]) -> tuple[Resource, ...]:
     """Classes and other things that something is said about, and a label's facts if there are labels."""
     told = draw(st.lists(st.sampled_from((*CLASSES, *THINGS)), max_size=3, unique=True))
-    said = facts(names, max_size=2).filter(bool)
+    said = facts(names, min_size=1, max_size=2)
     return tuple(Resource(iri, draw(said)) for iri in (*told, *map(Iri, nameless)))

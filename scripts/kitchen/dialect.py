@@ -25,14 +25,14 @@ HEAD = f"""<?xml version="1.0" encoding="utf-8"?>
 ]>
 
 <rdf:RDF xmlns="http://mindstage.org/maps/kitchen.owl#"
-	 xml:base="http://mindstage.org/maps/kitchen.owl#"
-	 xmlns:owl="http://www.w3.org/2002/07/owl#"
-	 xmlns:xsd="http://www.w3.org/2001/XMLSchema#"
-	 xmlns:knowrob="http://knowrob.org/kb/knowrob.owl#"
-	 xmlns:rdfs="http://www.w3.org/2000/01/rdf-schema#"
-	 xmlns:rdf="http://www.w3.org/1999/02/22-rdf-syntax-ns#"
-	 xmlns:ms="http://mindstage.org/ontology#"
-	 xmlns:kitchen="http://mindstage.org/maps/kitchen.owl#">
+		xml:base="http://mindstage.org/maps/kitchen.owl#"
+		xmlns:owl="http://www.w3.org/2002/07/owl#"
+		xmlns:xsd="http://www.w3.org/2001/XMLSchema#"
+		xmlns:knowrob="http://knowrob.org/kb/knowrob.owl#"
+		xmlns:rdfs="http://www.w3.org/2000/01/rdf-schema#"
+		xmlns:rdf="http://www.w3.org/1999/02/22-rdf-syntax-ns#"
+		xmlns:ms="http://mindstage.org/ontology#"
+		xmlns:kitchen="http://mindstage.org/maps/kitchen.owl#">
 
 	<!-- Ontologies -->
 	<owl:Ontology rdf:about="http://mindstage.org/maps/kitchen.owl">

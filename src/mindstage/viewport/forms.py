@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from mindstage.world import Vector
 
-__all__ = ["Mesh", "Side", "ball", "box", "boxes", "cylinder", "edges", "inside", "open_box", "vessel"]
+__all__ = ["Hole", "Mesh", "Side", "ball", "box", "boxes", "cylinder", "edges", "inside", "open_box", "pierced_box", "vessel"]
 
 _ROUNDING_M = 0.008
 _WALL_M = 0.018
@@ -24,6 +24,11 @@ _SEGMENTS = 40
 
 Side = tuple[int, int]
 """A side of a box: the axis, and 1 or -1 for its direction."""
+
+Hole = tuple[float, float, float, float]
+"""In a side that looks up: from and to along x, from and to along y [m, from the centre]."""
+
+Array = NDArray[np.float64]
 
 
 class Mesh(msgspec.Struct, frozen=True, eq=False):
@@ -46,22 +51,29 @@ def box(size: ArrayLike, centre: ArrayLike = (0.0, 0.0, 0.0)) -> Mesh:
     return Mesh(vertices.astype(np.float32), _BOX_FACES)
 
 
+def pierced_box(size: Vector, holes: Iterable[Hole]) -> Mesh:
+    """A box with holes from top to bottom, such as a worktop with a sink in it."""
+    return boxes(_pierced(np.asarray(size, dtype=np.float64), np.zeros(3), holes))
+
+
 def boxes(parts: Iterable[tuple[ArrayLike, ArrayLike]]) -> Mesh:
     """Several boxes as one mesh; each part is a size and a centre."""
     return _joined([box(size, centre) for size, centre in parts])
 
 
-def open_box(size: Vector, openings: Iterable[Side], levels: Iterable[float] = (), thickness: float = _WALL_M) -> Mesh:
+def open_box(
+    size: Vector, openings: Iterable[Side], *, levels: Iterable[float] = (), holes: Iterable[Hole] = ()
+) -> Mesh:
     """A box with walls, to look into.
 
     Args:
         size: its extents [m].
         openings: the sides that have no wall.
         levels: heights of shelves inside, where things stand [m, from the centre].
-        thickness: of the walls [m], where the box is large enough for it.
+        holes: in its top.
     """
     extents = np.asarray(size, dtype=np.float64)
-    wall = min(thickness, 0.15 * float(extents.min()))
+    wall = min(_WALL_M, 0.15 * float(extents.min()))
     open_sides = set(openings)
     low, high = -extents / 2, extents / 2
     parts = []
@@ -69,7 +81,8 @@ def open_box(size: Vector, openings: Iterable[Side], levels: Iterable[float] = (
     for axis in (2, 1, 0):
         for direction in (1, -1):
             if (axis, direction) not in open_sides:
-                parts.append(_slab(low, high, axis, direction, wall))
+                slab = _slab(low, high, axis, direction, wall)
+                parts += _pierced(*slab, holes) if (axis, direction) == (2, 1) else [slab]
         low, high = low.copy(), high.copy()
         low[axis] += wall * ((axis, -1) not in open_sides)
         high[axis] -= wall * ((axis, 1) not in open_sides)
@@ -149,7 +162,7 @@ def _box_faces() -> NDArray[np.uint32]:
     return np.array([face for loop in loops for face in _triangles(loop, at)], dtype=np.uint32)
 
 
-def _triangles(loop: Sequence[int], at: NDArray[np.float64]) -> list[tuple[int, int, int]]:
+def _triangles(loop: Sequence[int], at: Array) -> list[tuple[int, int, int]]:
     middle = at[list(loop)].mean(axis=0)
     first = at[loop[0]] - middle
     second = np.cross(middle, first)
@@ -160,9 +173,27 @@ def _triangles(loop: Sequence[int], at: NDArray[np.float64]) -> list[tuple[int, 
 _BOX_FACES = _box_faces()
 
 
-def _slab(low: NDArray[np.float64], high: NDArray[np.float64], axis: int, direction: int, wall: float) -> tuple[
-    NDArray[np.float64], NDArray[np.float64]
-]:
+def _pierced(size: Array, centre: Array, holes: Iterable[Hole]) -> list[tuple[Array, Array]]:
+    """The strips that are left of a plate; each hole splits the strips that it lies in."""
+    (x0, y0), (x1, y1) = (centre - size / 2)[:2], (centre + size / 2)[:2]
+    strips = [(x0, x1, y0, y1)]
+    for a, b, c, d in holes:
+        strips = [
+            rest
+            for x0, x1, y0, y1 in strips
+            for rest in (
+                [(x0, min(a, x1), y0, y1), (max(b, x0), x1, y0, y1)]
+                + [(max(a, x0), min(b, x1), y0, min(c, y1)), (max(a, x0), min(b, x1), max(d, y0), y1)]
+            )
+            if rest[1] - rest[0] > 1e-3 and rest[3] - rest[2] > 1e-3
+        ]
+    return [
+        (np.array([x1 - x0, y1 - y0, size[2]]), np.array([(x0 + x1) / 2, (y0 + y1) / 2, centre[2]]))
+        for x0, x1, y0, y1 in strips
+    ]
+
+
+def _slab(low: Array, high: Array, axis: int, direction: int, wall: float) -> tuple[Array, Array]:
     """The wall along one side of the room between two corners: size and centre."""
     low, high = low.copy(), high.copy()
     if direction > 0:
@@ -206,7 +237,7 @@ def _lathe(size: Vector, profile: Sequence[tuple[float, float]]) -> Mesh:
     return Mesh(scaled.astype(np.float32), np.concatenate(faces).astype(np.uint32))
 
 
-def _ring(circle: NDArray[np.float64], radius: float, height: float) -> NDArray[np.float64]:
+def _ring(circle: Array, radius: float, height: float) -> Array:
     return np.column_stack([circle * radius, np.full(len(circle), height)])
 
 

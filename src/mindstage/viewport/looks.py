@@ -13,7 +13,7 @@ from enum import Enum
 import msgspec
 import numpy as np
 
-from mindstage.viewport.forms import Side
+from mindstage.viewport.forms import Hole, Side
 from mindstage.viewport.palette import Paint, Surface, paint, surface, words
 from mindstage.world import Body, BodyId, Iri, ShapeKind, Vector, World
 from mindstage.world.geometry import Array, pose_array, rotation_matrix, unit
@@ -58,6 +58,8 @@ class Look(msgspec.Struct, frozen=True, kw_only=True):
     """The sides without a wall; of `INSIDE`, the one side that is drawn."""
     levels: tuple[float, ...] = ()
     """Heights of shelves [m, from the centre]."""
+    holes: tuple[Hole, ...] = ()
+    """In the top."""
     foot: float = 1.0
     """Of a vessel: the radius at its foot against the one at its rim."""
 

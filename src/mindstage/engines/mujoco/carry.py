@@ -29,8 +29,8 @@ def _update_sleep() -> Callable[[int, int], object] | None:
     The library exports it, its Python binding does not. Without it, what slept before an edit wakes up and falls
     asleep again by itself.
     """
-    for path in Path(mujoco.__file__).parent.glob("*mujoco*"):
-        if path.suffix in {".dll", ".dylib"} or ".so." in path.name:
+    for path in Path(mujoco.__file__).parent.glob(f"*mujoco*{mujoco.__version__}*"):
+        if path.suffix in {".dll", ".dylib"} or ".so" in path.name:
             function = getattr(ctypes.CDLL(str(path)), "mj_updateSleep", None)
             if function is not None:
                 function.argtypes, function.restype = (ctypes.c_void_p, ctypes.c_void_p), None
@@ -39,6 +39,8 @@ def _update_sleep() -> Callable[[int, int], object] | None:
 
 
 _UPDATE_SLEEP = _update_sleep()
+_WIDE_AWAKE = -(1 + mujoco.mjMINAWAKE)
+"""From here MuJoCo counts up, once a step, while a tree does not move; at 0 it sleeps."""
 
 
 def carry(
@@ -170,11 +172,14 @@ def _sleep_on(old: Live, new: Live, disturbed: NDArray[np.float64]) -> None:
 def wake(live: Live, disturbed: NDArray[np.float64]) -> None:
     """Wakes all that sleeps near some boxes (k x 2 x 3), and all that fell asleep together with it.
 
-    MuJoCo itself wakes what has a velocity; this one is too small to matter.
+    MuJoCo itself wakes what has a velocity; this one is too small to matter. What is about to fall asleep begins to
+    count anew.
     """
     for tree in _stirred(live, disturbed):
         if live.data.tree_asleep[tree] >= 0:
             live.data.qvel[live.model.tree_dofadr[tree]] += 1e-12
+        else:
+            live.data.tree_asleep[tree] = _WIDE_AWAKE
 
 
 def _stirred(live: Live, disturbed: NDArray[np.float64]) -> set[int]:
