@@ -9,11 +9,13 @@ class with several sizes, blanks at the ends of a text.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cache
 from math import pi
 
 import msgspec
 from hypothesis import strategies as st
 from hypothesis.strategies import SearchStrategy
+from msgspec.structs import replace
 
 from mindstage.world import (
     AngularMotion,
@@ -67,6 +69,8 @@ __all__ = [
 ]
 
 A_BODY = BodyId("body")
+LABELS = ("_:b0", "_:b1", "_:b2", "_:b3")
+AXES = ("swing1", "swing2", "twist")
 TERMS = "http://example.org/terms#"
 XSD = "http://www.w3.org/2001/XMLSchema#"
 
@@ -177,8 +181,9 @@ def anonymous(said: Sequence[Fact]) -> Anonymous:
     return Anonymous(tuple(sorted(said, key=lambda fact: (fact.property, msgspec.json.encode(fact.value)))))
 
 
+@cache
 def facts(
-    names: Sequence[str] = (), *, min_size: int = 0, max_size: int = 3, nested: int = 1
+    names: tuple[str, ...] = (), *, min_size: int = 0, max_size: int = 3, nested: int = 1
 ) -> SearchStrategy[tuple[Fact, ...]]:
     """Facts about one thing, no two of which say the same; `names` are things that they may mention."""
     references = st.sampled_from((*map(Iri, names), *THINGS)).map(Reference)
@@ -206,12 +211,29 @@ def physics() -> SearchStrategy[Physics]:
     return st.builds(Physics, mobility=mobility, gravity=told, overlap_events=told, mass_kg=masses())
 
 
-def bodies(id: BodyId = A_BODY, *, names: Sequence[str] = (), wild_tags: bool = False) -> SearchStrategy[Body]:
+def bodies(id: BodyId = A_BODY, *, wild_tags: bool = False) -> SearchStrategy[Body]:
     """One body of that id."""
+    return _bodies(wild_tags, ()).map(lambda body: replace(body, id=id, iri=Iri(MAP + id)))
+
+
+def constraints(id: BodyId, parent: BodyId, child: BodyId, *, wild_tags: bool = False) -> SearchStrategy[Constraint]:
+    """Any mix of free, limited and locked axes between two bodies."""
+    return _constraints(wild_tags, ()).map(
+        lambda constraint: replace(constraint, id=id, iri=Iri(MAP + id), parent=parent, child=child)
+    )
+
+
+def lights(id: BodyId, *, wild_tags: bool = False) -> SearchStrategy[Light]:
+    """One light of that id."""
+    return _lights(wild_tags, ()).map(lambda light: replace(light, id=id, iri=Iri(MAP + id)))
+
+
+@cache
+def _bodies(wild_tags: bool, labels: tuple[str, ...]) -> SearchStrategy[Body]:
     return st.builds(
         Body,
-        id=st.just(id),
-        iri=st.just(Iri(MAP + id)),
+        id=st.just(A_BODY),
+        iri=st.just(Iri(MAP + A_BODY)),
         cls=st.sampled_from(CLASSES),
         label=st.none() | texts(),
         pose=poses(),
@@ -221,67 +243,49 @@ def bodies(id: BodyId = A_BODY, *, names: Sequence[str] = (), wild_tags: bool = 
         physics=physics(),
         materials=st.lists(materials(), max_size=2).map(tuple),
         tags=st.lists(tags(wild=wild_tags), max_size=3).map(tuple),
-        facts=facts(names),
+        facts=facts(labels),
     )
 
 
-def _softs() -> SearchStrategy[Soft]:
-    strength = st.just(0.0) | numbers(0.0, 1e4)
-    return st.just(Soft()) | st.builds(Soft, enabled=st.booleans(), stiffness=strength, damping=strength)
-
-
-def constraints(
-    id: BodyId,
-    parent: BodyId,
-    child: BodyId,
-    *,
-    names: Sequence[str] = (),
-    wild_tags: bool = False,
-) -> SearchStrategy[Constraint]:
-    """Any mix of free, limited and locked axes between two bodies."""
+@cache
+def _constraints(wild_tags: bool, labels: tuple[str, ...]) -> SearchStrategy[Constraint]:
     motion = st.sampled_from(tuple(Motion))
-    angle = st.just(0.0) | numbers(0.0, pi)
-    linear = st.builds(
-        LinearMotion, x=motion, y=motion, z=motion, limit=st.just(0.0) | numbers(0.0, 10.0), soft=_softs()
-    )
-    angular = st.builds(
-        AngularMotion,
-        swing1=motion,
-        swing2=motion,
-        twist=motion,
-        swing1_limit=angle,
-        swing2_limit=angle,
-        twist_limit=angle,
-        swing_soft=_softs(),
-        twist_soft=_softs(),
+    limit, angle = (st.just(0.0) | numbers(0.0, high) for high in (10.0, pi))
+    soft = st.just(Soft()) | st.builds(
+        Soft, enabled=st.booleans(), stiffness=numbers(0.0, 1e4), damping=numbers(0.0, 1e4)
     )
     return st.builds(
         Constraint,
-        id=st.just(id),
-        iri=st.just(Iri(MAP + id)),
-        parent=st.just(parent),
-        child=st.just(child),
+        id=st.just(A_BODY),
+        iri=st.just(Iri(MAP + A_BODY)),
+        parent=st.just(A_BODY),
+        child=st.just(A_BODY),
         pose=poses(),
-        linear=linear,
-        angular=angular,
+        linear=st.builds(LinearMotion, x=motion, y=motion, z=motion, limit=limit, soft=soft),
+        angular=st.builds(
+            AngularMotion,
+            **{f"{axis}{what}": value for axis in AXES for what, value in (("", motion), ("_limit", angle))},
+            swing_soft=soft,
+            twist_soft=soft,
+        ),
         disable_collision=st.sampled_from((None, False, True)),
         tags=st.lists(tags(wild=wild_tags), max_size=2).map(tuple),
-        facts=facts(names, max_size=2),
+        facts=facts(labels, max_size=2),
     )
 
 
-def lights(id: BodyId, *, names: Sequence[str] = (), wild_tags: bool = False) -> SearchStrategy[Light]:
-    """One light of that id."""
+@cache
+def _lights(wild_tags: bool, labels: tuple[str, ...]) -> SearchStrategy[Light]:
     return st.builds(
         Light,
-        id=st.just(id),
-        iri=st.just(Iri(MAP + id)),
+        id=st.just(A_BODY),
+        iri=st.just(Iri(MAP + A_BODY)),
         kind=st.sampled_from(tuple(LightKind)),
         pose=poses(),
         colour=vectors(0.0, 1.0),
         intensity=numbers(0.0, 1e5),
         tags=st.lists(tags(wild=wild_tags), max_size=2).map(tuple),
-        facts=facts(names, max_size=2),
+        facts=facts(labels, max_size=2),
     )
 
 
@@ -316,40 +320,51 @@ def worlds(
     everything = count + joints + lamps
     drawn = draw(st.lists(ids().filter("map".__ne__), min_size=everything, max_size=everything, unique=True))
     bodily, joining, shining = drawn[:count], drawn[count : count + joints], drawn[count + joints :]
-    nameless = [f"_:b{number}" for number in range(draw(st.integers(0, 4)))] if labels else []
-    names = [*(MAP + id for id in bodily), *nameless]
+    nameless = LABELS if labels else ()
+    things = [draw(_bodies(wild_tags, nameless)) for _ in bodily]
     return World(
         iri=Iri(MAP + "map"),
         name="map",
-        bodies=tuple(draw(bodies(id, names=names, wild_tags=wild_tags)) for id in bodily),
-        constraints=tuple(draw(_joints(id, bodily, names, wild_tags)) for id in joining),
+        bodies=tuple(
+            replace(body, id=id, iri=Iri(MAP + id), facts=(*body.facts, *draw(_neighbours(bodily))))
+            for id, body in zip(bodily, things, strict=True)
+        ),
+        constraints=tuple(draw(_joints(id, bodily, _constraints(wild_tags, nameless))) for id in joining),
         attachments=draw(_forests(bodily)),
-        lights=tuple(draw(lights(id, names=names, wild_tags=wild_tags)) for id in shining),
-        facts=draw(facts(names)),
-        resources=draw(_resources(names, nameless)),
+        lights=tuple(replace(draw(_lights(wild_tags, nameless)), id=id, iri=Iri(MAP + id)) for id in shining),
+        facts=draw(facts(nameless)),
+        resources=draw(_resources(nameless)),
     )
 
 
 @st.composite
-def _joints(draw: st.DrawFn, id: BodyId, bodily: Sequence[BodyId], names: Sequence[str], wild_tags: bool) -> Constraint:
+def _joints(
+    draw: st.DrawFn, id: BodyId, bodily: Sequence[BodyId], any_constraint: SearchStrategy[Constraint]
+) -> Constraint:
     first = draw(st.integers(0, len(bodily) - 1))
     second = (first + draw(st.integers(1, len(bodily) - 1))) % len(bodily)
-    return draw(constraints(id, bodily[first], bodily[second], names=names, wild_tags=wild_tags))
+    parent, child = bodily[first], bodily[second]
+    return replace(draw(any_constraint), id=id, iri=Iri(MAP + id), parent=parent, child=child)
+
+
+def _neighbours(bodily: Sequence[BodyId]) -> SearchStrategy[tuple[Fact, ...]]:
+    """What a body has to do with at most one other, or itself."""
+    facts = [(Fact(Iri(TERMS + "beside"), Reference(Iri(MAP + id))),) for id in bodily]
+    return st.sampled_from([(), *facts])
 
 
 @st.composite
 def _forests(draw: st.DrawFn, bodily: Sequence[BodyId]) -> tuple[Attachment, ...]:
     """Each hangs on one that comes before it in some order, or on none: no circle, one parent each."""
     order = draw(st.permutations(bodily))
-    above = [draw(st.none() | st.sampled_from(order[:place])) if place else None for place in range(len(order))]
+    above = [draw(st.sampled_from((None, *order[:place]))) for place in range(len(order))]
     return tuple(
         Attachment(parent=parent, child=child) for parent, child in zip(above, order, strict=True) if parent is not None
     )
 
 
 @st.composite
-def _resources(draw: st.DrawFn, names: Sequence[str], nameless: Sequence[str]) -> tuple[Resource, ...]:
-    """Classes and other things that something is said about, and a label's facts if there are labels."""
-    told = draw(st.lists(st.sampled_from((*CLASSES, *THINGS)), max_size=3, unique=True))
-    said = facts(names, min_size=1, max_size=2)
-    return tuple(Resource(iri, draw(said)) for iri in (*told, *map(Iri, nameless)))
+def _resources(draw: st.DrawFn, nameless: tuple[str, ...]) -> tuple[Resource, ...]:
+    """Classes and other things that something is said about, and what is said about some labels."""
+    told = draw(st.lists(st.sampled_from((*CLASSES, *THINGS, *map(Iri, nameless))), max_size=4, unique=True))
+    return tuple(Resource(iri, draw(facts(nameless, min_size=1, max_size=2))) for iri in told)

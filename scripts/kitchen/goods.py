@@ -61,7 +61,7 @@ KINDS = {
         ("Tumbler", "knowrob:DrinkingGlass", (72, 72, 120), 0.25),
         ("TallWineGlass", "ms:WineGlass", (80, 80, 200), 0.18),
         ("SmallSaucepan", "ms:Saucepan", (180, 180, 110), 1.2),
-        ("SaucepanLid", "ms:PotLid", (184, 184, 30), 0.35),
+        ("SaucepanLid", "ms:PotLid", (176, 176, 30), 0.35),
         ("LargeStockPot", "ms:StockPot", (240, 240, 160), 2.2),
         ("FryingPan", "knowrob:Skillet", (280, 280, 50), 1.3),
         ("LargeMixingBowl", "knowrob:Bowl-Mixing", (260, 260, 130), 0.6),
@@ -130,7 +130,7 @@ INSIDE = {
 
 # surface: kind, how far in front of its middle, how far to the right of it [mm]
 ON_TOP = {
-    "floor": (("StepOnBin", -1620, -700),),
+    "floor": (("StepOnBin", 700, -1600),),
     "counter_left": (
         ("BeechKnifeBlock", -180, -850),
         ("OakBoard", 60, -700),
@@ -144,8 +144,8 @@ ON_TOP = {
     "window_sill": (("BasilPot", 0, -200),),
     "counter_west": (
         ("FilterCoffeeMaker", -150, -200),
-        ("WaterKettle", -170, 80),
-        ("TwinToaster", -180, 400),
+        ("WaterKettle", -170, 50),
+        ("TwinToaster", -180, 330),
         ("WovenBreadbasket", -140, 690),
     ),
     "wall_shelf": (
@@ -160,11 +160,11 @@ ON_TOP = {
         ("Plate", -250, 350),
         ("TableFork", -250, 190),
         ("DinnerKnife", -250, 510),
-        ("Tumbler", -80, 480),
+        ("Tumbler", -60, 480),
         ("Plate", -250, -350),
         ("TableFork", -250, -510),
         ("DinnerKnife", -250, -190),
-        ("Tumbler", -80, -220),
+        ("Tumbler", -60, -220),
         ("WaterBottle", 60, 0),
         ("CoffeeMug", 220, 350),
         ("JamJar", 150, -300),

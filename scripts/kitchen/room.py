@@ -208,7 +208,7 @@ def build_sideboard(scene: Scene) -> None:
 
 def build_dresser(scene: Scene) -> None:
     """Two drawers over two doors."""
-    kind = Kind("DresserW90H86", "knowrob:Dresser-PieceOfFurniture", (560, 900, COUNTER))
+    kind = Kind("DresserW90H90", "knowrob:Dresser-PieceOfFurniture", (560, 900, 900))
     dresser = cabinet(scene, "dresser", kind, EAST, -300)
     double_door(dresser, "dresser_door", PLINTH, 558, 540)
     dresser.drawer("drawer_dresser_left", 658, 200, width=450)

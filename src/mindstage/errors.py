@@ -9,7 +9,8 @@
     ├── KnowledgeError          a source cannot be used (exit code 2)
     │   ├── SourceUnreadable    no such file, or not what its format promises
     │   ├── MapMissing          no semantic map where one was asked for
-    │   └── MapAmbiguous        several maps, and nobody said which
+    │   ├── MapAmbiguous        several maps, and nobody said which
+    │   └── MapUnwritable       a world holds what no map file can, or the file cannot be written
     ├── EngineError             the engine itself broke (exit code 2)
     │   ├── EngineUnavailable   it is not installed, or cannot be reached
     │   ├── EngineClosed        it was closed before the call
@@ -35,6 +36,7 @@ __all__ = [
     "KnowledgeError",
     "MapAmbiguous",
     "MapMissing",
+    "MapUnwritable",
     "MindstageError",
     "PoseUnreachable",
     "SimulationUnstable",
@@ -146,6 +148,20 @@ class MapAmbiguous(KnowledgeError):
 
     def __str__(self) -> str:
         return f"{len(self.known)} maps are loaded ({', '.join(self.known)}); name one of them"
+
+
+class MapUnwritable(KnowledgeError):
+    """A world cannot become a map file: it holds what the format has no way to write, or the file is in the way."""
+
+    def __init__(self, what: str, *, cause: str, remedy: str = "") -> None:
+        self.what = what
+        self.cause = cause
+        self.remedy = remedy
+        super().__init__(what)
+
+    def __str__(self) -> str:
+        remedy = f"; {self.remedy}" if self.remedy else ""
+        return f"cannot write {self.what}: {self.cause}{remedy}"
 
 
 class EngineError(MindstageError):

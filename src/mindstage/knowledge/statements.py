@@ -6,7 +6,7 @@ value, and a statement is only taken away if saying the value would give it back
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import TypeVar
 
 from mindstage.errors import MapUnwritable
@@ -15,7 +15,7 @@ from mindstage.knowledge.vocabulary import UNTOLD
 from mindstage.knowledge.words import Word
 from mindstage.world import Fact, Iri, Literal, Reference
 
-__all__ = ["Heard", "tell", "tell_each"]
+__all__ = ["Heard", "Said"]
 
 T = TypeVar("T")
 
@@ -29,6 +29,7 @@ class Heard:
         self._report = report
         self._at: dict[Iri, list[int]] = {}
         self._taken: set[int] = set()
+        self._leading: list[int] = []
         for index, fact in enumerate(facts):
             self._at.setdefault(fact.property, []).append(index)
         self._untold = {self.facts[index].value for index in self._at.get(UNTOLD, ())}
@@ -85,44 +86,69 @@ class Heard:
                 self._taken.add(index)
         return found
 
-    def left(self, *, first: int | None = None) -> tuple[Fact, ...]:
-        """The facts that nothing has taken, in their order but for one that comes first."""
-        rest = [index for index in range(len(self.facts)) if index not in self._taken and index != first]
-        if first is not None and first not in self._taken:
-            rest.insert(0, first)
-        return tuple(self.facts[index] for index in rest)
+    def lead(self, index: int) -> None:
+        """Marks the one fact that counts among several of its property: it stays, and comes first."""
+        if self._at[self.facts[index].property][0] != index:
+            self._leading.append(index)
+
+    def left(self) -> tuple[Fact, ...]:
+        """The facts that nothing has taken."""
+        leading = self._leading
+        rest = (index for index in range(len(self.facts)) if index not in self._taken and index not in leading)
+        return tuple(self.facts[index] for index in (*leading, *rest))
 
     def warn(self, property: str, what: str, did: str) -> None:
         """Reports something odd about this thing."""
         self._report(Severity.WARNING, self.subject, property, what, did)
 
 
-def tell(said: list[Fact], word: Word[T], value: T | None, facts: Iterable[Fact] = ()) -> None:
-    """Says a value, unless the facts that are said as well already give it, or say more than they should.
+class Said:
+    """What is said about one thing, while it is written."""
 
-    Args:
-        said: the statements about the thing so far.
-        word: what is said.
-        value: None if the world does not know.
-        facts: the thing's own facts, which are said anyway.
+    def __init__(self, subject: Iri, facts: Sequence[Fact] = ()) -> None:
+        """Begins to speak.
 
-    Raises:
-        MapUnwritable: no reader would understand the value, such as an infinite mass.
-    """
-    told = next((v for f in facts if f.property == word.property and (v := word.understand(f.value)) is not None), None)
-    if value is None:
-        if told is not None:
-            said.append(Fact(UNTOLD, Reference(word.property)))
-        return
-    if told == value:
-        return
-    term = word.say(value)
-    if word.understand(term) != value:
-        raise MapUnwritable(f"{word.property} {value!r}", cause=f"a map needs {word.what} there")
-    said.append(Fact(word.property, term))
+        Args:
+            subject: the thing.
+            facts: its facts, which are said in any case, after everything else.
+        """
+        self.subject = subject
+        self._facts = facts
+        self._said: list[Fact] = []
 
+    def add(self, property: Iri, iri: Iri) -> None:
+        """Says that one thing has to do with another."""
+        self._said.append(Fact(property, Reference(iri)))
 
-def tell_each(said: list[Fact], told: Iterable[tuple[Word[T], T | None]], facts: Sequence[Fact] = ()) -> None:
-    """Says several values."""
-    for word, value in told:
-        tell(said, word, value, facts)
+    def told(self, word: Word[T]) -> T | None:
+        """What the facts alone would give as the value of a word."""
+        values = (word.understand(fact.value) for fact in self._facts if fact.property == word.property)
+        return next((value for value in values if value is not None), None)
+
+    def value(self, word: Word[T], value: T | None) -> None:
+        """Says a value, or nothing where it is None.
+
+        Nothing is said either where the facts already give the value; where they give one that the world does not
+        have, they are marked as facts only.
+
+        Raises:
+            MapUnwritable: no reader would understand the value, such as an infinite mass.
+        """
+        told = self.told(word) if self._facts else None
+        if told is not None and value is None:
+            self.add(UNTOLD, word.property)
+        elif value is not None and told != value:
+            term = word.say(value)
+            if word.understand(term) != value:
+                what = f"the value {value!r} of {word.property}"
+                raise MapUnwritable(self.subject, cause=f"{what} is not {word.what}")
+            self._said.append(Fact(word.property, term))
+
+    def values(self, *told: tuple[Word[T], T | None]) -> None:
+        """Says several values."""
+        for word, value in told:
+            self.value(word, value)
+
+    def everything(self) -> list[Fact]:
+        """All that is said, the facts last."""
+        return [*self._said, *self._facts]

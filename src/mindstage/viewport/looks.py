@@ -2,19 +2,20 @@
 
 A map knows boxes; drawn as boxes, a kitchen is a heap of blocks with everything inside them hidden. So what holds
 something is drawn open on the side from which one reaches in, what encloses the whole place only as an outline, and a
-wall only from the side of the room, which leaves the view from outside free.
+wall or a ceiling only from inside the room, which leaves the view from outside free.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from enum import Enum
 
 import msgspec
 import numpy as np
+from numpy.typing import NDArray
 
 from mindstage.viewport.forms import Hole, Side
-from mindstage.viewport.palette import Paint, Surface, paint, surface, words
+from mindstage.viewport.palette import Paint, Surface, nouns, paint, surface
 from mindstage.world import Body, BodyId, Iri, ShapeKind, Vector, World
 from mindstage.world.geometry import Array, pose_array, rotation_matrix, unit
 
@@ -26,13 +27,24 @@ ASSUMED_SIZE_M: Vector = (0.1, 0.1, 0.1)
 _SPACE_M = 2.5
 """Nothing that one puts into a room is so large along all three axes."""
 _LID_SHARE = 0.5
+"""So much of the top a lid covers."""
+_DEPTH_COUNTS = 0.02
+"""Of two sides that a front is equally close to, it closes the one across which it is thin."""
 _TOUCH_M = 0.02
+_BROAD_M = 0.2
+_SMALLEST_BOX_M = 0.08
+"""Nobody reaches into anything smaller."""
 
-_OPEN_AT_THE_TOP = frozenset("basket bin breadbasket crate drawer rack sink tray bucket".split())
-_FEET = {"bowl": 0.5, "plate": 0.6, "saucer": 0.6, "dish": 0.6, "cup": 0.75, "pan": 0.85, "vase": 0.8, "mug": 0.95}
-_VESSELS = frozenset("colander glass jug pitcher pot teapot drinkingvessel".split()) | _FEET.keys()
-_ROUND = frozenset("bottle can carafe jar column".split())
+_OPEN_AT_THE_TOP = frozenset("basket bin breadbasket bucket crate drawer rack sink tray washbasin".split())
+_FEET = {"bowl": 0.5, "cup": 0.75, "dish": 0.6, "mug": 0.95, "pan": 0.85, "plate": 0.6, "saucer": 0.6, "vase": 0.8}
+_VESSELS = frozenset("colander drinkingvessel glass jug pitcher pot".split()) | _FEET.keys()
+_ROUND = frozenset("bottle can carafe column jar".split())
 _BALLS = frozenset("apple ball egg lemon onion orange potato tomato".split())
+_TELLING = _OPEN_AT_THE_TOP | _VESSELS | _ROUND | _BALLS
+_BUILDING = frozenset({Surface.WALL, Surface.FLOOR, Surface.CEILING})
+
+_AROUND = frozenset({Surface.WALL, Surface.CEILING, Surface.GLASS})
+"""What stands round a room; a small thing of glass is not thin in that way."""
 
 
 class Form(Enum):
@@ -67,10 +79,10 @@ class Look(msgspec.Struct, frozen=True, kw_only=True):
 def decide_looks(
     world: World, ancestors: Callable[[Iri], Iterable[Iri]], *, shells: Iterable[BodyId] = ()
 ) -> dict[BodyId, Look]:
-    """Decides for all bodies of a world, as it stands.
+    """Decides for all bodies of a world, as it is described.
 
     Args:
-        world: what is there, at the poses it was described with.
+        world: what is there.
         ancestors: of a class, nearest first.
         shells: what the engine took for shells.
     """
@@ -80,147 +92,173 @@ def decide_looks(
 class _Onlooker:
     """One world, as arrays, while it is decided about."""
 
-    def __init__(
-        self, world: World, ancestors: Callable[[Iri], Iterable[Iri]], shells: frozenset[BodyId]
-    ) -> None:
-        self.world = world
+    def __init__(self, world: World, ancestors: Callable[[Iri], Iterable[Iri]], shells: frozenset[BodyId]) -> None:
+        self.bodies = world.bodies
         self.rows = {body.id: row for row, body in enumerate(world.bodies)}
         self.ancestors = {cls: tuple(ancestors(cls)) for cls in {body.cls for body in world.bodies}}
         self.surfaces = [surface(body.cls, self.ancestors[body.cls]) for body in world.bodies]
         poses = pose_array(body.pose for body in world.bodies)
-        sizes = [body.size or ASSUMED_SIZE_M for body in world.bodies]
-        self.half = np.array(sizes, dtype=np.float64).reshape(-1, 3) / 2
-        self.centre = poses[:, :3]
-        self.turn = rotation_matrix(unit(poses[:, 3:]))
-        self.is_shell = np.array([body.id in shells for body in world.bodies], dtype=bool) | self._enclosing()
-        self.roots, self.groups = self._assemblies()
-        self.fronts = self._fronts()
+        self.centre, self.turn = poses[:, :3], rotation_matrix(unit(poses[:, 3:]))
+        self.half = np.array([body.size or ASSUMED_SIZE_M for body in world.bodies], dtype=float).reshape(-1, 3) / 2
+        self.volume = np.prod(2 * self.half, axis=1)
+        named = np.array([body.id in shells for body in world.bodies], dtype=bool)
+        self.is_shell = named | np.all(2 * self.half > _SPACE_M, axis=1)
+        self.is_thing = ~self.is_shell & np.array([made not in _BUILDING for made in self.surfaces], dtype=bool)
+        self.roots = self._roots({hold.child: hold.parent for hold in world.attachments})
+        self.fronts = self._fronts([(joint.parent, joint.child) for joint in world.constraints])
+        self.is_loose = self._loose()
+        self.forms = [self._form(body) for body in world.bodies]
+        self.sunk = [row for row, form in enumerate(self.forms) if form is Form.OPEN_BOX and not self.is_loose[row]]
 
     def looks(self) -> dict[BodyId, Look]:
-        return {body.id: self._look(row, body) for row, body in enumerate(self.world.bodies)}
+        """Of all bodies, by id."""
+        return {body.id: self._look(row, body) for row, body in enumerate(self.bodies)}
 
     def _look(self, row: int, body: Body) -> Look:
         size = body.size or ASSUMED_SIZE_M
         painted = paint(body.cls, self.ancestors[body.cls], body.materials)
+        form = self.forms[row]
         if self.is_shell[row]:
             return Look(form=Form.OUTLINE, size=size, paint=painted)
-        if self.surfaces[row] in (Surface.WALL, Surface.CEILING) and body.physics.simulates is False:
-            return Look(form=Form.INSIDE, size=size, paint=painted, openings=(self._side_to_the_room(row),))
-        form, foot = self._form(body)
-        if form is Form.BOX or form is Form.OPEN_BOX:
-            openings, levels = self._openings(row, wanted=form is Form.OPEN_BOX)
-            form = Form.OPEN_BOX if openings else Form.BOX
-            return Look(form=form, size=size, paint=painted, openings=openings, levels=levels)
-        return Look(form=form, size=size, paint=painted, foot=foot)
+        if (side := self._only_side(row)) is not None:
+            return Look(form=Form.INSIDE, size=size, paint=painted, openings=(side,))
+        if form not in (Form.BOX, Form.OPEN_BOX):
+            feet = (_FEET[noun] for noun in self._nouns(body) if noun in _FEET)
+            return Look(form=form, size=size, paint=painted, foot=next(feet, 1.0))
+        openings, levels = self._openings(row)
+        form = Form.OPEN_BOX if openings else Form.BOX
+        holes = () if (2, 1) in openings else self._holes(row)
+        return Look(form=form, size=size, paint=painted, openings=openings, levels=levels, holes=holes)
 
-    def _form(self, body: Body) -> tuple[Form, float]:
-        names = [word for cls in (body.cls, *self.ancestors[body.cls]) for word in reversed(words(cls))]
+    # -- what it is ------------------------------------------------------------------------------------------
+
+    def _nouns(self, body: Body) -> tuple[str, ...]:
+        return nouns(body.cls, self.ancestors[body.cls])
+
+    def _form(self, body: Body) -> Form:
         kind = body.shape.kind if body.shape else None
-        telling = next((word for word in names if word in _VESSELS | _ROUND | _BALLS | _OPEN_AT_THE_TOP), "")
-        if kind is ShapeKind.SPHERE:
-            return Form.BALL, 1.0
-        if telling in _VESSELS and kind is not ShapeKind.BOX:
-            return Form.VESSEL, _FEET.get(telling, 1.0)
-        if kind is ShapeKind.CYLINDER or (telling in _ROUND and kind is None):
-            return Form.CYLINDER, 1.0
-        if telling in _BALLS and kind is None:
-            return Form.BALL, 1.0
-        return Form.OPEN_BOX if telling in _OPEN_AT_THE_TOP else Form.BOX, 1.0
+        noun = next((noun for noun in self._nouns(body) if noun in _TELLING), "")
+        if noun in _VESSELS and kind in (None, ShapeKind.CYLINDER):
+            return Form.VESSEL
+        if kind is ShapeKind.CYLINDER or (noun in _ROUND and kind is None):
+            return Form.CYLINDER
+        if kind is ShapeKind.SPHERE or (noun in _BALLS and kind is None):
+            return Form.BALL
+        return Form.OPEN_BOX if noun in _OPEN_AT_THE_TOP else Form.BOX
 
-    # -- the whole place -------------------------------------------------------------------------------------
+    def _only_side(self, row: int) -> Side | None:
+        """The one side that is drawn of what would hide the room from outside: walls, ceilings, lamps up there."""
+        if self.bodies[row].physics.simulates:
+            return None
+        thinnest, next_thinnest = np.sort(self.half[row])[:2]
+        if self.surfaces[row] in _AROUND and thinnest < 0.25 * next_thinnest and next_thinnest > _BROAD_M:
+            axis = int(np.argmin(self.half[row]))
+            offsets = (self.centre[self.is_thing] - self.centre[row]) @ self.turn[row][:, axis]
+            return axis, 1 if np.sum(np.sign(offsets)) >= 0 else -1
+        if self.surfaces[row] is Surface.LAMP and self._is_overhead(row):
+            axis, direction = self._top(row)
+            return axis, -direction
+        return None
 
-    def _enclosing(self) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
-        """Which bodies are spaces rather than things, whatever the engine says."""
-        return np.asarray(np.all(2 * self.half > _SPACE_M, axis=1))
+    def _is_overhead(self, row: int) -> bool:
+        lamps = np.array([made is Surface.LAMP for made in self.surfaces], dtype=bool)
+        beneath = self.centre[self.is_thing & ~lamps, 2]
+        return bool(beneath.size) and self.centre[row, 2] > float(np.quantile(beneath, 0.9))
 
-    def _side_to_the_room(self, row: int) -> Side:
-        """The broad side of a wall or ceiling that faces most of what stands there."""
-        axis = int(np.argmin(self.half[row]))
-        things = ~self.is_shell & np.array([made not in _BUILDING for made in self.surfaces])
-        offsets = (self.centre[things] - self.centre[row]) @ self.turn[row][:, axis]
-        return axis, 1 if np.sum(np.sign(offsets)) >= 0 else -1
+    def _top(self, row: int) -> Side:
+        """The side of a box that looks up."""
+        up = self.turn[row][2]
+        axis = int(np.argmax(np.abs(up)))
+        return axis, 1 if up[axis] > 0 else -1
 
-    def _assemblies(self) -> tuple[list[int], dict[int, list[int]]]:
-        """Of each body, the body that it finally hangs on; and of each of those, all that hang on it."""
-        parents = {hold.child: hold.parent for hold in self.world.attachments}
+    # -- what hangs together ---------------------------------------------------------------------------------
+
+    def _roots(self, parents: dict[BodyId, BodyId]) -> list[int]:
+        """Of each body, the body that it finally hangs on."""
         roots = []
-        for body in self.world.bodies:
+        for body in self.bodies:
             top, seen = body.id, {body.id}
-            while (above := parents.get(top)) in self.rows and above is not None and above not in seen:
-                top = above
+            while (above := parents.get(top, body.id)) in self.rows and above not in seen:
                 seen.add(above)
+                top = above
             roots.append(self.rows[top])
+        return roots
+
+    def _fronts(self, joints: list[tuple[BodyId, BodyId]]) -> dict[int, list[NDArray[np.intp]]]:
+        """Of each assembly, what is hinged on it or slides in it, with all that hangs on that."""
         groups: dict[int, list[int]] = {}
-        for row, root in enumerate(roots):
+        for row, root in enumerate(self.roots):
             groups.setdefault(root, []).append(row)
-        return roots, groups
+        fronts: dict[int, list[NDArray[np.intp]]] = {}
+        for parent, child in joints:
+            ends = {self.roots[self.rows[end]] for end in (parent, child) if end in self.rows}
+            if len(ends) == 2:
+                front, frame = sorted(ends, key=lambda row: (not self.bodies[row].physics.simulates, self.volume[row]))
+                fronts.setdefault(frame, []).append(np.array(groups[front]))
+        return fronts
+
+    def _loose(self) -> NDArray[np.bool_]:
+        """What stands somewhere and could be taken away."""
+        loose = np.array([body.physics.simulates for body in self.bodies], dtype=bool)
+        for front in (front for fronts in self.fronts.values() for front in fronts):
+            loose[front] = False
+        return loose
 
     # -- what is open ----------------------------------------------------------------------------------------
 
-    def _fronts(self) -> dict[int, list[list[int]]]:
-        """Of each assembly, the assemblies that are hinged on it or slide in it."""
-        fronts: dict[int, list[list[int]]] = {}
-        for joint in self.world.constraints:
-            ends = [self.roots[self.rows[end]] for end in (joint.parent, joint.child) if end in self.rows]
-            if len(ends) == 2 and ends[0] != ends[1]:
-                frame, front = sorted(ends, key=self._heft, reverse=True)
-                fronts.setdefault(frame, []).append(self.groups[front])
-        return fronts
-
-    def _heft(self, row: int) -> tuple[bool, float]:
-        return not self.world.bodies[row].physics.simulates, float(np.prod(self.half[row]))
-
-    def _openings(self, row: int, *, wanted: bool) -> tuple[tuple[Side, ...], tuple[float, ...]]:
-        """The sides of a box that are drawn open, and the shelves in it."""
-        centre, half = self.centre[row], self.half[row]
-        if self.surfaces[row] in _BUILDING or half.min() < 0.01:
+    def _openings(self, row: int) -> tuple[tuple[Side, ...], tuple[float, ...]]:
+        """The sides of a box that are drawn open, and the heights of the shelves in it."""
+        half, top = self.half[row], self._top(row)
+        if self.surfaces[row] in _BUILDING or self.surfaces[row] is Surface.GLASS or half.min() < 0.005:
             return (), ()
-        up = self.turn[row][2]
-        vertical = int(np.argmax(np.abs(up)))
-        top: Side = (vertical, 1 if up[vertical] > 0 else -1)
-        closed_by = (self._closes(row, front, top) for front in self.fronts.get(self.roots[row], ()))
-        sides = sorted({side for side in closed_by if side is not None})
-        if wanted:
+        if self.forms[row] is Form.OPEN_BOX:
             return (top,), ()
-        inside = self._inside(row)
+        if half.min() < _SMALLEST_BOX_M / 2:
+            return (), ()
+        closed = (self._closes(row, front, top) for front in self.fronts.get(self.roots[row], ()))
+        sides = tuple(sorted({side for side in closed if side is not None}))
+        low, high = self._within(row, slice(None))
+        middle = np.abs(low + high) / 2
+        inside = np.all(middle < half, axis=1) & (self.volume < 0.5 * self.volume[row]) & self.is_loose
         if not (sides or inside.any()):
             return (), ()
-        bottoms = ((self.centre[inside] - centre) @ self.turn[row] - self._reach(row, inside))[:, 2]
-        levels = tuple(sorted({round(float(level), 2) for level in bottoms if level > 0.06 - half[2]}))
-        return tuple(sides or [top]), levels if sides and vertical == 2 else ()
+        levels = {round(float(level), 2) for level in low[inside, 2] if level > 0.06 - half[2]}
+        return sides or (top,), tuple(sorted(levels)) if sides and top == (2, 1) else ()
 
-    def _inside(self, row: int) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
-        """Which loose things are in a box."""
-        local = np.abs((self.centre - self.centre[row]) @ self.turn[row])
-        smaller = np.prod(self.half, axis=1) < 0.5 * np.prod(self.half[row])
-        loose = np.array([body.physics.simulates for body in self.world.bodies], dtype=bool)
-        hinged = {member for fronts in self.fronts.values() for front in fronts for member in front}
-        loose[list(hinged)] = False
-        return np.asarray(np.all(local < self.half[row], axis=1) & smaller & loose)
-
-    def _closes(self, row: int, front: list[int], top: Side) -> Side | None:
-        """Which side of a box a door or drawer closes, with all that hangs on it; None if it is elsewhere."""
+    def _closes(self, row: int, front: NDArray[np.intp], top: Side) -> Side | None:
+        """Which side of a box a door or a drawer closes; None if it is elsewhere."""
         half = self.half[row]
-        middle = (self.centre[front] - self.centre[row]) @ self.turn[row]
-        reach = self._reach(row, np.array(front))
-        low, high = (middle - reach).min(axis=0), (middle + reach).max(axis=0)
+        lows, highs = self._within(row, front)
+        # A handle tells where the front is, but how far it reaches to the sides says nothing.
+        handles = np.array([self.surfaces[other] is Surface.DARK_METAL for other in front], dtype=bool)[:, None]
+        middle = (lows + highs) / 2
+        low, high = np.where(handles, middle, lows).min(axis=0), np.where(handles, middle, highs).max(axis=0)
         if np.any(low > half + _TOUCH_M) or np.any(high < -half - _TOUCH_M):
             return None
-        gaps = {(axis, sign): float((half - high if sign > 0 else half + low)[axis]) for axis in range(3) for sign in (1, -1)}
-        del gaps[(top[0], -top[1])]
-        others = [axis for axis in range(3) if axis != top[0]]
-        if float(np.prod((high - low)[others])) < _LID_SHARE * float(np.prod(2 * half[others])):
+        gaps = {(axis, 1): float(half[axis] - high[axis]) for axis in range(3)}
+        gaps |= {(axis, -1): float(half[axis] + low[axis]) for axis in range(3)}
+        del gaps[top[0], -top[1]]
+        flat = [axis for axis in range(3) if axis != top[0]]
+        if np.prod((high - low)[flat]) < _LID_SHARE * np.prod(2 * half[flat]):
             del gaps[top]
-        side = min(gaps, key=lambda side: gaps[side])
+        side = min(gaps, key=lambda side: gaps[side] + _DEPTH_COUNTS * float((high - low)[side[0]]))
         across = [axis for axis in range(3) if axis != side[0]]
-        centred = np.all(np.abs((low + high)[across] / 2) < half[across])
-        return side if centred else None
+        return side if np.all(np.abs(low + high)[across] / 2 < half[across]) else None
 
-    def _reach(self, row: int, others: Array | np.ndarray[tuple[int], np.dtype[np.bool_]]) -> Array:
-        """Half the extents of other bodies along the axes of one."""
+    def _holes(self, row: int) -> tuple[Hole, ...]:
+        """Where sinks and the like are let into the top of a box."""
+        if self._top(row) != (2, 1) or self.is_loose[row]:
+            return ()
+        rows = np.array([other for other in self.sunk if other != row], dtype=np.intp)
+        low, high = self._within(row, rows)
+        half = self.half[row]
+        let_in = np.all((low[:, :2] > -half[:2]) & (high[:, :2] < half[:2]), axis=1)
+        let_in &= (low[:, 2] < half[2] - _TOUCH_M) & (high[:, 2] > half[2] - _TOUCH_M)
+        return tuple((a, b, c, d) for (a, c), (b, d) in zip(low[let_in, :2].tolist(), high[let_in, :2].tolist(), strict=True))
+
+    def _within(self, row: int, others: NDArray[np.intp] | slice) -> tuple[Array, Array]:
+        """Lower and upper corners of other bodies, in the frame of one."""
         turn = np.abs(self.turn[row].T @ self.turn[others])
-        return np.asarray(np.einsum("nij,nj->ni", turn, self.half[others]))
-
-
-_BUILDING = frozenset({Surface.WALL, Surface.FLOOR, Surface.CEILING, Surface.GLASS})
-
+        reach = np.einsum("nij,nj->ni", turn, self.half[others])
+        middle = (self.centre[others] - self.centre[row]) @ self.turn[row]
+        return middle - reach, middle + reach

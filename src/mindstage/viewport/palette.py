@@ -17,7 +17,7 @@ import msgspec
 
 from mindstage.world import Colour, Iri, Material
 
-__all__ = ["HIGHLIGHT_OPACITY", "Paint", "Surface", "lit", "local_name", "paint", "surface", "words"]
+__all__ = ["HIGHLIGHT_OPACITY", "Paint", "Surface", "lit", "local_name", "nouns", "paint", "surface", "words"]
 
 HIGHLIGHT_OPACITY = 0.85
 """Of a lit body that is see-through otherwise: a highlight must be seen."""
@@ -108,6 +108,8 @@ _SURFACE_WORDS: dict[Surface, str] = {
 }
 _SURFACES = {word: surface for surface, text in _SURFACE_WORDS.items() for word in text.split()}
 
+_MACHINES = frozenset({Surface.STEEL, Surface.BLACK_GLASS})
+
 _OWN_COLOURS = {
     word: Paint(_rgb(colour))
     for colour, text in {
@@ -132,11 +134,14 @@ def surface(cls: Iri, ancestors: Iterable[Iri] = ()) -> Surface:
         cls: the class.
         ancestors: its ancestors, nearest first.
     """
+    own = [_SURFACES[word] for word in map(_known, reversed(words(cls))) if word is not None]
     for name in (cls, *ancestors):
-        if (key := _telling_word(name)) is not None:
-            return _SURFACES[key]
-    named = (_known(word) for word in reversed(words(cls)))
-    return next((_SURFACES[word] for word in named if word is not None), Surface.UNKNOWN)
+        if (noun := _telling_noun(name)) is None:
+            continue
+        # The door of a fridge is made like the fridge; the handle of its door is not.
+        machine = next((made for made in own[1:] if made in _MACHINES), None) if noun == "door" else None
+        return machine or _SURFACES[noun]
+    return own[0] if own else Surface.UNKNOWN
 
 
 def paint(cls: Iri, ancestors: Iterable[Iri] = (), materials: Sequence[Material] = ()) -> Paint:
@@ -175,14 +180,24 @@ def words(iri: str) -> tuple[str, ...]:
     return tuple(part.lower() for part in parts if len(part) > 1 and not (part.isupper() or part.isdigit()))
 
 
-def _telling_word(iri: str) -> str | None:
+def nouns(cls: Iri, ancestors: Iterable[Iri] = ()) -> tuple[str, ...]:
+    """What things of a class are, in a word each, most telling first: for a DinnerPlate plate, then dish, vessel …"""
+    return tuple(singular for name in (cls, *ancestors) for word in words(name)[-1:] for singular in _forms(word))
+
+
+def _telling_noun(iri: str) -> str | None:
     """The noun that the name of a class ends with, or the whole name, if it is a known one."""
     parts = words(iri)
     return _known("".join(parts)) or (_known(parts[-1]) if parts else None)
 
 
 def _known(word: str) -> str | None:
-    return next((form for form in (word, word.removesuffix("s"), word.removesuffix("es")) if form in _SURFACES), None)
+    return next((form for form in _forms(word) if form in _SURFACES), None)
+
+
+def _forms(word: str) -> tuple[str, ...]:
+    """A word, and what it may be the plural of."""
+    return tuple(dict.fromkeys((word, word.removesuffix("s"), word.removesuffix("es"))))
 
 
 def _number(text: str) -> int:

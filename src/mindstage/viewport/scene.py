@@ -10,7 +10,7 @@ import numpy as np
 import viser
 from numpy.typing import NDArray
 
-from mindstage.viewport.forms import Mesh, ball, box, cylinder, edges, inside, open_box, vessel
+from mindstage.viewport.forms import Mesh, ball, box, cylinder, edges, inside, open_box, pierced_box, vessel
 from mindstage.viewport.framing import View
 from mindstage.viewport.looks import Form, Look
 from mindstage.viewport.palette import Paint, lit
@@ -208,7 +208,7 @@ def _opacity(paint: Paint) -> float | None:
 def _mesh(look: Look) -> Mesh:
     match look.form:
         case Form.OPEN_BOX:
-            return open_box(look.size, look.openings, look.levels)
+            return open_box(look.size, look.openings, levels=look.levels, holes=look.holes)
         case Form.CYLINDER:
             return cylinder(look.size)
         case Form.VESSEL:
@@ -218,22 +218,22 @@ def _mesh(look: Look) -> Mesh:
         case Form.INSIDE:
             return inside(look.size, look.openings[0])
         case _:
-            return box(look.size)
+            return pierced_box(look.size, look.holes) if look.holes else box(look.size)
 
 
 def _light(scene: viser.SceneApi) -> viser.DirectionalLightHandle:
     """Daylight from a window behind the visitor's shoulder, a little from everywhere else, and a quiet background."""
     scene.configure_default_lights(enabled=False)
-    scene.configure_environment_map("studio", environment_intensity=0.55)
+    scene.configure_environment_map("studio", environment_intensity=0.28)
     scene.world_axes.visible = False
     rows = np.linspace(*_SKY, 64).astype(np.uint8)
     scene.set_background_image(np.repeat(rows[:, None, :], 2, axis=1), format="png")
     return scene.add_light_directional(
-        "/sun", color=(255, 246, 232), intensity=2.4, cast_shadow=True, position=_sun_beside(np.array([1.0, -1.0, 1.0]))
+        "/sun", color=(255, 246, 232), intensity=1.9, cast_shadow=True, position=_sun_beside(np.array([1.0, -1.0, 1.0]))
     )
 
 
 def _sun_beside(away: Array) -> Vector:
     """Where the sun stands for an eye in that direction from the middle."""
-    azimuth = float(np.arctan2(away[1], away[0])) + np.radians(38.0)
+    azimuth = float(np.arctan2(away[1], away[0])) + np.radians(65.0)
     return 6.0 * float(np.cos(azimuth)), 6.0 * float(np.sin(azimuth)), 8.0

@@ -17,8 +17,8 @@ from mindstage.world.values import Body, Constraint, Light, World
 
 __all__ = ["is_label", "same_names"]
 
-ROUNDS = 16
-"""How far around a label one looks at most to tell it from others."""
+ROUNDS = 64
+"""How often all labels are looked at; what they do not tell apart by then is paired in the order of the worlds."""
 
 Place = tuple[str, str]
 """Who says it, and by which property."""
@@ -102,24 +102,31 @@ class _Matching:
         self.a, self.b, self.names, self.forms = a, b, names, forms
         self.taken = {mine: theirs for theirs, mine in names.items()}
         """The same from a's to b's."""
+        self._rounds = ROUNDS
 
     def run(self) -> None:
         """Looks at places first, since those still tell labels apart when something was lost on the way."""
         self._follow([self.names.get(name, name) for name in self.b.places if name in self.names or not is_label(name)])
-        mine, theirs = self._by_colour()
-        for colour, labels in theirs.items():
-            free = iter(mine.get(colour, ()))
-            for label in labels:
-                if label not in self.names:
-                    self._pair(next((name for name in free if name not in self.taken), None), label)
+        groups = self._groups()
+        while self._rounds and groups:
+            for mine, theirs in groups:
+                if len(mine) == len(theirs) == 1:
+                    self._pair(mine[0], theirs[0])
+            # What is left looks alike. One guess is as good as another, but it tells the neighbours apart.
+            if guess := next((group for group in groups if len(group[0]) > 1), None):
+                self._pair(guess[0][0], guess[1][0])
+            groups = self._groups()
+        for mine, theirs in groups:
+            for pair in zip(mine, theirs, strict=False):
+                self._pair(*pair)
         for label in self.b.all:
-            self._pair(label if label in self.a.all else None, label)
+            if label in self.a.all:
+                self._pair(label, label)
 
-    def _pair(self, mine: str | None, theirs: str) -> None:
-        if mine is None or mine in self.taken or theirs in self.names:
-            return
-        self.names[theirs], self.taken[mine] = mine, theirs
-        self._follow([mine])
+    def _pair(self, mine: str, theirs: str) -> None:
+        if mine not in self.taken and theirs not in self.names:
+            self.names[theirs], self.taken[mine] = mine, theirs
+            self._follow([mine])
 
     def _follow(self, owners: list[str]) -> None:
         """Pairs labels that stand alone at the same place, then those at their places, and so on."""
@@ -133,19 +140,21 @@ class _Matching:
                     self.names[theirs[0]], self.taken[mine[0]] = mine[0], theirs[0]
                     owners.append(mine[0])
 
-    def _by_colour(self) -> tuple[Mapping[str, list[str]], Mapping[str, list[str]]]:
-        """The labels of both that are still alone, by what is said about and with them, near and far."""
+    def _groups(self) -> list[tuple[list[str], list[str]]]:
+        """The labels of both that are still alone, in groups that nothing said about or with them tells apart."""
         a = {label: label if label in self.taken else "" for label in self.a.all}
         b = {label: self.names.get(label, "") for label in self.b.all}
         colours = 0
-        for _ in range(ROUNDS):
+        while self._rounds:
+            self._rounds -= 1
             table: dict[object, str] = {}
             a = self._recoloured(self.a, a, a, table)
             b = self._recoloured(self.b, b, {**self.names, **b}, table)
             if len(table) == colours:
                 break
             colours = len(table)
-        return _grouped(a, self.taken), _grouped(b, self.names)
+        mine, theirs = _grouped(a, self.taken), _grouped(b, self.names)
+        return [(mine[colour], theirs[colour]) for colour in mine if colour in theirs]
 
     def _recoloured(
         self, labels: _Labels, colours: Mapping[str, str], names: Mapping[str, str], table: dict[object, str]

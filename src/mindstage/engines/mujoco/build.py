@@ -1,7 +1,8 @@
 """Build: a blueprint becomes a compiled MuJoCo model.
 
 The blueprint is all that was decided before (who hangs on whom, what collides, which masses); nothing is decided
-here. Every body becomes one MuJoCo body, so that every pose can be read back.
+here. Every body becomes one MuJoCo body, except scenery: what never moves and has nothing to do with anything that
+does becomes geometry of MuJoCo's world, because adding a body costs MuJoCo a walk over all bodies so far.
 """
 
 from __future__ import annotations
@@ -30,6 +31,9 @@ _HINGE_FRICTION = 2.0
 """The same for hinges [rad/s²]."""
 _DAMPING = 1.0
 """Of the speed along a joint, this part is lost in a second [1/s]."""
+_FRICTION = (0.8, 0.005, 0.0001)
+_HERE = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
+_FIXED = (Mobility.STATIC, Mobility.STATIONARY)
 _THINNEST_M = 0.001
 _INERTIA_M = 0.005
 """For inertia a body is taken at least this thick, or a sheet of paper would spin without end."""
@@ -76,16 +80,29 @@ class Live:
 
     model: Any
     data: Any
+    rows: dict[BodyId, int]
+    """The order of poses: as in the blueprint."""
     numbers: dict[BodyId, int]
-    """MuJoCo's number of each body."""
+    """MuJoCo's number of each body; scenery has none."""
     order: NDArray[np.intp]
-    """The same in the order of `Blueprint.rows`, for reading all poses at once."""
+    """The same in the order of `Blueprint.rows`, for reading all poses at once; 0 for scenery."""
+    scenery: NDArray[np.intp]
+    """Rows of bodies that are part of MuJoCo's world."""
+    scenery_poses: Array
+    """Where those stand."""
     joints: dict[BodyId, Joint]
     """By constraint."""
     free: dict[BodyId, tuple[int, int]]
     """Of each assembly that moves freely: where its pose begins in `qpos`, its velocity in `qvel`."""
     mocap: dict[BodyId, int]
     """MuJoCo's mocap number of each kinematic assembly."""
+
+    def poses(self) -> Array:
+        """All poses, n x 7, in the order of `Blueprint.rows`."""
+        poses = np.empty((len(self.order), 7))
+        poses[:, :3], poses[:, 3:] = self.data.xpos[self.order], self.data.xquat[self.order]
+        poses[self.scenery] = self.scenery_poses
+        return poses
 
 
 class _Builder:
@@ -166,29 +183,47 @@ class _Builder:
             self.jointed[branch.constraint.id] = (branch, axes, ball, made, body)
         return made
 
+    def scenery(self) -> list[BodyId]:
+        """Adds what is only there to be bumped into, and says which bodies that were."""
+        plan = self.blueprint
+        busy = {id for pair in plan.collisions.apart for id in pair}
+        busy |= {end for constraint in plan.constraints.values() for end in (constraint.parent, constraint.child)}
+        scenery = []
+        for assembly in plan.forest.assemblies.values():
+            if assembly.mobility in _FIXED and busy.isdisjoint(assembly.bodies):
+                for id in assembly.bodies:
+                    self._geometry(self.spec.worldbody, id, plan.where[plan.rows[id]])
+                scenery += assembly.bodies
+        return scenery
+
     def _body(self, parent: Any, id: BodyId, place: Array) -> Any:
         plan = self.blueprint
         body = parent.add_body(name=_name(id), pos=place[:3], quat=place[3:])
         self.made[id] = body
         description = plan.bodies[id]
-        size = plan.sizes[plan.rows[id]]
-        ghost = id in plan.collisions.ghosts
-        plates = plan.collisions.hollows.get(id)
-        if plates is None:
-            kind, extent = _geometry(description, size)
-            _add_geom(body, kind, extent, (0.0, 0.0, 0.0), ghost)
-        else:
-            for plate in plates:
-                extent = np.maximum(np.asarray(plate.size) / 2, _THINNEST_M / 2)
-                _add_geom(body, mujoco.mjtGeom.mjGEOM_BOX, extent, plate.centre, ghost)
+        self._geometry(body, id, _HERE)
         mass = plan.masses.get(id, 0.0)
         if mass > 0.0:
             body.explicitinertial = True
-            body.mass, body.inertia = mass, _inertia(description, mass, size)
+            body.mass, body.inertia = mass, _inertia(description, mass, plan.sizes[plan.rows[id]])
             body.ipos, body.iquat = np.zeros(3), (1.0, 0.0, 0.0, 0.0)
         if description.physics.gravity is False:
             body.gravcomp = 1.0
         return body
+
+    def _geometry(self, body: Any, id: BodyId, place: Array) -> None:
+        """The shape of one of our bodies, somewhere on one of MuJoCo's."""
+        plan = self.blueprint
+        ghost = id in plan.collisions.ghosts
+        plates = plan.collisions.hollows.get(id)
+        if plates is None:
+            kind, extent = _primitive(plan.bodies[id], plan.sizes[plan.rows[id]])
+            _add_geom(body, kind, extent, place, ghost)
+            return
+        for plate in plates:
+            extent = np.maximum(np.asarray(plate.size) / 2, _THINNEST_M / 2)
+            centre = place[:3] + _rotate(place[3:], np.asarray(plate.centre))
+            _add_geom(body, mujoco.mjtGeom.mjGEOM_BOX, extent, np.concatenate([centre, place[3:]]), ghost)
 
     def apart(self) -> None:
         """Pairs that never collide: decided ones, and all of two assemblies joined by a constraint."""
@@ -236,7 +271,7 @@ class _Builder:
         body.explicitinertial, body.mass, body.inertia = True, mass, np.full(3, mass * 0.01)
         body.ipos, body.iquat = np.zeros(3), (1.0, 0.0, 0.0, 0.0)
         body.gravcomp = 1.0
-        self._joints(body, branch, axes, is_ball(axes), np.array([0.0, 0, 0, 1, 0, 0, 0]))
+        self._joints(body, branch, axes, is_ball(axes), _HERE)
         self._weld(name, _name(branch.child), invert(of_child))
 
     def _weld(self, first: str, second: str, second_from_first: Array) -> None:
@@ -247,7 +282,7 @@ class _Builder:
         equality.data[3:10] = second_from_first
         equality.data[10] = 1.0
 
-    def finish(self) -> Live:
+    def finish(self, scenery: list[BodyId]) -> Live:
         plan = self.blueprint
         try:
             model = self.spec.compile()
@@ -266,10 +301,11 @@ class _Builder:
         mocap = {
             top: int(model.body_mocapid[numbers[top]])
             for top, assembly in plan.forest.assemblies.items()
-            if model.body_mocapid[numbers[top]] >= 0
+            if assembly.mobility is Mobility.KINEMATIC
         }
-        order = np.fromiter((numbers[id] for id in plan.rows), dtype=np.intp, count=len(plan.rows))
-        return Live(model, data, numbers, order, joints, free, mocap)
+        order = np.fromiter((numbers.get(id, 0) for id in plan.rows), dtype=np.intp, count=len(plan.rows))
+        rows = np.array([plan.rows[id] for id in scenery], dtype=np.intp)
+        return Live(model, data, plan.rows, numbers, order, rows, plan.where[rows], joints, free, mocap)
 
 
 def build(blueprint: Blueprint) -> Live:
@@ -280,12 +316,15 @@ def build(blueprint: Blueprint) -> Live:
     """
     builder = _Builder(blueprint)
     builder.options()
+    scenery = builder.scenery()
+    standing = set(scenery)
     for assembly in blueprint.forest.assemblies.values():
-        builder.assembly(assembly)
+        if assembly.top not in standing:
+            builder.assembly(assembly)
     for branch in blueprint.forest.loops:
         builder.loop(branch)
     builder.apart()
-    live = builder.finish()
+    live = builder.finish(scenery)
     _soften(live)
     _add_friction(live)
     return live
@@ -295,14 +334,14 @@ def _name(id: BodyId) -> str:
     return f"body:{id}"  # "world" is a name of MuJoCo's own
 
 
-def _add_geom(body: Any, kind: Any, extent: Any, centre: Any, ghost: bool) -> None:
+def _add_geom(body: Any, kind: Any, extent: Any, place: Array, ghost: bool) -> None:
     if ghost:
-        body.add_geom(type=kind, size=extent, pos=centre, mass=0.0, contype=0, conaffinity=0)
+        body.add_geom(type=kind, size=extent, pos=place[:3], quat=place[3:], mass=0.0, contype=0, conaffinity=0)
     else:
-        body.add_geom(type=kind, size=extent, pos=centre, mass=0.0, friction=(0.8, 0.005, 0.0001))
+        body.add_geom(type=kind, size=extent, pos=place[:3], quat=place[3:], mass=0.0, friction=_FRICTION)
 
 
-def _geometry(body: Body, size: Array) -> tuple[Any, Array]:
+def _primitive(body: Body, size: Array) -> tuple[Any, Array]:
     """MuJoCo's primitive and its half extents; one that is not round any more becomes an ellipsoid."""
     half = np.maximum(size, _THINNEST_M) / 2
     kind = body.shape.kind if body.shape is not None else ShapeKind.BOX

@@ -65,7 +65,7 @@ def carry(
     if old is not None:
         data.time = old.data.time
     for top, (_, velocity) in new.free.items():
-        if old is not None and top in old.numbers and top not in at_rest:
+        if old is not None and top in old.numbers and top not in at_rest:  # scenery had no velocity
             data.qvel[velocity : velocity + 6] = _velocity(old, top)
             if top in old.free:
                 before = old.free[top][1]

@@ -91,14 +91,14 @@ class SceneKeeper:
     def where(self) -> Array:
         """All poses now, n x 7, in the order of the inventory's ids."""
         if not self.stale and self._live is not None:
-            data, order = self._live.data, self._live.order
-            return np.concatenate([data.xpos[order], data.xquat[order]], axis=1)
+            return self._live.poses()
         ids = self.inventory.ids
-        poses = np.empty((len(ids), 7))
+        poses = np.zeros((len(ids), 7))
+        known: Mapping[BodyId, int] = {}
         if self._live is not None:
-            known = self._live.numbers
-            numbers = np.fromiter((known.get(id, 0) for id in ids), dtype=np.intp, count=len(ids))
-            poses[:, :3], poses[:, 3:] = self._live.data.xpos[numbers], self._live.data.xquat[numbers]
+            known, before = self._live.rows, self._live.poses()
+            old = np.fromiter((known.get(id, -1) for id in ids), dtype=np.intp, count=len(ids))
+            poses[old >= 0] = before[old[old >= 0]]
         for row, id in enumerate(ids):
             if id in self._placed:
                 poses[row] = self._placed[id]

@@ -1,0 +1,126 @@
+"""Parts: the individuals that belong to another one and have no meaning without it.
+
+An object has a pose, a constraint has a pose, a linear and an angular part, and each of them is an individual of its
+own in a map. Here stands how each is read and how it is written.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Generic, TypeVar
+
+from mindstage.knowledge import words
+from mindstage.knowledge.statements import Heard, Said
+from mindstage.knowledge.vocabulary import (
+    ANGULAR_CONSTRAINT,
+    HAS_ANGULAR,
+    HAS_LINEAR,
+    HAS_POSE,
+    LINEAR_CONSTRAINT,
+    POSE,
+)
+from mindstage.knowledge.words import Word
+from mindstage.world import AngularMotion, Iri, LinearMotion, Motion, Pose, Soft
+
+__all__ = ["ANGULAR_PART", "LINEAR_PART", "PARTS", "POSE_PART", "Part"]
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, slots=True)
+class Part(Generic[T]):
+    """One kind of part."""
+
+    property: Iri
+    """Whole to part."""
+    cls: Iri
+    suffix: str
+    """What a part without a name of its own is called, after the whole."""
+    read: Callable[[Heard], T | None]
+    write: Callable[[Said, T], None]
+
+
+def _read_pose(heard: Heard) -> Pose | None:
+    position, quaternion = heard.value(words.TRANSLATION), heard.value(words.QUATERNION)
+    for word, value in ((words.TRANSLATION, position), (words.QUATERNION, quaternion)):
+        if value is None and not heard.at(word.property):
+            heard.warn(word.property, "a pose does not tell it", "it is no pose then")
+    if position is None or quaternion is None:
+        return None
+    x, y, z = position
+    w, i, j, k = quaternion
+    return Pose((x, y, z), (w, i, j, k))
+
+
+def _write_pose(said: Said, pose: Pose) -> None:
+    said.values((words.QUATERNION, pose.quaternion), (words.TRANSLATION, pose.position))
+
+
+def _motion(heard: Heard, word: Word[Motion]) -> Motion:
+    motion = heard.value(word)
+    if motion is None:
+        heard.warn(word.property, "nothing understandable is told", "it is taken as locked")
+        return Motion.LOCKED
+    return motion
+
+
+def _limit(heard: Heard, word: Word[float], *motions: Motion) -> float:
+    limit = heard.value(word)
+    if limit is None and Motion.LIMITED in motions:
+        heard.warn(word.property, "nothing understandable is told", "it is taken as 0")
+    return limit or 0.0
+
+
+def _soft(heard: Heard, enabled: Word[bool], stiffness: Word[float], damping: Word[float]) -> Soft:
+    return Soft(
+        enabled=bool(heard.value(enabled)),
+        stiffness=heard.value(stiffness) or 0.0,
+        damping=heard.value(damping) or 0.0,
+    )
+
+
+def _read_linear(heard: Heard) -> LinearMotion:
+    x, y, z = (_motion(heard, word) for word in (words.X_MOTION, words.Y_MOTION, words.Z_MOTION))
+    soft = _soft(heard, words.SOFT, words.STIFFNESS, words.DAMPING)
+    return LinearMotion(x=x, y=y, z=z, limit=_limit(heard, words.LIMIT, x, y, z), soft=soft)
+
+
+def _write_linear(said: Said, linear: LinearMotion) -> None:
+    said.values((words.X_MOTION, linear.x), (words.Y_MOTION, linear.y), (words.Z_MOTION, linear.z))
+    said.value(words.LIMIT, linear.limit)
+    said.value(words.SOFT, linear.soft.enabled)
+    said.values((words.STIFFNESS, linear.soft.stiffness), (words.DAMPING, linear.soft.damping))
+
+
+def _read_angular(heard: Heard) -> AngularMotion:
+    swing1, swing2, twist = (_motion(heard, word) for word in (words.SWING1, words.SWING2, words.TWIST))
+    return AngularMotion(
+        swing1=swing1,
+        swing2=swing2,
+        twist=twist,
+        swing1_limit=_limit(heard, words.SWING1_LIMIT, swing1),
+        swing2_limit=_limit(heard, words.SWING2_LIMIT, swing2),
+        twist_limit=_limit(heard, words.TWIST_LIMIT, twist),
+        swing_soft=_soft(heard, words.SWING_SOFT, words.SWING_STIFFNESS, words.SWING_DAMPING),
+        twist_soft=_soft(heard, words.TWIST_SOFT, words.TWIST_STIFFNESS, words.TWIST_DAMPING),
+    )
+
+
+def _write_angular(said: Said, angular: AngularMotion) -> None:
+    said.values((words.SWING1, angular.swing1), (words.SWING2, angular.swing2), (words.TWIST, angular.twist))
+    said.value(words.SWING1_LIMIT, angular.swing1_limit)
+    said.value(words.SWING2_LIMIT, angular.swing2_limit)
+    said.value(words.TWIST_LIMIT, angular.twist_limit)
+    for soft, enabled, stiffness, damping in (
+        (angular.swing_soft, words.SWING_SOFT, words.SWING_STIFFNESS, words.SWING_DAMPING),
+        (angular.twist_soft, words.TWIST_SOFT, words.TWIST_STIFFNESS, words.TWIST_DAMPING),
+    ):
+        said.value(enabled, soft.enabled)
+        said.values((stiffness, soft.stiffness), (damping, soft.damping))
+
+
+POSE_PART = Part(HAS_POSE, POSE, "pose", _read_pose, _write_pose)
+LINEAR_PART = Part(HAS_LINEAR, LINEAR_CONSTRAINT, "linear", _read_linear, _write_linear)
+ANGULAR_PART = Part(HAS_ANGULAR, ANGULAR_CONSTRAINT, "angular", _read_angular, _write_angular)
+PARTS: tuple[Part[Any], ...] = (POSE_PART, LINEAR_PART, ANGULAR_PART)

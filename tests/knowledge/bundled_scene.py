@@ -1,0 +1,192 @@
+"""The bundled kitchen as plain boxes, read from its file by other means than the ones under test."""
+
+from __future__ import annotations
+
+import math
+from collections import defaultdict
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+import pyoxigraph
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+BUNDLED = Path(__file__).parents[2] / "src/mindstage/knowledge/bundled"
+KITCHEN = BUNDLED / "kitchen.owl"
+HOUSEHOLD = BUNDLED / "household.ttl"
+
+KNOWROB = "http://knowrob.org/kb/knowrob.owl#"
+MS = "http://mindstage.org/ontology#"
+KITCHEN_NS = "http://mindstage.org/maps/kitchen.owl#"
+RDF = "http://www.w3.org/1999/02/22-rdf-syntax-ns#"
+RDFS = "http://www.w3.org/2000/01/rdf-schema#"
+OWL = "http://www.w3.org/2002/07/owl#"
+
+
+@dataclass(frozen=True)
+class Box:
+    id: str
+    cls: str
+    size: Array
+    centre: Array
+    rotation: Array
+    mobility: str
+    mass: float
+
+    @property
+    def bottom(self) -> float:
+        return float(self.centre[2] - self.size[2] / 2)
+
+    @property
+    def top(self) -> float:
+        return float(self.centre[2] + self.size[2] / 2)
+
+    @cached_property
+    def extent(self) -> Array:
+        """Lower and upper corner in the world; exact for what stands square to it."""
+        half = np.abs(self.rotation) @ self.size / 2
+        return np.array([self.centre - half, self.centre + half])
+
+    def moved(self, rotation: Array, about: Array, by: Array) -> Box:
+        centre = rotation @ (self.centre - about) + about + by
+        return Box(self.id, self.cls, self.size, centre, rotation @ self.rotation, self.mobility, self.mass)
+
+
+@dataclass(frozen=True)
+class Joint:
+    id: str
+    case: str
+    part: str
+    at: Array
+    rotation: Array
+    motions: dict[str, int]
+    limits: dict[str, float]
+    told_upside_down: bool
+
+
+class Scene:
+    def __init__(self, path: Path) -> None:
+        self.store = pyoxigraph.Store()
+        self.store.load(path=str(path), format=pyoxigraph.RdfFormat.RDF_XML)
+        self.boxes = {box.id: box for box in map(self._box, self._described())}
+        self.parent = self._parents()
+        self.joints = [self._joint(id) for id in self._described(constraints=True)]
+
+    @cached_property
+    def attached(self) -> dict[str, list[Box]]:
+        children: dict[str, list[Box]] = defaultdict(list)
+        for child, parent in self.parent.items():
+            children[parent].append(self.boxes[child])
+        return children
+
+    @cached_property
+    def fronts(self) -> dict[str, Joint]:
+        """Doors and drawers with their joints."""
+        return {joint.part: joint for joint in self.joints}
+
+    @cached_property
+    def loose(self) -> list[Box]:
+        """What can be carried away."""
+        return [box for box in self.boxes.values() if box.mobility == "dynamic" and box.id not in self.fronts]
+
+    def related(self, one: str, other: str) -> bool:
+        return self.parent.get(one) == other or self.parent.get(other) == one
+
+    def joined(self, one: str, other: str) -> bool:
+        return any({joint.case, joint.part} == {one, other} for joint in self.joints)
+
+    def value(self, id: str, property: str) -> str:
+        (quad,) = self.store.quads_for_pattern(_individual(id), _knowrob(property), None)
+        return str(quad.object.value)
+
+    def _described(self, *, constraints: bool = False) -> list[str]:
+        subjects = [quad.subject for quad in self.store.quads_for_pattern(None, _knowrob("describedInMap"), None)]
+        is_constraint = (None, pyoxigraph.NamedNode(RDF + "type"), _knowrob("Constraint"))
+        joints = {quad.subject for quad in self.store.quads_for_pattern(*is_constraint)}
+        return sorted(local(subject.value) for subject in subjects if (subject in joints) == constraints)
+
+    def _box(self, id: str) -> Box:
+        types = self.store.quads_for_pattern(_individual(id), pyoxigraph.NamedNode(RDF + "type"), None)
+        (cls,) = [quad.object for quad in types if quad.object.value != OWL + "NamedIndividual"]
+        at, rotation = self._pose(id)
+        size = np.array([self._size(cls, name) for name in ("depth", "width", "height")])
+        mass = float(self.value(id, "mass"))
+        return Box(id, local(cls.value), size, at, rotation, self.value(id, "mobility"), mass)
+
+    def _size(self, cls: pyoxigraph.NamedNode, name: str) -> float:
+        query = f"""SELECT ?value WHERE {{ {cls} <{RDFS}subClassOf> ?restriction .
+            ?restriction <{OWL}onProperty> <{KNOWROB}{name}OfObject> ; <{OWL}hasValue> ?value }}"""
+        (row,) = self.store.query(query)
+        return float(row["value"].value)
+
+    def _pose(self, id: str) -> tuple[Array, Array]:
+        pose = local(self.value(id, "pose"))
+        at = np.array([float(word) for word in self.value(pose, "translation").split()])
+        quaternion = [float(word) for word in self.value(pose, "quaternion").split()]
+        return at, matrix(quaternion)
+
+    def _parents(self) -> dict[str, str]:
+        parents: dict[str, str] = {}
+        for property, swap in (("parent", False), ("child", True)):
+            for quad in self.store.quads_for_pattern(None, _knowrob(property), None):
+                child, parent = local(quad.subject.value), local(quad.object.value)
+                if swap:
+                    child, parent = parent, child
+                if child in self.boxes and parent in self.boxes:
+                    assert parents.setdefault(child, parent) == parent, f"{child} has two parents"
+        return parents
+
+    def _joint(self, id: str) -> Joint:
+        parent, child = local(self.value(id, "parent")), local(self.value(id, "child"))
+        upside_down = self.boxes[parent].mobility == "dynamic"
+        case, part = (child, parent) if upside_down else (parent, child)
+        at, rotation = self._pose(id)
+        linear, angular = local(self.value(id, "linearConstraint")), local(self.value(id, "angularConstraint"))
+        motions = {axis: int(self.value(linear, f"{axis}Motion")) for axis in "xyz"}
+        motions |= {axis: int(self.value(angular, f"{axis}Motion")) for axis in ("swing1", "swing2", "twist")}
+        limits = {"linear": float(self.value(linear, "limit"))}
+        limits |= {axis: float(self.value(angular, f"{axis}Limit")) for axis in ("swing1", "swing2", "twist")}
+        return Joint(id, case, part, at, rotation, motions, limits, upside_down)
+
+
+def separation(box: Box, others: list[Box]) -> Array:
+    """How far each of the others is away along the best separating axis [m]; negative where it overlaps."""
+    centres = np.array([other.centre for other in others])
+    rotations = np.array([other.rotation for other in others])
+    halves = np.array([other.size for other in others]) / 2
+    own = np.broadcast_to(box.rotation.T, (len(others), 3, 3))
+    theirs = rotations.transpose(0, 2, 1)
+    crosses = np.cross(own[:, :, None, :], theirs[:, None, :, :]).reshape(len(others), 9, 3)
+    axes = np.concatenate([own, theirs, crosses], axis=1)
+    length = np.linalg.norm(axes, axis=2)
+    reach = np.abs(axes @ box.rotation) @ (box.size / 2)
+    reach += np.einsum("nak,nk->na", np.abs(np.einsum("nai,nik->nak", axes, rotations)), halves)
+    apart = np.abs(np.einsum("nai,ni->na", axes, centres - box.centre)) - reach
+    # Parallel edges have no cross product; the faces' own axes decide there.
+    return np.where(length > 1e-9, apart / np.maximum(length, 1e-9), -np.inf).max(axis=1)
+
+
+def matrix(quaternion: list[float]) -> Array:
+    w, x, y, z = np.array(quaternion) / math.sqrt(sum(value * value for value in quaternion))
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
+def local(iri: str) -> str:
+    return iri.rpartition("#")[2]
+
+
+def _knowrob(name: str) -> pyoxigraph.NamedNode:
+    return pyoxigraph.NamedNode(KNOWROB + name)
+
+
+def _individual(id: str) -> pyoxigraph.NamedNode:
+    return pyoxigraph.NamedNode(KITCHEN_NS + id)

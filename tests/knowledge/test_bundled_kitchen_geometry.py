@@ -1,0 +1,261 @@
+"""The bundled kitchen obeys the rules that let it be simulated as boxes: nothing is stuck, nothing hangs in the air."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections import defaultdict
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from tests.knowledge.bundled_scene import KITCHEN, Array, Box, Joint, Scene, separation
+
+TOUCHING = 1e-6
+WALL = 0.015
+UP = np.array([0.0, 0.0, 1.0])
+
+
+@pytest.fixture(scope="module")
+def kitchen() -> Scene:
+    return Scene(KITCHEN)
+
+
+@pytest.fixture(scope="module")
+def containers(kitchen: Scene) -> dict[str, list[Box]]:
+    """All that each loose thing is in, the innermost first."""
+    boxes = list(kitchen.boxes.values())
+    inside = {}
+    for thing in kitchen.loose:
+        near = [box for box, gap in zip(boxes, separation(thing, boxes), strict=True) if gap < -TOUCHING]
+        near = [box for box in near if np.prod(box.size) > np.prod(thing.size)]
+        inside[thing.id] = sorted(near, key=lambda box: float(np.prod(box.size)))
+    return inside
+
+
+@pytest.fixture(scope="module")
+def supports(kitchen: Scene, containers: dict[str, list[Box]]) -> dict[str, Box]:
+    """What each loose thing that is in nothing stands on."""
+    return {
+        thing.id: support
+        for thing in kitchen.loose
+        if not containers[thing.id]
+        for support in kitchen.boxes.values()
+        if abs(support.top - thing.bottom) <= TOUCHING and footprint_inside(thing, support)
+    }
+
+
+def footprint_inside(thing: Box, support: Box) -> bool:
+    (low, high), (floor, ceiling) = thing.extent[:, :2], support.extent[:, :2]
+    return bool((low >= floor - TOUCHING).all() and (high <= ceiling + TOUCHING).all())
+
+
+def test_everything_stands_square_to_the_room(kitchen: Scene) -> None:
+    for box in kitchen.boxes.values():
+        assert np.allclose(np.abs(box.rotation).max(axis=0), 1, atol=1e-12), box.id
+        assert np.allclose(box.rotation[2], UP), f"{box.id} is not upright"
+
+
+def test_nothing_overlaps_but_contents_and_drawers_with_what_they_are_in(kitchen: Scene) -> None:
+    loose = {thing.id for thing in kitchen.loose}
+    boxes = list(kitchen.boxes.values())
+    wrong = []
+    for index, box in enumerate(boxes[:-1]):
+        rest = boxes[index + 1 :]
+        for other, gap in zip(rest, separation(box, rest), strict=True):
+            inner, outer = sorted((box, other), key=lambda each: float(np.prod(each.size)))
+            held = inner.id in loose or (inner.id in kitchen.fronts and kitchen.joined(inner.id, outer.id))
+            if gap < -TOUCHING and not held:
+                wrong.append(f"{box.id} and {other.id} by {-gap * 1000:.1f} mm")
+    assert not wrong
+
+
+def test_contents_keep_15_mm_from_every_wall_of_all_that_they_are_in(
+    kitchen: Scene, containers: dict[str, list[Box]]
+) -> None:
+    assert sum(bool(outer) for outer in containers.values()) >= 50
+    for id, outer in containers.items():
+        low, high = kitchen.boxes[id].extent
+        for container in outer:
+            floor, ceiling = container.extent
+            margin = min((low - floor).min(), (ceiling - high).min())
+            assert margin >= WALL - 1e-9, f"{id} is {margin * 1000:.1f} mm from a wall of {container.id}"
+
+
+def test_contents_stand_on_at_most_three_shelves_with_room_for_boards(
+    kitchen: Scene, containers: dict[str, list[Box]]
+) -> None:
+    shelves: dict[str, dict[float, float]] = defaultdict(dict)
+    for id, outer in containers.items():
+        if outer:
+            thing, levels = kitchen.boxes[id], shelves[outer[0].id]
+            level = round(thing.bottom, 6)
+            levels[level] = max(levels.get(level, 0), thing.top)
+    assert len(shelves) >= 20
+    for container, levels in shelves.items():
+        assert len(levels) <= 3, container
+        for lower, upper in itertools.pairwise(sorted(levels)):
+            assert upper - levels[lower] >= 0.02, f"no room for a board at {upper} m in {container}"
+
+
+def test_loose_things_are_in_something_or_stand_on_something(
+    kitchen: Scene, containers: dict[str, list[Box]], supports: dict[str, Box]
+) -> None:
+    assert [thing.id for thing in kitchen.loose if not containers[thing.id] and thing.id not in supports] == []
+
+
+def test_nothing_is_stacked_higher_than_two(kitchen: Scene, supports: dict[str, Box]) -> None:
+    stacked = {id for id, support in supports.items() if support.id in supports}
+    assert stacked
+    assert not [id for id in stacked if supports[supports[id].id].id in supports]
+
+
+def test_loose_things_keep_their_distance(
+    kitchen: Scene, containers: dict[str, list[Box]], supports: dict[str, Box]
+) -> None:
+    for thing in kitchen.loose:
+        apart = 0.003 if containers[thing.id] else 0.01
+        about = {box.id for box in containers[thing.id]} | {thing.id}
+        about |= {supports[thing.id].id} if thing.id in supports else set()
+        about |= {id for id, support in supports.items() if support.id == thing.id}
+        about |= {id for id, outer in containers.items() if thing.id in {box.id for box in outer}}
+        about |= {child.id for child in kitchen.attached[thing.id]}
+        others = [box for box in kitchen.boxes.values() if box.id not in about]
+        gaps = separation(thing, others)
+        near = others[int(gaps.argmin())].id
+        assert gaps.min() >= apart - 1e-9, f"{thing.id} is {gaps.min() * 1000:.1f} mm from {near}"
+
+
+def test_everything_is_inside_the_walls(kitchen: Scene) -> None:
+    for box in kitchen.boxes.values():
+        if not box.cls.startswith("WallW") and box.id not in {"floor", "window", "room_door"}:
+            low, high = box.extent
+            assert (low >= np.array([-2.25, -1.8, 0]) - TOUCHING).all(), box.id
+            assert (high <= np.array([2.25, 1.8, 2.5]) + TOUCHING).all(), box.id
+
+
+def test_heights_are_those_of_a_real_kitchen(kitchen: Scene) -> None:
+    for id in ("counter_left", "counter_right", "counter_west", "sink"):
+        assert kitchen.boxes[id].top == pytest.approx(0.9)
+    for id in ("spice_cupboard", "crockery_cupboard", "glass_cupboard"):
+        assert (kitchen.boxes[id].bottom, kitchen.boxes[id].top) == pytest.approx((1.4, 2.1))
+    assert kitchen.boxes["table"].top == pytest.approx(0.75)
+
+
+def test_fronts_keep_clear_of_their_case_and_of_each_other(kitchen: Scene) -> None:
+    fronts = [kitchen.boxes[id] for id in kitchen.fronts]
+    for index, front in enumerate(fronts[:-1]):
+        gaps = separation(front, fronts[index + 1 :])
+        assert gaps.min() >= 0.003 - 1e-9, f"{front.id} and {fronts[index + 1 + int(gaps.argmin())].id}"
+    for part, joint in kitchen.fronts.items():
+        if not slides(joint):
+            gap = float(separation(kitchen.boxes[part], [kitchen.boxes[joint.case]])[0])
+            assert 0.001 <= gap <= 0.003 + 1e-9, f"{part} is {gap * 1000:.1f} mm from {joint.case}"
+
+
+def test_drawers_are_in_their_own_case_but_for_the_front(kitchen: Scene) -> None:
+    for part, joint in kitchen.fronts.items():
+        if slides(joint):
+            forward = joint.rotation[:, 0]
+            shift = -0.022 * forward
+            box = kitchen.boxes[part].moved(np.eye(3), joint.at, shift)
+            low, high = box.extent
+            floor, ceiling = kitchen.boxes[joint.case].extent
+            assert (low >= floor - TOUCHING).all() and (high <= ceiling + TOUCHING).all(), part
+
+
+def test_handles_sit_on_the_front_of_what_they_open(kitchen: Scene) -> None:
+    for part, joint in kitchen.fronts.items():
+        (handle,) = [child for child in kitchen.attached[part] if child.id.endswith("_handle")]
+        front, forward = kitchen.boxes[part], joint.rotation[:, 0]
+        assert handle.mobility == "kinematic"
+        reach = abs(forward @ front.rotation) @ front.size / 2 + abs(forward @ handle.rotation) @ handle.size / 2
+        assert forward @ (handle.centre - front.centre) == pytest.approx(reach, abs=TOUCHING), handle.id
+        assert 0.03 <= abs(forward @ handle.rotation) @ handle.size <= 0.06
+        flat = 1 - np.abs(forward)
+        low, high = handle.extent * flat
+        floor, ceiling = front.extent * flat
+        assert (low >= floor - TOUCHING).all() and (high <= ceiling + TOUCHING).all(), handle.id
+
+
+def test_joint_frames_look_out_of_the_case(kitchen: Scene) -> None:
+    for part, joint in kitchen.fronts.items():
+        (handle,) = [child for child in kitchen.attached[part] if child.id.endswith("_handle")]
+        box, forward = kitchen.boxes[part], joint.rotation[:, 0]
+        assert forward @ (handle.centre - box.centre) > 0, joint.id
+        assert np.allclose(joint.rotation[:, 2], UP), joint.id
+        low, high = box.extent
+        assert ((joint.at >= low - TOUCHING) & (joint.at <= high + TOUCHING)).all(), f"{joint.id} is off {part}"
+
+
+def test_each_joint_moves_in_one_way_only(kitchen: Scene) -> None:
+    for joint in kitchen.joints:
+        (moving,) = [axis for axis, motion in joint.motions.items() if motion != 2]
+        assert joint.motions[moving] == 1
+        assert moving in {"x", "swing1", "swing2"}
+        limit = joint.limits["linear" if moving == "x" else moving]
+        assert limit in ({0.45} if moving == "x" else {1.570796, 0.785398}), joint.id
+
+
+def test_hinges_are_at_the_edge_of_their_door(kitchen: Scene) -> None:
+    for part, joint in kitchen.fronts.items():
+        box = kitchen.boxes[part]
+        offset = joint.rotation.T @ (joint.at - box.centre)
+        depth, width, height = np.abs(joint.rotation.T @ box.rotation) @ box.size
+        if joint.motions["swing1"] == 1:
+            assert offset == pytest.approx([depth / 2, math.copysign(width / 2, offset[1]), 0], abs=TOUCHING), joint.id
+        elif joint.motions["swing2"] == 1:
+            assert offset[2] == pytest.approx(-height / 2, abs=TOUCHING), joint.id
+
+
+def test_gravity_leaves_doors_that_tilt_where_they_are(kitchen: Scene) -> None:
+    tilting = [joint for joint in kitchen.joints if joint.motions["swing2"] == 1]
+    assert len(tilting) == 2
+    for joint in tilting:
+        parts = [kitchen.boxes[joint.part], *kitchen.attached[joint.part]]
+        mass = sum(part.mass for part in parts)
+        centre = sum(part.mass * part.centre for part in parts) / mass
+        assert abs(joint.rotation[:, 0] @ (centre - joint.at)) < 1e-5, joint.id
+
+
+def slides(joint: Joint) -> bool:
+    return joint.motions["x"] == 1
+
+
+def opening(kitchen: Scene, joint: Joint) -> Iterator[tuple[Array, Array]]:
+    """The way out, from shut to wide open: rotations about the joint, and shifts."""
+    if slides(joint):
+        for way in np.linspace(0, joint.limits["linear"], 16):
+            yield np.eye(3), way * joint.rotation[:, 0]
+        return
+    axis = "swing1" if joint.motions["swing1"] == 1 else "swing2"
+    about = joint.rotation[:, 2 if axis == "swing1" else 1]
+    out = np.cross(about, kitchen.boxes[joint.part].centre - joint.at) @ joint.rotation[:, 0]
+    for angle in np.linspace(0, math.copysign(joint.limits[axis], out), 61):
+        yield turn(about, float(angle)), np.zeros(3)
+
+
+def turn(about: Array, angle: float) -> Array:
+    x, y, z = about
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.eye(3) + math.sin(angle) * cross + (1 - math.cos(angle)) * cross @ cross
+
+
+def test_every_door_and_drawer_opens_all_the_way_without_hitting_anything(
+    kitchen: Scene, containers: dict[str, list[Box]]
+) -> None:
+    for part, joint in kitchen.fronts.items():
+        group = [kitchen.boxes[part], *kitchen.attached[part]]
+        contents = [thing for thing in kitchen.loose if part in {box.id for box in containers[thing.id]}]
+        mine = {box.id for box in (*group, *contents)}
+        # A drawer slides inside its case; a door has to clear it.
+        mine |= {joint.case} if slides(joint) else set()
+        others = [box for box in kitchen.boxes.values() if box.id not in mine]
+        if contents:
+            group += contents
+        for rotation, shift in opening(kitchen, joint):
+            for box in group:
+                gaps = separation(box.moved(rotation, joint.at, shift), others)
+                hit = others[int(gaps.argmin())].id
+                assert gaps.min() >= 1e-4, f"{box.id} hits {hit} by {-gaps.min() * 1000:.2f} mm while {part} opens"
