@@ -69,10 +69,10 @@ def build_shell(scene: Scene) -> None:
     scene.build("window_sill", sill, against(NORTH, 160, 1250), 1080)
 
     # The leaf hangs in the opening of the wall, flush with it, and opens into the room.
-    kind = Kind("RoomDoorW90H205", "ms:RoomDoor", (40, 894, 2040), 22.0)
+    kind = Kind("RoomDoorW90H205", "ms:RoomDoor", (40, 894, 2040), 14.0)
     x, y = SOUTH.at(-20, -1550)
     door = scene.add(Thing("room_door", kind, x, y, 5 + 1020, SOUTH.turns))
-    scene.fix("room_door_handle", Kind("LatchW12", "ms:DoorLatch", (50, 120, 20), 0.4), door, 20, 350, 1050)
+    scene.fix("room_door_handle", Kind("LatchW12", "ms:DoorLatch", (50, 120, 20), 0.3), door, 20, 350, 1050)
     Cabinet(scene, beside_door).join("room_door_hinge", door, (20, -447), door.z, Motion.SWING, QUARTER_TURN)
 
 
@@ -138,7 +138,7 @@ def build_main_run(scene: Scene) -> None:
         scene.fix(f"oven_knob_{number}", knob, oven.case, 300, 100 * (number - 3), 780)
 
     unit = base_unit(scene, "drawer_unit_right", NORTH, 50, 800)
-    three_drawers(unit, "drawer_right", ("knowrob:Drawer", "ms:PotDrawer", "ms:PotDrawer"))
+    three_drawers(unit, "drawer_right", ("ms:CupDrawer", "ms:PotDrawer", "ms:PotDrawer"))
 
     kind = Kind("DishwasherW60H86", "knowrob:Dishwasher", (600, 600, COUNTER))
     dishwasher = cabinet(scene, "dishwasher", kind, NORTH, 1650)
@@ -211,7 +211,7 @@ def build_dresser(scene: Scene) -> None:
     kind = Kind("DresserW90H90", "knowrob:Dresser-PieceOfFurniture", (560, 900, 900))
     dresser = cabinet(scene, "dresser", kind, EAST, -300)
     double_door(dresser, "dresser_door", PLINTH, 558, 540)
-    dresser.drawer("drawer_dresser_left", 658, 200, width=450)
+    dresser.drawer("drawer_dresser_left", 658, 200, use="ms:LinenDrawer", width=450)
     dresser.drawer("drawer_dresser_right", 658, 200, start=450, width=450)
 
 

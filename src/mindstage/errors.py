@@ -15,8 +15,9 @@
     │   ├── EngineUnavailable   it is not installed, or cannot be reached
     │   ├── EngineClosed        it was closed before the call
     │   └── SimulationUnstable  the physics produced numbers that mean nothing
-    └── StageError              the stage could not take the call (exit code 2)
-        └── StageTimedOut       the stage's own thread did not answer in time
+    ├── StageError              the stage could not take the call (exit code 2)
+    │   └── StageTimedOut       the stage's own thread did not answer in time
+    └── ViewportUnavailable     the page cannot be served at that address (exit code 2)
 
 Facts are fields, the sentence is made in `__str__`, and it ends with what exists or what to try.
 """
@@ -43,6 +44,7 @@ __all__ = [
     "SourceUnreadable",
     "StageError",
     "StageTimedOut",
+    "ViewportUnavailable",
     "WorldError",
 ]
 
@@ -219,3 +221,16 @@ class StageTimedOut(StageError):
 
     def __str__(self) -> str:
         return f"{self.call} did not finish within {self.timeout_s:g} s; the stage may be busy or stopped"
+
+
+class ViewportUnavailable(MindstageError):
+    """Nothing can be served at the address that was asked for."""
+
+    def __init__(self, host: str, port: int, *, cause: str) -> None:
+        self.host = host
+        self.port = port
+        self.cause = cause
+        super().__init__(host, port)
+
+    def __str__(self) -> str:
+        return f"the page cannot be served at {self.host}, port {self.port}: {self.cause}; try 127.0.0.1 or another port"

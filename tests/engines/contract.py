@@ -91,12 +91,18 @@ class DescriptionContract:
 
     def test_an_unknown_body_is_refused_with_near_names_and_nothing_changes(self, engine: Engine) -> None:
         engine.spawn(room())
-        with pytest.raises(BodyUnknown, match="near: .*'drawer'"):
+        with pytest.raises(BodyUnknown, match=r"near: .*'drawer'"):
             engine.delete([BodyId("mug"), BodyId("drawr")])
         assert difference(room(), engine.log()).identical(0.0)
 
     def test_attached_bodies_follow_when_their_parent_is_put_elsewhere(self, engine: Engine) -> None:
-        engine.spawn(world(body("table", (1, 2, 3), (1, 1, 0.1), "kinematic"), body("lamp", (1.3, 2, 3.2), (0.1, 0.1, 0.3), "kinematic"), hold("table", "lamp")))  # fmt: skip
+        engine.spawn(
+            world(
+                body("table", (1, 2, 3), (1, 1, 0.1), "kinematic"),
+                body("lamp", (1.3, 2, 3.2), (0.1, 0.1, 0.3), "kinematic"),
+                hold("table", "lamp"),
+            )
+        )
         turn = unit([1.0, 0.0, 0.0, 1.0])
         engine.set_pose(BodyId("table"), Pose((5, 5, 5), tuple(turn.tolist())))
         lamp = pose_of(engine, "lamp")
@@ -104,7 +110,13 @@ class DescriptionContract:
         assert rotation_angle(lamp[3:], turn) < 1e-9
 
     def test_a_child_put_elsewhere_leaves_its_parent_alone_and_stays_attached(self, engine: Engine) -> None:
-        engine.spawn(world(body("table", (0, 0, 1), (1, 1, 0.1), "kinematic"), body("lamp", (0, 0, 1.2), (0.1, 0.1, 0.3), "kinematic"), hold("table", "lamp")))  # fmt: skip
+        engine.spawn(
+            world(
+                body("table", (0, 0, 1), (1, 1, 0.1), "kinematic"),
+                body("lamp", (0, 0, 1.2), (0.1, 0.1, 0.3), "kinematic"),
+                hold("table", "lamp"),
+            )
+        )
         engine.set_pose(BodyId("lamp"), Pose((0.4, 0, 1.2)))
         assert moved(engine, "table", np.array([0, 0, 1.0])) < self.exact
         engine.set_pose(BodyId("table"), Pose((1, 0, 1)))
@@ -206,7 +218,13 @@ class PhysicsContract(DescriptionContract):
         assert moved(engine, "balloon", np.array([0, 0, 1.0])) < 1e-6
 
     def test_a_kinematic_body_does_not_fall_and_pushes_others(self, engine: Engine) -> None:
-        engine.spawn(world(FLOOR, body("pusher", (0, 0, 0.25), (0.1, 0.5, 0.3), "kinematic"), body("box", (0.3, 0, 0.1), (0.2, 0.2, 0.2), "dynamic", 1.0)))  # fmt: skip
+        engine.spawn(
+            world(
+                FLOOR,
+                body("pusher", (0, 0, 0.25), (0.1, 0.5, 0.3), "kinematic"),
+                body("box", (0.3, 0, 0.1), (0.2, 0.2, 0.2), "dynamic", 1.0),
+            )
+        )
         engine.step(0.5)
         assert moved(engine, "pusher", np.array([0, 0, 0.25])) == 0.0
         for step in range(1, 41):
@@ -234,7 +252,14 @@ class PhysicsContract(DescriptionContract):
     # -- constraints
 
     def drawer(self, engine: Engine, **more: object) -> None:
-        report = engine.spawn(world(FLOOR, body("case", (0, 0, 0.5), (0.6, 0.6, 1.0)), body("drawer", (0, 0, 0.5), (0.58, 0.5, 0.2), "dynamic", 5.0), slide("slide", "case", "drawer", (0.3, 0, 0.5), **more)))  # fmt: skip
+        report = engine.spawn(
+            world(
+                FLOOR,
+                body("case", (0, 0, 0.5), (0.6, 0.6, 1.0)),
+                body("drawer", (0, 0, 0.5), (0.58, 0.5, 0.2), "dynamic", 5.0),
+                slide("slide", "case", "drawer", (0.3, 0, 0.5), **more),
+            )
+        )
         assert report.ok
 
     @pytest.mark.parametrize("way", [1, -1])
@@ -292,19 +317,41 @@ class PhysicsContract(DescriptionContract):
         assert mug[2] == pytest.approx(start[2], abs=0.01)
 
     def test_an_upside_down_constraint_works_the_same(self, engine: Engine) -> None:
-        engine.spawn(world(FLOOR, body("case", (0, 0, 0.5), (0.6, 0.6, 1.0)), body("drawer", (0, 0, 0.5), (0.58, 0.5, 0.2), "dynamic", 5.0), slide("slide", "drawer", "case", (0.3, 0, 0.5))))  # fmt: skip
+        engine.spawn(
+            world(
+                FLOOR,
+                body("case", (0, 0, 0.5), (0.6, 0.6, 1.0)),
+                body("drawer", (0, 0, 0.5), (0.58, 0.5, 0.2), "dynamic", 5.0),
+                slide("slide", "drawer", "case", (0.3, 0, 0.5)),
+            )
+        )
         pull(engine, "drawer", (40.0, 0.0, 0.0), 3.0)
         np.testing.assert_allclose(pose_of(engine, "drawer")[:3], (LIMIT_M, 0, 0.5), atol=self.limit_m)
         assert moved(engine, "case", np.array([0, 0, 0.5])) == 0.0
 
     def test_a_locked_joint_holds(self, engine: Engine) -> None:
-        engine.spawn(world(FLOOR, body("wall", (0, 0, 1), (0.1, 1, 2)), body("shelf", (0.3, 0, 1), (0.4, 0.8, 0.04), "dynamic", 3.0), weld("screw", "wall", "shelf", (0.05, 0, 1)), body("box", (0.35, 0, 1.3), (0.2, 0.2, 0.2), "dynamic", 5.0)))  # fmt: skip
+        engine.spawn(
+            world(
+                FLOOR,
+                body("wall", (0, 0, 1), (0.1, 1, 2)),
+                body("shelf", (0.3, 0, 1), (0.4, 0.8, 0.04), "dynamic", 3.0),
+                weld("screw", "wall", "shelf", (0.05, 0, 1)),
+                body("box", (0.35, 0, 1.3), (0.2, 0.2, 0.2), "dynamic", 5.0),
+            )
+        )
         engine.step(3.0)
         assert moved(engine, "shelf", np.array([0.3, 0, 1.0])) < 0.001
         assert pose_of(engine, "box")[2] == pytest.approx(1.12, abs=0.005)
 
     def test_two_dynamic_bodies_hang_together_by_their_constraint(self, engine: Engine) -> None:
-        engine.spawn(world(FLOOR, body("heavy", (0, 0, 2), (0.4, 0.4, 0.4), "dynamic", 10.0), body("light", (0.45, 0, 2), (0.4, 0.2, 0.2), "dynamic", 1.0), hinge("pin", "light", "heavy", (0.2, 0, 2))))  # fmt: skip
+        engine.spawn(
+            world(
+                FLOOR,
+                body("heavy", (0, 0, 2), (0.4, 0.4, 0.4), "dynamic", 10.0),
+                body("light", (0.45, 0, 2), (0.4, 0.2, 0.2), "dynamic", 1.0),
+                hinge("pin", "light", "heavy", (0.2, 0, 2)),
+            )
+        )
         engine.step(2.0)
         heavy, light = pose_of(engine, "heavy"), pose_of(engine, "light")
         pin_of_heavy = heavy[:3] + rotate(heavy[3:], [0.2, 0, 0])
@@ -313,7 +360,16 @@ class PhysicsContract(DescriptionContract):
         assert heavy[2] < 0.3
 
     def test_a_second_constraint_on_a_body_holds_too(self, engine: Engine) -> None:
-        engine.spawn(world(FLOOR, body("left", (0, 1, 1), (0.2, 0.2, 0.2)), body("right", (0, -1, 1), (0.2, 0.2, 0.2)), body("bar", (0, 0, 1), (0.1, 1.7, 0.1), "dynamic", 3.0), weld("a", "left", "bar", (0, 0.9, 1)), weld("b", "right", "bar", (0, -0.9, 1))))  # fmt: skip
+        engine.spawn(
+            world(
+                FLOOR,
+                body("left", (0, 1, 1), (0.2, 0.2, 0.2)),
+                body("right", (0, -1, 1), (0.2, 0.2, 0.2)),
+                body("bar", (0, 0, 1), (0.1, 1.7, 0.1), "dynamic", 3.0),
+                weld("a", "left", "bar", (0, 0.9, 1)),
+                weld("b", "right", "bar", (0, -0.9, 1)),
+            )
+        )
         pull(engine, "bar", (50.0, 0.0, 0.0), 1.0)
         assert moved(engine, "bar", np.array([0, 0, 1.0])) < 0.002
 
@@ -335,7 +391,13 @@ class PhysicsContract(DescriptionContract):
         assert pose_of(engine, "crate")[2] == pytest.approx(0.15, abs=self.rest_m)
 
     def test_things_that_only_touch_still_collide(self, engine: Engine) -> None:
-        report = engine.spawn(world(FLOOR, body("table", (0, 0, 0.35), (1, 1, 0.7)), body("mug", (0, 0, 0.75), (0.1, 0.1, 0.1), "dynamic", 0.3)))  # fmt: skip
+        report = engine.spawn(
+            world(
+                FLOOR,
+                body("table", (0, 0, 0.35), (1, 1, 0.7)),
+                body("mug", (0, 0, 0.75), (0.1, 0.1, 0.1), "dynamic", 0.3),
+            )
+        )
         assert not [note for note in report.notes if note.kind is NoteKind.OVERLAP]
         engine.step(2.0)
         assert moved(engine, "mug", np.array([0, 0, 0.75])) < self.rest_m
@@ -385,7 +447,13 @@ class PhysicsContract(DescriptionContract):
         assert pose_of(engine, "ball")[2] == pytest.approx(5 - 0.5 * 9.81 * 0.8**2, abs=0.03)
 
     def test_what_stood_on_a_deleted_table_falls(self, engine: Engine) -> None:
-        engine.spawn(world(FLOOR, body("table", (0, 0, 0.35), (1, 1, 0.7)), body("mug", (0, 0, 0.75), (0.1, 0.1, 0.1), "dynamic", 0.3)))  # fmt: skip
+        engine.spawn(
+            world(
+                FLOOR,
+                body("table", (0, 0, 0.35), (1, 1, 0.7)),
+                body("mug", (0, 0, 0.75), (0.1, 0.1, 0.1), "dynamic", 0.3),
+            )
+        )
         engine.step(3.0)
         engine.delete([BodyId("table")])
         engine.step(2.0)
@@ -393,7 +461,13 @@ class PhysicsContract(DescriptionContract):
 
     @pytest.mark.parametrize("mobility", ["static", "kinematic"])
     def test_what_stood_on_a_table_falls_when_the_table_is_put_elsewhere(self, engine: Engine, mobility: str) -> None:
-        engine.spawn(world(FLOOR, body("table", (0, 0, 0.35), (1, 1, 0.7), mobility), body("mug", (0, 0, 0.75), (0.1, 0.1, 0.1), "dynamic", 0.3)))  # fmt: skip
+        engine.spawn(
+            world(
+                FLOOR,
+                body("table", (0, 0, 0.35), (1, 1, 0.7), mobility),
+                body("mug", (0, 0, 0.75), (0.1, 0.1, 0.1), "dynamic", 0.3),
+            )
+        )
         engine.step(3.0)
         engine.set_pose(BodyId("table"), Pose((5, 0, 0.35)))
         engine.step(2.0)

@@ -40,17 +40,27 @@ def slide(id: str, parent: str, child: str, at: Vector, limit: float = LIMIT_M, 
     """A drawer's constraint: along x, either way."""
     pose = Pose(at, more.pop("quaternion", (1.0, 0.0, 0.0, 0.0)))
     return Constraint(
-        id=BodyId(id), iri=Iri(BASE + id), parent=BodyId(parent), child=BodyId(child), pose=pose,
-        linear=LinearMotion(x=Motion.LIMITED, limit=limit), **more,
-    )  # fmt: skip
+        id=BodyId(id),
+        iri=Iri(BASE + id),
+        parent=BodyId(parent),
+        child=BodyId(child),
+        pose=pose,
+        linear=LinearMotion(x=Motion.LIMITED, limit=limit),
+        **more,
+    )
 
 
 def hinge(id: str, parent: str, child: str, at: Vector, limit: float = LIMIT_RAD, **more: Any) -> Constraint:
     """A door's constraint: about z, either way."""
     return Constraint(
-        id=BodyId(id), iri=Iri(BASE + id), parent=BodyId(parent), child=BodyId(child), pose=Pose(at),
-        angular=AngularMotion(swing1=Motion.LIMITED, swing1_limit=limit), **more,
-    )  # fmt: skip
+        id=BodyId(id),
+        iri=Iri(BASE + id),
+        parent=BodyId(parent),
+        child=BodyId(child),
+        pose=Pose(at),
+        angular=AngularMotion(swing1=Motion.LIMITED, swing1_limit=limit),
+        **more,
+    )
 
 
 def weld(id: str, parent: str, child: str, at: Vector) -> Constraint:

@@ -1,13 +1,242 @@
 """MujocoEngine keeps the whole contract, and what only MuJoCo can be asked about."""
 
+from __future__ import annotations
+
+import contextlib
+import itertools
+
+import numpy as np
 import pytest
+from hypothesis import given
 
-from mindstage.engines import MujocoEngine
+from mindstage.engines import MujocoEngine, NoteKind
+from mindstage.errors import SimulationUnstable
+from mindstage.world import (
+    AngularMotion,
+    BodyId,
+    Constraint,
+    Iri,
+    LinearMotion,
+    Mobility,
+    Motion,
+    Physics,
+    Pose,
+    Soft,
+    World,
+    difference,
+)
+from mindstage.world.geometry import rotation_angle, unit
+from tests.worlds import worlds
 
-from .contract import PhysicsContract
+from .contract import PhysicsContract, pose_of, pull
+from .scenes import FLOOR, body, hinge, hold, room, slide, weld, world
 
 
 class TestMujocoEngine(PhysicsContract):
     @pytest.fixture
     def engine(self) -> MujocoEngine:
         return MujocoEngine()
+
+
+@given(described=worlds(max_bodies=8))
+def test_any_world_comes_back_identical_from_the_engine(described: World) -> None:
+    engine = MujocoEngine()
+    report = engine.spawn(described)
+    assert report.ok, report
+    found = difference(described, engine.log())
+    assert found.identical(0.0), found
+    ids, poses = engine.poses()
+    assert np.isfinite(poses).all()
+    given_poses = {b.id: b.pose for b in described.bodies}
+    for id, row in zip(ids, poses, strict=True):
+        pose = given_poses[id]
+        assert np.abs(row[:3] - pose.position).max() <= 1e-12 * max(1.0, *map(abs, pose.position))
+        assert rotation_angle(row[3:], unit(pose.quaternion)) <= 1e-12
+
+
+@given(described=worlds(max_bodies=6))
+def test_any_world_runs_or_says_why_it_cannot(described: World) -> None:
+    engine = MujocoEngine()
+    engine.spawn(described)
+    with contextlib.suppress(SimulationUnstable):  # a joint whose frame is a kilometre away may well break
+        engine.step(0.1)
+        assert np.isfinite(engine.poses()[1]).all()
+
+
+def model_of(engine: MujocoEngine) -> object:
+    return engine._keeper.live().model
+
+
+def test_masses_in_the_model_are_exactly_the_given_ones() -> None:
+    engine = MujocoEngine()
+    engine.spawn(room())
+    live = engine._keeper.live()
+    for described in room().bodies:
+        if described.physics.mass_kg:
+            assert live.model.body_mass[live.numbers[described.id]] == described.physics.mass_kg
+
+
+def test_edits_in_a_row_cost_one_recompile(monkeypatch: pytest.MonkeyPatch) -> None:
+    from mindstage.engines.mujoco import scene
+
+    built = []
+    original = scene.build
+    monkeypatch.setattr(scene, "build", lambda blueprint: built.append(1) or original(blueprint))
+    engine = MujocoEngine()
+    engine.spawn(room())
+    engine.step(0.01)
+    built.clear()
+    for i in range(20):
+        engine.spawn(world(body(f"new{i}", (5, i, 1), (0.1, 0.1, 0.1), "dynamic", 1.0)))
+    engine.set_physics(BodyId("mug"), Physics(mobility=Mobility.DYNAMIC, mass_kg=1.0))
+    engine.set_pose(BodyId("new3"), Pose((7, 7, 1)))
+    engine.attach(BodyId("drawer"), BodyId("mug"))
+    engine.delete([BodyId("new4")])
+    assert pose_of(engine, "new3")[0] == 7
+    assert built == []
+    engine.step(0.01)
+    assert built == [1]
+
+
+def test_what_sleeps_goes_on_sleeping_through_an_edit_elsewhere() -> None:
+    engine = MujocoEngine()
+    engine.spawn(room())
+    engine.step(3.0)
+    asleep = int((engine._keeper.live().data.tree_asleep >= 0).sum())
+    assert asleep == 4
+    engine.spawn(world(body("far", (8, 8, 1), (0.1, 0.1, 0.1), "dynamic", 1.0)))
+    engine.step(0.004)
+    assert int((engine._keeper.live().data.tree_asleep >= 0).sum()) == asleep
+
+
+MOTIONS = [
+    (linear, angular)
+    for linear in itertools.product(Motion, repeat=3)
+    for angular in [(Motion.LOCKED,) * 3, (Motion.LIMITED, Motion.LOCKED, Motion.FREE), (Motion.FREE,) * 3]
+]
+
+
+@pytest.mark.parametrize(("linear", "angular"), MOTIONS)
+def test_any_mix_of_axes_moves_just_as_it_says(linear: tuple[Motion, ...], angular: tuple[Motion, ...]) -> None:
+    joint = Constraint(
+        id=BodyId("joint"),
+        iri=Iri("http://example.org/maps/scene.owl#joint"),
+        parent=BodyId("base"),
+        child=BodyId("arm"),
+        pose=Pose((0.3, 0, 1)),
+        linear=LinearMotion(x=linear[0], y=linear[1], z=linear[2], limit=0.2),
+        angular=AngularMotion(swing1=angular[0], swing2=angular[1], twist=angular[2], swing1_limit=0.3),
+    )
+    engine = MujocoEngine()
+    base, arm = (
+        body("base", (0, 0, 1), (0.2, 0.2, 0.2)),
+        body("arm", (0.5, 0, 1), (0.3, 0.1, 0.1), "dynamic", 1.0, gravity=False),
+    )
+    assert engine.spawn(world(base, arm, joint)).ok
+    for _ in range(150):
+        x, y, z = pose_of(engine, "arm")[:3].tolist()
+        engine.push(BodyId("arm"), (6.0, 5.0, 4.0), (x + 0.005, y + 0.003, z + 0.002))
+        engine.step(0.01)
+    place = engine.joint_positions().get(BodyId("joint"))
+    if all(motion is Motion.FREE for motion in (*linear, *angular)):
+        assert place is None
+        return
+    place = place or (0.0,) * 6
+    for motion, reached in zip(linear, place[:3], strict=True):
+        if motion is Motion.LOCKED:
+            assert abs(reached) < 1e-3
+        elif motion is Motion.LIMITED:
+            assert abs(reached) < 0.2 + 2e-3
+        else:
+            assert abs(reached) > 0.2
+    if angular[0] is Motion.LIMITED:
+        assert abs(place[5]) < 0.3 + 0.02
+    if angular[1] is Motion.LOCKED and angular[0] is Motion.LOCKED:
+        assert rotation_angle(pose_of(engine, "arm")[3:], [1, 0, 0, 0]) < 1e-6
+
+
+def test_a_soft_limit_gives_way_like_a_spring_of_its_stiffness() -> None:
+    stiffness, force = 400.0, 40.0
+    soft = LinearMotion(x=Motion.LIMITED, limit=0.1, soft=Soft(enabled=True, stiffness=stiffness, damping=60.0))
+    joint = Constraint(
+        id=BodyId("joint"),
+        iri=Iri("http://example.org/maps/scene.owl#joint"),
+        parent=BodyId("base"),
+        child=BodyId("arm"),
+        pose=Pose((0, 0, 1)),
+        linear=soft,
+    )
+    engine = MujocoEngine()
+    engine.spawn(
+        world(body("base", (-1, 0, 1), (0.2, 0.2, 0.2)), body("arm", (0, 0, 1), (0.3, 0.1, 0.1), "dynamic", 2.0), joint)
+    )
+    pull(engine, "arm", (force, 0.0, 0.0), 6.0)
+    friction = 2.0 * 1.0 * 1.05  # what the slide holds against by itself, with some room
+    past = pose_of(engine, "arm")[0] - 0.1
+    assert (force - friction) / stiffness * 0.9 < past < force / stiffness * 1.05
+
+
+@pytest.mark.parametrize("make", [slide, hinge, weld])
+def test_a_constraint_that_closes_a_loop_holds_what_it_locks(make: object) -> None:
+    arms = [
+        body(name, (0.5 * i, 0, 1), (0.3, 0.1, 0.1), "dynamic", 1.0) for i, name in enumerate(("one", "two"), start=1)
+    ]
+    closing = make("closing", "two", "base", (1.3, 0, 1))  # type: ignore[operator]
+    engine = MujocoEngine()
+    report = engine.spawn(
+        world(
+            FLOOR,
+            body("base", (1.6, 0, 1), (0.2, 0.2, 2.0)),
+            body("wall", (0, 0, 1), (0.2, 0.2, 2.0)),
+            *arms,
+            weld("first", "wall", "one", (0.3, 0, 1)),
+            hinge("middle", "one", "two", (0.75, 0, 1)),
+            closing,
+        )
+    )
+    assert report.ok
+    assert any(note.kind is NoteKind.CONSTRAINT and "loop" in note.text for note in report.notes)
+    pull(engine, "two", (0.0, 8.0, 0.0), 1.0)
+    assert abs(pose_of(engine, "two")[2] - 1.0) < 0.01
+    assert np.isfinite(engine.poses()[1]).all()
+
+
+def test_a_body_that_goes_to_infinity_is_reported_by_name_and_the_engine_lives_on() -> None:
+    engine = MujocoEngine()
+    engine.spawn(room())
+    state = engine.save()
+    engine.push(BodyId("mug"), (1e30, 0.0, 0.0))
+    with pytest.raises(SimulationUnstable, match="mug"):
+        engine.step(0.05)
+    engine.restore(state)
+    engine.step(0.1)
+    assert np.isfinite(engine.poses()[1]).all()
+
+
+def test_a_dynamic_body_attached_without_constraint_moves_rigidly_and_it_is_said() -> None:
+    engine = MujocoEngine()
+    magnet = body("magnet", (0.345, 2.1, 1.4), (0.002, 0.05, 0.05), "dynamic", 0.05)
+    described = world(*room().bodies, magnet, *room().constraints, *room().attachments, hold("door", "magnet"))
+    report = engine.spawn(described)
+    assert [note.ids for note in report.notes if note.kind is NoteKind.ATTACHMENT] == [("magnet", "door")]
+    pull(engine, "door_handle", (25.0, 0.0, 0.0), 4.0)
+    assert rotation_angle(pose_of(engine, "magnet")[3:], [1, 0, 0, 0]) == pytest.approx(np.pi / 4, abs=0.01)
+
+
+def test_a_constraint_wins_over_an_attachment_and_it_is_said() -> None:
+    engine = MujocoEngine()
+    described = world(*room().bodies, *room().constraints, *room().attachments, hold("fridge", "door"))
+    report = engine.spawn(described)
+    assert report.ok
+    assert any(note.kind is NoteKind.ATTACHMENT and note.ids == ("door", "fridge") for note in report.notes)
+    pull(engine, "door_handle", (25.0, 0.0, 0.0), 4.0)
+    assert rotation_angle(pose_of(engine, "door")[3:], [1, 0, 0, 0]) == pytest.approx(np.pi / 4, abs=0.01)
+    assert difference(described, engine.log()).lost_facts == 0
+
+
+def test_hundreds_of_bodies_in_one_place_are_spawned_and_do_not_explode() -> None:
+    boxes = [body(f"b{i}", (0, 0, 1), (0.1, 0.1, 0.1), "dynamic", 1.0, gravity=False) for i in range(600)]
+    engine = MujocoEngine()
+    assert engine.spawn(world(*boxes)).ok
+    engine.step(0.02)
+    assert np.abs(engine.poses()[1][:, :3] - (0, 0, 1)).max() < 1e-6

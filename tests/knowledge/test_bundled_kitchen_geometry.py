@@ -162,7 +162,7 @@ def test_drawers_are_in_their_own_case_but_for_the_front(kitchen: Scene) -> None
             box = kitchen.boxes[part].moved(np.eye(3), joint.at, shift)
             low, high = box.extent
             floor, ceiling = kitchen.boxes[joint.case].extent
-            assert (low >= floor - TOUCHING).all() and (high <= ceiling + TOUCHING).all(), part
+            assert min((low - floor).min(), (ceiling - high).min()) >= -TOUCHING, part
 
 
 def test_handles_sit_on_the_front_of_what_they_open(kitchen: Scene) -> None:
@@ -176,7 +176,7 @@ def test_handles_sit_on_the_front_of_what_they_open(kitchen: Scene) -> None:
         flat = 1 - np.abs(forward)
         low, high = handle.extent * flat
         floor, ceiling = front.extent * flat
-        assert (low >= floor - TOUCHING).all() and (high <= ceiling + TOUCHING).all(), handle.id
+        assert min((low - floor).min(), (ceiling - high).min()) >= -TOUCHING, handle.id
 
 
 def test_joint_frames_look_out_of_the_case(kitchen: Scene) -> None:

@@ -24,7 +24,7 @@ def analyse(
     with working("reading"):
         knowledge = knowledge_base(maps, ontologies=ontologies, bundled=bundled)
         # Without any map, asking for the only one gives the error that says so.
-        wanted = [map_name] if map_name else [*knowledge.maps()] or [None]
+        wanted: list[str | None] = [map_name] if map_name else [*knowledge.maps()] or [None]
         analyses = [knowledge.analyse(name) for name in wanted]
     findings = knowledge.findings()
     if as_json:

@@ -64,7 +64,7 @@ def check(
         print_report(report, title=world.name, verbose=verbose)
         print_table("Seconds", tuple(watch.seconds), [[round(spent, 3) for spent in watch.seconds.values()]])
         # What the engine lost is lost in the file too; shown once, where it happened.
-        print_difference(found if by_engine.identical(delta) else by_engine, delta)
+        print_difference(found if by_engine.identical(delta) else by_engine, delta, about=world)
     return Outcome.DONE if identical and everything_stands(report, knowledge.findings()) else Outcome.NO
 
 

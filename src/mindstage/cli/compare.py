@@ -45,5 +45,5 @@ def compare(
         print_json(difference_json(found, delta) | {"findings": findings})
     else:
         print_findings((*findings_a, *findings_b))
-        print_difference(found, delta)
+        print_difference(found, delta, about=world_a)
     return Outcome.DONE if found.identical(delta) else Outcome.NO

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from mindstage.knowledge import Finding
 
 __all__ = [
+    "Cell",
     "console",
     "findings_json",
     "one_line",
@@ -86,13 +87,16 @@ def print_table(title: str, columns: Sequence[str], rows: Iterable[Sequence[Cell
     from rich.text import Text
 
     lines = list(rows)
-    table = Table(title=Text(one_line(title)), title_justify="left")
+    table = Table()
     for at, column in enumerate(columns):
         words = any(isinstance(line[at], str) for line in lines)
         table.add_column(column, justify="left" if words else "right", overflow="fold")
     for line in lines:
         table.add_row(*(Text(one_line(_shown(cell))) for cell in line))
-    console().print(table)
+    terminal = console()
+    if title:
+        terminal.print(Text(one_line(title), style="bold"), soft_wrap=True)  # a narrow table would break its own title
+    terminal.print(table)
 
 
 def print_findings(findings: Sequence[Finding]) -> None:

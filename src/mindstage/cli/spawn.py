@@ -48,8 +48,8 @@ def spawn(
     with Stage(knowledge, running) as stage:
         with working("spawning"), watch.measure("spawn"):
             report = stage.spawn(world)
-        told = {"map": world.iri, "engine": stage.engine_name, "spawn": report_json(report), "seconds": watch.seconds}
-        told |= {"findings": findings_json(knowledge.findings())}
+        told: dict[str, object] = {"map": world.iri, "engine": stage.engine_name, "spawn": report_json(report)}
+        told |= {"seconds": watch.seconds, "findings": findings_json(knowledge.findings())}
         if not as_json:
             print_findings(knowledge.findings())
             print_report(report, title=world.name, verbose=verbose)

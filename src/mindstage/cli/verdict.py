@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import re
+from collections import Counter
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from mindstage.cli.output import print_table, say
+from mindstage.cli.output import Cell, print_table, say
 
 if TYPE_CHECKING:
-    from mindstage.world import Difference
+    from mindstage.world import Difference, World
 
 __all__ = ["difference_json", "print_difference"]
 
-_MANY = 40
+_MANY = 20
 """More changes than this are cut short in a table; JSON has them all."""
+_LONG = 120
+"""A value of more characters than this is cut short, too."""
 
 
 def difference_json(found: Difference, delta: float) -> dict[str, object]:
@@ -22,20 +27,45 @@ def difference_json(found: Difference, delta: float) -> dict[str, object]:
     return found.to_builtins(delta) | {"identical_mechanics": found.identical(delta, kinds=MECHANICS)}
 
 
-def print_difference(found: Difference, delta: float) -> None:
-    """The difference as tables, and a verdict in a sentence."""
-    if errors := [(kind, error) for kind, error in found.max_error.items() if error]:
-        print_table("Largest differences", ("kind", "error"), errors)
+def print_difference(found: Difference, delta: float, *, about: World) -> None:
+    """The difference as tables, and a verdict in a sentence.
+
+    Args:
+        found: what differs.
+        delta: how much of it is forgiven.
+        about: one of the two, whose classes tell people what an id is.
+    """
+    classes: dict[str, str] = {body.id: re.split("[#/]", body.cls)[-1] for body in about.bodies}
     for title, ids in (("Only in A", found.only_in_a), ("Only in B", found.only_in_b)):
-        if ids:
-            print_table(title, ("id",), [(only,) for only in ids])
-    if changes := found.beyond(delta):
-        more = f" (the first {_MANY} of {len(changes)}; --json has all)" if len(changes) > _MANY else ""
-        rows = [(change.id, change.field, str(change.a), str(change.b), change.error) for change in changes[:_MANY]]
-        print_table(f"Changed{more}", ("id", "what", "A", "B", "error"), rows)
-    if found.lost_facts or found.gained_facts:
-        say(f"Facts and tags: {found.lost_facts} only in A, {found.gained_facts} only in B.")
+        _cut(title, ("id", "class"), [(only, classes.get(only)) for only in ids])
+    numbers, largest = Counter(change.kind.value for change in found.changed), found.max_error
+    rows = [(kind, number, largest.get(kind)) for kind, number in numbers.most_common()]
+    _cut("What differs", ("kind", "changes", "largest error"), rows)
+    told = [change for change in found.beyond(delta) if change.kind.value not in {"facts", "tags"}]
+    told.sort(key=lambda change: (change.error is None, -(change.error or 0.0), change.id))
+    _cut(
+        f"Beyond delta {delta:g}",
+        ("id", "class", "what", "A", "B", "error"),
+        [
+            (change.id, classes.get(change.id), change.field, _shown(change.a), _shown(change.b), change.error)
+            for change in told
+        ],
+    )
+    for title, lines in (("Facts and tags only in A", found.lost), ("Facts and tags only in B", found.gained)):
+        _cut(title, ("id", "what is said"), [(line.id, _shown(line)) for line in lines])
     say(_verdict(found, delta))
+
+
+def _cut(title: str, columns: Sequence[str], rows: Sequence[Sequence[Cell]]) -> None:
+    """A table, unless it would be empty, that does not go on for ever."""
+    if rows:
+        more = f" (the first {_MANY} of {len(rows)}; --json has all)" if len(rows) > _MANY else ""
+        print_table(f"{title}{more}", columns, rows[:_MANY])
+
+
+def _shown(value: object) -> str:
+    text = ", ".join(map(str, value)) if isinstance(value, tuple) else str(value)
+    return text if len(text) <= _LONG else f"{text[:_LONG]}…"
 
 
 def _verdict(found: Difference, delta: float) -> str:

@@ -32,7 +32,6 @@ _DECLARED_ENCODING = re.compile(rb"""^\s*<\?xml[^>]*?\sencoding\s*=\s*["']([A-Za
 _ENTITY = re.compile(rb"""<!ENTITY\s+([^\s%"'>]+)\s*(?:"([^"]*)"|'([^']*)'|(SYSTEM|PUBLIC)\b)""")
 _ENTITY_USE = re.compile(rb"&([^\s&;#]+);")
 _FIRST_TAG = re.compile(rb"<([A-Za-z_][^\s/>]*)")
-_COMMENTS_AT_END = re.compile(rb"(?:\s|<!--(?:(?!-->).)*-->)+\Z", re.DOTALL)
 _TURTLE_START = re.compile(rb"(?:\s|#[^\n]*\n)*(?:@prefix|@base|PREFIX|BASE)\s", re.IGNORECASE)
 _STATEMENT_START = re.compile(rb"(?:\s|#[^\n]*\n)*(?:<[^<>\"{}|^`\\\s]+>|_:\S+)\s+(?:<[^<>\"{}|^`\\\s]+>|a)\s")
 
@@ -141,9 +140,11 @@ def _check_entities(file: SourceFile) -> None:
 def _check_complete(file: SourceFile) -> None:
     """The parser takes the end of a file for the end of a document, wherever it comes."""
     if root := _FIRST_TAG.search(file.data):
-        end = _COMMENTS_AT_END.sub(b"", file.data[-4096:])
-        # Only the outermost element has this name, so that its end tag is the document's.
-        if re.search(b"</" + re.escape(root[1]) + rb"\s*>\Z", end) and file.data.count(b"<" + root[1]) == 1:
+        end = file.data[-4096:].rstrip()
+        while end.endswith(b"-->"):
+            end = end[: max(end.rfind(b"<!--"), 0)].rstrip()
+        # Where no other element has the name of the outermost one, its end tag is the document's end.
+        if end.endswith(b"</" + root[1] + b">") and file.data.count(b"<" + root[1]) == 1:
             return
     if problem := _ill_formed(file.data):
         raise SourceUnreadable(str(file.path), cause=problem[0], line=problem[1])

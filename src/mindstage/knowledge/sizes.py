@@ -8,15 +8,15 @@ from mindstage.knowledge.findings import Report, Severity
 from mindstage.knowledge.hierarchy import ClassHierarchy
 from mindstage.knowledge.vocabulary import EQUIVALENT_CLASS, HAS_VALUE, ON_PROPERTY, SUBCLASS_OF
 from mindstage.knowledge.words import SIZE
-from mindstage.world import Anonymous, Fact, Iri, Reference
+from mindstage.world import Anonymous, Fact, Iri, Reference, Resource
 
-__all__ = ["Axes", "ClassSizes", "superclasses"]
+__all__ = ["Axes", "ClassSizes", "class_sizes_of"]
 
 Axes = tuple[float | None, float | None, float | None]
 """What is known along x, y and z [m]."""
 
 
-def superclasses(classes: Iterable[tuple[Iri, Sequence[Fact]]]) -> Iterable[tuple[Iri, Iri]]:
+def _superclasses(classes: Iterable[tuple[Iri, Sequence[Fact]]]) -> Iterable[tuple[Iri, Iri]]:
     """Class and superclass, for each pair of named ones that facts tell of."""
     for cls, facts in classes:
         for fact in facts:
@@ -25,6 +25,16 @@ def superclasses(classes: Iterable[tuple[Iri, Sequence[Fact]]]) -> Iterable[tupl
                     yield cls, fact.value.iri
                 if fact.property == EQUIVALENT_CLASS:
                     yield fact.value.iri, cls
+
+
+def class_sizes_of(resources: Iterable[Resource]) -> ClassSizes:
+    """What the resources of one world say, and nothing else; whoever reads that world's file can find it there."""
+    classes = {resource.iri: resource.facts for resource in resources}
+
+    def silent(severity: Severity, individual: str, property: str, what: str, did: str) -> None:
+        """Reading reports the same of all that is known."""
+
+    return ClassSizes(classes, ClassHierarchy(_superclasses(classes.items())), silent)
 
 
 class ClassSizes:

@@ -26,7 +26,7 @@ class Heard:
     def __init__(self, subject: Iri, facts: Sequence[Fact], report: Report) -> None:
         self.subject = subject
         self.facts = facts
-        self._report = report
+        self.report = report
         self._at: dict[Iri, list[int]] = {}
         self._taken: set[int] = set()
         self._leading: list[int] = []
@@ -99,7 +99,7 @@ class Heard:
 
     def warn(self, property: str, what: str, did: str) -> None:
         """Reports something odd about this thing."""
-        self._report(Severity.WARNING, self.subject, property, what, did)
+        self.report(Severity.WARNING, self.subject, property, what, did)
 
 
 class Said:
@@ -119,6 +119,10 @@ class Said:
     def add(self, property: Iri, iri: Iri) -> None:
         """Says that one thing has to do with another."""
         self._said.append(Fact(property, Reference(iri)))
+
+    def fact(self, fact: Fact) -> None:
+        """Says something as it is."""
+        self._said.append(fact)
 
     def told(self, word: Word[T]) -> T | None:
         """What the facts alone would give as the value of a word."""

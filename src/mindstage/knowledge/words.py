@@ -13,10 +13,8 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Generic, TypeVar
 
-import msgspec
-
-from mindstage.knowledge.vocabulary import LABEL, TAGS_DATA, TAGS_JSON, knowrob, ms, xsd
-from mindstage.world import FactValue, Iri, Literal, Mobility, Motion, Reference, ShapeKind, Tag
+from mindstage.knowledge.vocabulary import LABEL, knowrob, ms, xsd
+from mindstage.world import FactValue, Iri, Literal, Mobility, Motion, Reference, ShapeKind
 
 __all__ = [
     "COLOUR",
@@ -46,8 +44,6 @@ __all__ = [
     "SWING_DAMPING",
     "SWING_SOFT",
     "SWING_STIFFNESS",
-    "TAGS",
-    "TAGS_AS_JSON",
     "TRANSLATION",
     "TWIST",
     "TWIST_DAMPING",
@@ -57,13 +53,17 @@ __all__ = [
     "X_MOTION",
     "Y_MOTION",
     "Z_MOTION",
+    "NO_XML",
     "Word",
+    "text_in",
 ]
 
 T = TypeVar("T")
 Kind = TypeVar("Kind", bound=Enum)
 
 _NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?", re.ASCII)
+NO_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+"""Letters that no XML file can hold, not even escaped."""
 _TRUTH = {"true": True, "1": True, "false": False, "0": False}
 
 
@@ -87,7 +87,7 @@ class Word(Generic[T]):
         return said == told
 
 
-def number_in(text: str) -> float | None:
+def _number_in(text: str) -> float | None:
     """A finite number, exactly; None for anything else (Python itself would also take "nan" or "1_000")."""
     text = text.strip(" \t\r\n")
     if not _NUMBER.fullmatch(text):
@@ -96,12 +96,13 @@ def number_in(text: str) -> float | None:
     return number if math.isfinite(number) else None
 
 
-def _text_in(value: FactValue) -> str | None:
+def text_in(value: FactValue) -> str | None:
+    """The text of a literal of any type, but in no particular language."""
     return value.text if isinstance(value, Literal) and value.language is None else None
 
 
 def _text(property: Iri) -> Word[str]:
-    return Word(property, "a text", _text_in, Literal)
+    return Word(property, "a text", text_in, Literal)
 
 
 def _label(property: Iri) -> Word[str]:
@@ -110,7 +111,7 @@ def _label(property: Iri) -> Word[str]:
 
 def _path(property: Iri) -> Word[str]:
     def understand(value: FactValue) -> str | None:
-        return value.iri if isinstance(value, Reference) and not value.iri.startswith("_:") else _text_in(value)
+        return value.iri if isinstance(value, Reference) and not value.iri.startswith("_:") else text_in(value)
 
     return Word(property, "a path", understand, Literal)
 
@@ -119,7 +120,7 @@ def _one_of(property: Iri, kinds: type[Kind]) -> Word[Kind]:
     names = {str(kind.value): kind for kind in kinds}
 
     def understand(value: FactValue) -> Kind | None:
-        text = _text_in(value)
+        text = text_in(value)
         return None if text is None else names.get(text.strip().lower())
 
     return Word(property, "one of " + ", ".join(names), understand, lambda kind: Literal(str(kind.value)))
@@ -127,7 +128,7 @@ def _one_of(property: Iri, kinds: type[Kind]) -> Word[Kind]:
 
 def _truth(property: Iri) -> Word[bool]:
     def understand(value: FactValue) -> bool | None:
-        text = _text_in(value)
+        text = text_in(value)
         return None if text is None else _TRUTH.get(text.strip().lower())
 
     datatype = xsd("boolean")
@@ -136,8 +137,8 @@ def _truth(property: Iri) -> Word[bool]:
 
 def _number(property: Iri, *, datatype: str = "float", least: float = -math.inf) -> Word[float]:
     def understand(value: FactValue) -> float | None:
-        text = _text_in(value)
-        number = None if text is None else number_in(text)
+        text = text_in(value)
+        number = None if text is None else _number_in(text)
         return number if number is not None and number >= least else None
 
     what = "a finite number" if least else "a finite number of 0 or more"
@@ -146,7 +147,7 @@ def _number(property: Iri, *, datatype: str = "float", least: float = -math.inf)
 
 def _whole_number(property: Iri) -> Word[int]:
     def understand(value: FactValue) -> int | None:
-        text = _text_in(value)
+        text = text_in(value)
         return int(text) if text is not None and re.fullmatch(r"\s*\d{1,9}\s*", text, re.ASCII) else None
 
     return Word(property, "a whole number", understand, lambda number: Literal(str(number), xsd("integer")), True)
@@ -154,7 +155,7 @@ def _whole_number(property: Iri) -> Word[int]:
 
 def _motion(property: Iri) -> Word[Motion]:
     def understand(value: FactValue) -> Motion | None:
-        number = number_in(_text_in(value) or "")
+        number = _number_in(text_in(value) or "")
         return Motion(int(number)) if number in set(Motion) else None
 
     what = "0 (free), 1 (limited) or 2 (locked)"
@@ -163,7 +164,7 @@ def _motion(property: Iri) -> Word[Motion]:
 
 def _numbers(property: Iri, count: int, *, nonzero: bool = False) -> Word[tuple[float, ...]]:
     def understand(value: FactValue) -> tuple[float, ...] | None:
-        numbers = [number_in(part) for part in (_text_in(value) or "").split()]
+        numbers = [_number_in(part) for part in (text_in(value) or "").split()]
         if len(numbers) != count or None in numbers:
             return None
         told = tuple(number for number in numbers if number is not None)
@@ -176,63 +177,12 @@ def _numbers(property: Iri, count: int, *, nonzero: bool = False) -> Word[tuple[
     return Word(property, what, understand, say, by_value=True)
 
 
-# -- tags --------------------------------------------------------------------------------------------------------------
-
-
-def _tags_of(value: FactValue) -> tuple[Tag, ...] | None:
-    """Reads "SemLog;Class,Cup;Id,c1;Other;k,v;": types, each followed by its pairs."""
-    text = _text_in(value)
-    if text is None:
-        return None
-    tags, kind = [], None
-    for part in text.removesuffix(";").split(";") if text else ():
-        key, comma, told = part.partition(",")
-        if not comma:
-            kind = part
-        elif kind is None:
-            return None
-        else:
-            tags.append(Tag(type=kind, key=key, value=told))
-    return tuple(tags)
-
-
-def _tags_said(tags: tuple[Tag, ...]) -> Literal:
-    parts, kind = [], None
-    for tag in tags:
-        if tag.type != kind:
-            kind = tag.type
-            parts.append(kind)
-        parts.append(f"{tag.key},{tag.value}")
-    return Literal("".join(part + ";" for part in parts))
-
-
-def _tags_of_json(value: FactValue) -> tuple[Tag, ...] | None:
-    try:
-        told = msgspec.json.decode(_text_in(value) or "", type=list[tuple[str, str, str]])
-    except (msgspec.DecodeError, UnicodeError):
-        return None
-    return tuple(Tag(type=kind, key=key, value=value) for kind, key, value in told)
-
-
-def _tags_said_as_json(tags: tuple[Tag, ...]) -> Literal:
-    # JSON in ASCII has an escape for every letter, also for those that XML has no way to write.
-    text = msgspec.json.encode([(tag.type, tag.key, tag.value) for tag in tags]).decode()
-    return Literal("".join(letter if letter.isascii() and letter != "\x7f" else _escaped(letter) for letter in text))
-
-
-def _escaped(letter: str) -> str:
-    code = letter.encode("utf-16-be")
-    return "".join(f"\\u{code[at]:02x}{code[at + 1]:02x}" for at in range(0, len(code), 2))
-
-
 # -- the words ---------------------------------------------------------------------------------------------------------
 
 ID = _text(ms("id"))
 LABEL_WORD = _label(LABEL)
 MESH = _path(knowrob("pathToCadModel"))
 SHAPE = _one_of(ms("shape"), ShapeKind)
-TAGS = Word(TAGS_DATA, 'tags ("type;key,value;…")', _tags_of, _tags_said)
-TAGS_AS_JSON = Word(TAGS_JSON, "a JSON array of [type, key, value]", _tags_of_json, _tags_said_as_json)
 
 MOBILITY = _one_of(knowrob("mobility"), Mobility)
 GRAVITY = _truth(knowrob("gravity"))

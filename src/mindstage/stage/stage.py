@@ -64,6 +64,7 @@ class Stage:
         self._engine = engine
         self._edition = 0
         self._worlds: tuple[World, ...] = ()
+        self._reports: tuple[SpawnReport, ...] = ()
         self._spawned: State | None = None
         self._clock: Clock | None = None
         self._grips: dict[BodyId, Grip] = {}
@@ -90,6 +91,11 @@ class Stage:
         return self._worlds
 
     @property
+    def reports(self) -> tuple[SpawnReport, ...]:
+        """What became of each of the worlds when it was spawned."""
+        return self._reports
+
+    @property
     def frame(self) -> Frame:
         """The world as last published; reading it never waits."""
         return self._frame
@@ -103,7 +109,7 @@ class Stage:
 
         def spawn(engine: Engine) -> SpawnReport:
             report = engine.spawn(described)
-            self._worlds = (*self._worlds, described)
+            self._worlds, self._reports = (*self._worlds, described), (*self._reports, report)
             self._remember(engine)
             return report
 
@@ -139,7 +145,7 @@ class Stage:
 
         def clear(engine: Engine) -> None:
             engine.clear()
-            self._worlds, self._spawned = (), None
+            self._worlds, self._reports, self._spawned = (), (), None
             self._grips.clear()
 
         self.call(clear, what="clear", edits=True)

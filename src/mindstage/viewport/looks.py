@@ -31,15 +31,15 @@ _LID_SHARE = 0.5
 _DEPTH_COUNTS = 0.02
 """Of two sides that a front is equally close to, it closes the one across which it is thin."""
 _TOUCH_M = 0.02
-_BROAD_M = 0.2
+_BROAD_M = 0.15
 _SMALLEST_BOX_M = 0.08
 """Nobody reaches into anything smaller."""
 
 _OPEN_AT_THE_TOP = frozenset("basket bin breadbasket bucket crate drawer rack sink tray washbasin".split())
 _FEET = {"bowl": 0.5, "cup": 0.75, "dish": 0.6, "mug": 0.95, "pan": 0.85, "plate": 0.6, "saucer": 0.6, "vase": 0.8}
-_VESSELS = frozenset("colander drinkingvessel glass jug pitcher pot".split()) | _FEET.keys()
-_ROUND = frozenset("bottle can carafe column jar".split())
-_BALLS = frozenset("apple ball egg lemon onion orange potato tomato".split())
+_VESSELS = frozenset("casserole colander glass jug pitcher saucepan tumbler vessel".split()) | _FEET.keys()
+_ROUND = frozenset("bottle can carafe column jar mill papertowel shaker tin".split())
+_BALLS = frozenset("apple ball egg lemon lettuce onion orange plant potato tomato".split())
 _TELLING = _OPEN_AT_THE_TOP | _VESSELS | _ROUND | _BALLS
 _BUILDING = frozenset({Surface.WALL, Surface.FLOOR, Surface.CEILING})
 
@@ -151,7 +151,7 @@ class _Onlooker:
         if self.bodies[row].physics.simulates:
             return None
         thinnest, next_thinnest = np.sort(self.half[row])[:2]
-        if self.surfaces[row] in _AROUND and thinnest < 0.25 * next_thinnest and next_thinnest > _BROAD_M:
+        if self.surfaces[row] in _AROUND and thinnest < 0.35 * next_thinnest and next_thinnest > _BROAD_M:
             axis = int(np.argmin(self.half[row]))
             offsets = (self.centre[self.is_thing] - self.centre[row]) @ self.turn[row][:, axis]
             return axis, 1 if np.sum(np.sign(offsets)) >= 0 else -1

@@ -59,13 +59,13 @@ def _rgb(text: str) -> Colour:
 
 
 _PAINTS: dict[Surface, tuple[Paint, ...]] = {
-    Surface.WALL: (Paint(_rgb("e9e4da")),),
-    Surface.FLOOR: (Paint(_rgb("cfc6b8")),),
+    Surface.WALL: (Paint(_rgb("ece8e0")),),
+    Surface.FLOOR: (Paint(_rgb("c9bfb0")),),
     Surface.CEILING: (Paint(_rgb("f2efe9")),),
     Surface.WOOD: (Paint(_rgb("b98b5e")),),
-    Surface.FRONT: (Paint(_rgb("e6dac6")),),
+    Surface.FRONT: (Paint(_rgb("ece2d0")),),
     Surface.STONE: (Paint(_rgb("6d6a68")),),
-    Surface.STEEL: (Paint(_rgb("aeb8c0")),),
+    Surface.STEEL: (Paint(_rgb("b3b8bb")),),
     Surface.BLACK_GLASS: (Paint(_rgb("2b3036")),),
     Surface.DARK_METAL: (Paint(_rgb("3a3f45")),),
     Surface.FOOD: tuple(Paint(_rgb(text)) for text in ("c9654a", "d9a441", "8ca556", "b98a5a")),
@@ -73,58 +73,84 @@ _PAINTS: dict[Surface, tuple[Paint, ...]] = {
     Surface.LAMP: (Paint(_rgb("ffe9b0")),),
     Surface.GLASS: (Paint(_rgb("a9cbd8"), 0.32),),
     Surface.TEXTILE: tuple(Paint(_rgb(text)) for text in ("8a9a86", "a8798a", "6f7f99")),
-    Surface.PAPER: (Paint(_rgb("efe6d2")),),
+    Surface.PAPER: tuple(Paint(_rgb(text)) for text in ("efe6d2", "a8554a", "4f6d8c")),
     Surface.PLANT: (Paint(_rgb("6f9557")),),
     Surface.PLASTIC: tuple(Paint(_rgb(text)) for text in ("5f87a8", "7a7f86", "c2a24e")),
 }
 """Where there are several, a class keeps the one that its name falls on."""
 
 _SURFACE_WORDS: dict[Surface, str] = {
-    Surface.WALL: "wall pillar column building construction",
-    Surface.FLOOR: "floor ground mat",
+    Surface.WALL: "wall pillar column building wallofaconstruction",
+    Surface.FLOOR: "floor ground floormat",
     Surface.CEILING: "ceiling roof",
-    Surface.WOOD: """area base board bench bookcase bookshelf box cabinet chair chest crate cupboard desk dresser
-        furniture furniturepiece frame island nightstand shelf sideboard stool storagefurniture table tray wardrobe
-        wood breadbasket basket storageconstruct""",
+    Surface.WOOD: """area base bench board bookcase bookshelf cabinet chair chest crate cupboard desk dresser frame
+        furniture furniturepiece island leg nightstand shelf sideboard stool table wardrobe basket breadbasket""",
     Surface.FRONT: "door doorway drawer front gate panel",
     Surface.STONE: "countertop counter worktop plinth sill stone marble",
-    Surface.STEEL: """appliance bar bin can colander cutlery dishwasher extractor faucet filter fork freezer fridge
-        grater hood kettle knife ladle lid metal pan pot rack radiator refrigerator silverware sink spatula spoon
-        steel strainer tap teaspoon toaster utensil washer whisk""",
-    Surface.BLACK_GLASS: "cooktop display hob microwave monitor oven screen stove television tv heatsource",
-    Surface.DARK_METAL: "button dial handle hinge knob lever switch",
+    Surface.STEEL: """appliance bakeware bakingtray bar bin can colander cookingutensil cookingvessel cutlery
+        dishwasher extractor faucet filter fork freezer fridge grater hood kettle knife ladle lid pan rack radiator
+        refrigerator silverware silverwarepiece sink spatula spoon strainer tap teaspoon toaster whisk""",
+    Surface.BLACK_GLASS: "cooktop display hob microwave monitor oven screen stove stovetop television",
+    Surface.DARK_METAL: "button controldevice dial handle hinge knob latch lever switch",
     Surface.FOOD: """apple banana beer beverage biscuit bread butter cake carrot cereal cheese chocolate cocoa coffee
-        cookie cracker cucumber drink egg flour food foodstuff fruit ham honey jam juice ketchup lemon lettuce meat
-        milk mustard noodle oil onion orange pancake pasta pepper pizza popcorn potato rice salad salt sandwich sauce
-        sausage snack soup sugar tea tomato vegetable vinegar water wine yogurt yoghurt""",
-    Surface.CERAMIC: """bowl ceramic cup dish jug mug plate pitcher saucer teapot vase drinkingvessel eatingvessel
-        crockery vessel""",
-    Surface.LAMP: "bulb lamp light lightbulb",
-    Surface.GLASS: "bottle carafe glass jar pane window",
-    Surface.TEXTILE: "carpet cloth clothing curtain cushion mattress napkin pillow rug sofa textile towel",
-    Surface.PAPER: "book letter magazine newspaper notebook paper picture poster sheet",
+        cookie cracker cucumber drink egg flour food foodstuff foodordrink fruit ham honey jam juice ketchup lemon
+        lettuce meat milk mustard noodle oil onion orange pancake pasta pepper pizza popcorn potato rice roll salad
+        salt sandwich sauce sausage snack soup spice sugar tea tomato vegetable vinegar water wine yogurt yoghurt""",
+    Surface.CERAMIC: """bowl crockery cup dish drinkingvessel eatingvessel foodvessel jug mug pitcher plate saucer
+        teapot vase""",
+    Surface.LAMP: "bulb lamp light lightbulb lightfixture",
+    Surface.GLASS: "bottle carafe drinkingglass glass jar pane tumbler window",
+    Surface.TEXTILE: "carpet cloth clothing curtain cushion mat mattress napkin pillow rug sofa textile towel",
+    Surface.PAPER: """book bookcopy cardboardbox cookbook letter magazine newspaper notebook paper papertowel picture
+        poster sheet""",
     Surface.PLANT: "flower herb plant tree",
-    Surface.PLASTIC: "bucket container device dispenser machine plastic robot soap sponge",
+    Surface.PLASTIC: """bucket cleaningsubstance clock dispenser foodstoragebox machine maker radio robot soap
+        sponge""",
 }
 _SURFACES = {word: surface for surface, text in _SURFACE_WORDS.items() for word in text.split()}
 
+_VAGUE_WORDS = {
+    "block": Surface.WOOD,
+    "box": Surface.WOOD,
+    "container": Surface.PLASTIC,
+    "device": Surface.PLASTIC,
+    "pot": Surface.STEEL,
+    "tin": Surface.STEEL,
+    "tray": Surface.WOOD,
+}
+"""They say something, but anything else in the name or above the class says more."""
+
+_ADJECTIVES = {
+    "beech": Surface.WOOD,
+    "oak": Surface.WOOD,
+    "wooden": Surface.WOOD,
+    "steel": Surface.STEEL,
+    "plastic": Surface.PLASTIC,
+}
 _MACHINES = frozenset({Surface.STEEL, Surface.BLACK_GLASS})
 
 _OWN_COLOURS = {
-    word: Paint(_rgb(colour))
+    word: _rgb(colour)
     for colour, text in {
-        "f3f1ea": "milk egg flour sugar salt rice yogurt yoghurt toilet",
-        "c48a4a": "bread biscuit cake cookie pancake cereal pasta noodle cracker",
-        "b7463a": "apple tomato ketchup ham meat jam",
+        "f5f1e8": "plate saucer",
+        "7fa0b0": "bowl dish",
+        "c98b6b": "mug",
+        "f3f1ea": "milk egg flour sugar salt rice yogurt yoghurt",
+        "c48a4a": "bread biscuit cake cookie pancake cereal pasta noodle cracker roll",
+        "b7463a": "apple tomato ketchup ham meat jam pizza",
+        "6d2238": "wine",
         "e3bd4b": "banana butter cheese lemon honey mustard oil",
-        "e08a35": "orange juice carrot pumpkin",
+        "e08a35": "orange juice carrot paprika",
         "6b4a35": "chocolate cocoa coffee tea",
-        "7f9f4d": "cucumber lettuce salad vegetable pepper",
-        "c9ced2": "dishwasher refrigerator fridge freezer",
+        "7f9f4d": "cucumber lettuce salad vegetable pepper oregano",
+        "cfd4d6": "dishwasher refrigerator fridge freezer",
     }.items()
     for word in text.split()
 }
 """What everybody knows the colour of."""
+
+_FILLED = 0.6
+"""The opacity of a glass that is full of something with a colour."""
 
 
 def surface(cls: Iri, ancestors: Iterable[Iri] = ()) -> Surface:
@@ -134,14 +160,18 @@ def surface(cls: Iri, ancestors: Iterable[Iri] = ()) -> Surface:
         cls: the class.
         ancestors: its ancestors, nearest first.
     """
-    own = [_SURFACES[word] for word in map(_known, reversed(words(cls))) if word is not None]
+    parts = words(cls)
+    if adjective := next((_ADJECTIVES[word] for word in parts[:-1] if word in _ADJECTIVES), None):
+        return adjective
+    own = [_SURFACES[word] for word in map(_known, reversed(parts)) if word is not None]
     for name in (cls, *ancestors):
         if (noun := _telling_noun(name)) is None:
             continue
         # The door of a fridge is made like the fridge; the handle of its door is not.
         machine = next((made for made in own[1:] if made in _MACHINES), None) if noun == "door" else None
         return machine or _SURFACES[noun]
-    return own[0] if own else Surface.UNKNOWN
+    vague = [_VAGUE_WORDS[word] for word in reversed(parts) if word in _VAGUE_WORDS]
+    return next(iter(own + vague), Surface.UNKNOWN)
 
 
 def paint(cls: Iri, ancestors: Iterable[Iri] = (), materials: Sequence[Material] = ()) -> Paint:
@@ -151,9 +181,11 @@ def paint(cls: Iri, ancestors: Iterable[Iri] = (), materials: Sequence[Material]
             return Paint(material.colour)
     chain = (cls, *ancestors)
     made_of = surface(cls, chain[1:])
-    for word in (word for name in chain for word in reversed(words(name))):
-        if (own := _OWN_COLOURS.get(word)) is not None and _SURFACES.get(word) is made_of:
-            return own
+    for word in (form for name in chain for word in reversed(words(name)) for form in _forms(word)):
+        if word in _OWN_COLOURS and _SURFACES.get(word, Surface.FOOD) is made_of:
+            return Paint(_OWN_COLOURS[word])
+        if word in _OWN_COLOURS and made_of is Surface.GLASS:
+            return Paint(_OWN_COLOURS[word], _FILLED)
     if made_of is Surface.UNKNOWN:
         return Paint(_quiet_colour(local_name(cls)))
     choices = _PAINTS[made_of]

@@ -226,7 +226,7 @@ def _light(scene: viser.SceneApi) -> viser.DirectionalLightHandle:
     scene.configure_default_lights(enabled=False)
     scene.configure_environment_map("studio", environment_intensity=0.28)
     scene.world_axes.visible = False
-    rows = np.linspace(*_SKY, 64).astype(np.uint8)
+    rows = np.linspace(*_SKY, 512).astype(np.uint8)
     scene.set_background_image(np.repeat(rows[:, None, :], 2, axis=1), format="png")
     return scene.add_light_directional(
         "/sun", color=(255, 246, 232), intensity=1.9, cast_shadow=True, position=_sun_beside(np.array([1.0, -1.0, 1.0]))
@@ -235,5 +235,5 @@ def _light(scene: viser.SceneApi) -> viser.DirectionalLightHandle:
 
 def _sun_beside(away: Array) -> Vector:
     """Where the sun stands for an eye in that direction from the middle."""
-    azimuth = float(np.arctan2(away[1], away[0])) + np.radians(65.0)
+    azimuth = float(np.arctan2(away[1], away[0])) + np.radians(42.0)
     return 6.0 * float(np.cos(azimuth)), 6.0 * float(np.sin(azimuth)), 8.0

@@ -113,7 +113,7 @@ class _Matching:
                 if len(mine) == len(theirs) == 1:
                     self._pair(mine[0], theirs[0])
             # What is left looks alike. One guess is as good as another, but it tells the neighbours apart.
-            if guess := next((group for group in groups if len(group[0]) > 1), None):
+            if guess := next((group for group in groups if len(group[0]) + len(group[1]) > 2), None):
                 self._pair(guess[0][0], guess[1][0])
             groups = self._groups()
         for mine, theirs in groups:

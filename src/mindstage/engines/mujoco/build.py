@@ -226,18 +226,30 @@ class _Builder:
             _add_geom(body, mujoco.mjtGeom.mjGEOM_BOX, extent, np.concatenate([centre, place[3:]]), ghost)
 
     def apart(self) -> None:
-        """Pairs that never collide: decided ones, and all of two assemblies joined by a constraint."""
+        """Pairs that never collide: decided ones, and the parts of one piece of furniture."""
         plan = self.blueprint
         pairs = set(plan.collisions.apart)
-        for constraint in plan.constraints.values():
-            if constraint.disable_collision is False:
-                continue
-            one, other = plan.forest.of_body[constraint.parent], plan.forest.of_body[constraint.child]
+        for one, other in self._joined_assemblies():
             for a in plan.forest.assemblies[one].bodies:
                 pairs |= {(a, b) if a < b else (b, a) for b in plan.forest.assemblies[other].bodies}
         for a, b in sorted(pairs):
-            if plan.forest.of_body[a] != plan.forest.of_body[b]:
+            if a in self.made and b in self.made and plan.forest.of_body[a] != plan.forest.of_body[b]:
                 self.spec.add_exclude(bodyname1=_name(a), bodyname2=_name(b))
+
+    def _joined_assemblies(self) -> set[tuple[BodyId, BodyId]]:
+        """Pairs of tops: two ends of a constraint, and a door with what else is fixed to its case (racks, bars)."""
+        plan = self.blueprint
+        neighbours: dict[BodyId, set[BodyId]] = {}
+        for constraint in plan.constraints.values():
+            if constraint.disable_collision is not False:
+                one, other = plan.forest.of_body[constraint.parent], plan.forest.of_body[constraint.child]
+                neighbours.setdefault(one, set()).add(other)
+                neighbours.setdefault(other, set()).add(one)
+        pairs = {(one, other) for one, others in neighbours.items() for other in others if one < other}
+        for top, branch in plan.forest.branches.items():
+            beside = neighbours.get(plan.forest.of_body[branch.parent], ())
+            pairs |= {(top, other) for other in beside if not plan.forest.assemblies[other].simulates}
+        return pairs
 
     def loop(self, branch: Branch) -> None:
         """A constraint that closes a loop.
@@ -374,18 +386,22 @@ def _rotate(quaternion: Array, vector: Array) -> Array:
 def _soften(live: Live) -> None:
     """Soft limits as springs and dampers of their true strength.
 
-    MuJoCo's negative solref is stiffness and damping for a unit of inertia, so the joint's own inertia divides them.
+    A MuJoCo constraint of impedance d lets through 1 - d of every other force and adds d of its own, whose stiffness
+    and damping are told for a unit of inertia and already divided by d squared and d. With a small d that is the
+    spring asked for; a spring too stiff for the time step gets a larger one, which is softer than asked but stable.
     """
     model = live.model
     for joint in live.joints.values():
         limitable = [axis for axis in joint.axes if axis.slides or not joint.ball]
         for offset, axis in enumerate(limitable):
             if axis.soft.enabled and axis.limit is not None and axis.soft.stiffness > 0.0:
-                number = int(np.flatnonzero(model.jnt_dofadr == joint.velocity + offset)[0])
-                weight = model.dof_invweight0[joint.velocity + offset]
+                dof = joint.velocity + offset
+                number = int(model.dof_jntid[dof])
+                weight = model.dof_invweight0[dof]
+                impedance = float(np.clip(10 * axis.soft.stiffness * weight * model.opt.timestep**2, 0.01, 0.95))
                 damping = max(axis.soft.damping, 1e-6)
-                model.jnt_solref[number] = (-axis.soft.stiffness * weight, -damping * weight)
-                model.jnt_solimp[number] = (0.9999, 0.9999, 0.001, 0.5, 2)
+                model.jnt_solref[number] = (-axis.soft.stiffness * weight * impedance, -damping * weight)
+                model.jnt_solimp[number] = (impedance, impedance, 0.001, 0.5, 2)
 
 
 def _add_friction(live: Live) -> None:

@@ -1,0 +1,15 @@
+"""Knowledge: semantic maps and ontologies go in, worlds and answers come out, and worlds go back into maps."""
+
+from mindstage.knowledge.base import KnowledgeBase
+from mindstage.knowledge.bundled import bundled_kitchen, bundled_ontology
+from mindstage.knowledge.census import Analysis
+from mindstage.knowledge.findings import Finding, Severity
+
+__all__ = [
+    "Analysis",
+    "Finding",
+    "KnowledgeBase",
+    "Severity",
+    "bundled_kitchen",
+    "bundled_ontology",
+]

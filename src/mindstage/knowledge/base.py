@@ -1,0 +1,208 @@
+"""The knowledge base: what was loaded, as one store for questions and as one world for each map."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Mapping, Sequence
+from functools import cached_property
+from pathlib import Path
+
+import pyoxigraph as ox
+
+from mindstage.errors import MapAmbiguous, MapMissing, SourceUnreadable
+from mindstage.knowledge.bundled import bundled_ontology
+from mindstage.knowledge.census import Analysis, analyse, census_of
+from mindstage.knowledge.dialects import read_world
+from mindstage.knowledge.excerpt import Excerpt
+from mindstage.knowledge.findings import Finding, Severity
+from mindstage.knowledge.graph import Graph, graph_of
+from mindstage.knowledge.hierarchy import ClassHierarchy
+from mindstage.knowledge.loading import Loading, Source
+from mindstage.knowledge.names import local_name
+from mindstage.knowledge.packages import Packages
+from mindstage.knowledge.vocabulary import EQUIVALENT_CLASS, SUBCLASS_OF
+from mindstage.world import Fact, Iri, World
+
+__all__ = ["KnowledgeBase"]
+
+StrPath = str | os.PathLike[str]
+
+
+class KnowledgeBase:
+    """Loads semantic maps and ontologies, and tells what they say.
+
+    >>> from mindstage.knowledge import KnowledgeBase, bundled_kitchen
+    >>> knowledge = KnowledgeBase()
+    >>> knowledge.load([bundled_kitchen()])
+    >>> world = knowledge.world()
+    """
+
+    def __init__(self, *, bundled_ontology: bool = True) -> None:
+        """Makes a knowledge base that knows nothing but, unless told otherwise, the bundled household ontology."""
+        self._store = ox.Store()
+        self._bundled = bundled_ontology
+        self._packages = Packages()
+        self._sources: dict[Path, Source] = {}
+        self._findings: dict[Finding, None] = {}
+        self._graphs: dict[Path, Graph] = {}
+        self._labels: set[str] = set()
+        self._worlds: dict[Iri, World] = {}
+
+    def load(self, paths: Iterable[StrPath], *, ontologies: Iterable[StrPath] = ()) -> None:
+        """Reads files and all that they import, transitively and each once.
+
+        An import that is not there, or cannot be read, is a finding; the rest is loaded. Nothing is ever fetched.
+
+        Args:
+            paths: maps; several may be loaded, at once or one after the other, and stay apart.
+            ontologies: files, `package://NAME/rest`, or folders of ROS packages that such names are looked up in.
+
+        Raises:
+            SourceUnreadable: one of the files cannot be read, for the reason it gives; nothing has changed then.
+        """
+        entries = [os.fspath(entry) for entry in ontologies]
+        folders = [Path(entry) for entry in entries if not entry.startswith("package:") and Path(entry).is_dir()]
+        packages = Packages([*self._packages.folders, *folders])
+        files = [_found(entry, packages) for entry in entries if Path(entry) not in folders]
+        if self._bundled:
+            files.insert(0, bundled_ontology())
+        loading = Loading(self._store, packages, dict(self._sources))
+        loading.run([_found(os.fspath(path), packages) for path in paths], files)
+        self._packages, self._sources = packages, loading.sources
+        self._findings.update(dict.fromkeys(loading.findings))
+        self._worlds.clear()
+        self.__dict__.pop("_hierarchy", None)
+
+    def maps(self) -> tuple[Iri, ...]:
+        """The maps that are loaded, in the order of their sources."""
+        found = (map for source in self._map_sources() for map in census_of(self._graph(source)).residents)
+        return tuple(dict.fromkeys(found))
+
+    def world(self, map: str | None = None) -> World:
+        """One map as plain data.
+
+        Args:
+            map: its IRI or local name; None for the only one.
+
+        Raises:
+            MapMissing: there is none, or none of that name.
+            MapAmbiguous: nobody said which one of several, or several have that local name.
+        """
+        iri = self._chosen(map)
+        if iri not in self._worlds:
+            self._worlds[iri] = read_world(
+                Excerpt(
+                    map=iri,
+                    graph=self._graph_of(iri),
+                    background=self._background(),
+                    hierarchy=self._hierarchy,
+                    report=self._report,
+                )
+            )
+        return self._worlds[iri]
+
+    def analyse(self, map: str | None = None) -> Analysis:
+        """One map in numbers.
+
+        Raises:
+            MapMissing: there is none, or none of that name.
+            MapAmbiguous: nobody said which one of several, or several have that local name.
+        """
+        iri = self._chosen(map)
+        return analyse(iri, self._graph_of(iri), self._hierarchy)
+
+    def findings(self) -> tuple[Finding, ...]:
+        """What was odd in the sources so far; loading and reading worlds adds to it."""
+        return tuple(self._findings)
+
+    # -- classes -------------------------------------------------------------------------------------------------------
+
+    def ancestors(self, cls: Iri) -> tuple[Iri, ...]:
+        """The superclasses of a class, the nearest first, without itself."""
+        return self._hierarchy.ancestors(cls)
+
+    def descendants(self, cls: Iri) -> frozenset[Iri]:
+        """The subclasses of a class at any depth, without itself."""
+        return self._hierarchy.descendants(cls)
+
+    def is_a(self, cls: Iri, ancestor: Iri) -> bool:
+        """Whether one class is the other or below it."""
+        return self._hierarchy.is_a(cls, ancestor)
+
+    @cached_property
+    def _hierarchy(self) -> ClassHierarchy:
+        """Built when it is first needed, and again after more was loaded."""
+        pairs = []
+        for property in (SUBCLASS_OF, EQUIVALENT_CLASS):
+            for quad in self._store.quads_for_pattern(None, ox.NamedNode(property), None):
+                if isinstance(quad.subject, ox.NamedNode) and isinstance(quad.object, ox.NamedNode):
+                    pairs.append((Iri(quad.subject.value), Iri(quad.object.value)))
+                    if property == EQUIVALENT_CLASS:
+                        pairs.append((Iri(quad.object.value), Iri(quad.subject.value)))
+        return ClassHierarchy(pairs)
+
+    # -- maps ----------------------------------------------------------------------------------------------------------
+
+    def _map_sources(self) -> list[Source]:
+        return [source for source in self._sources.values() if source.asked_for or source.has_maps]
+
+    def _chosen(self, wanted: str | None) -> Iri:
+        maps = self.maps()
+        named = [map for map in maps if wanted is None or wanted == map]
+        named = named or [map for map in maps if wanted == local_name(map)]
+        if len(named) == 1:
+            return named[0]
+        if named:
+            raise MapAmbiguous(named)
+        files = ", ".join(str(path) for path, source in self._sources.items() if source.asked_for)
+        raise MapMissing(wanted=wanted or files, known=maps)
+
+    def _graph_of(self, map: Iri) -> Graph:
+        """What the sources of a map say: those that tell of it, and those given as maps that tell of none at all."""
+        graphs = []
+        for source in self._map_sources():
+            graph = self._graph(source)
+            maps = census_of(graph).residents
+            if map in maps or not maps:
+                graphs.append(graph)
+        return graphs[0] if len(graphs) == 1 else _united(graphs)
+
+    def _graph(self, source: Source) -> Graph:
+        path = source.file.path
+        if path not in self._graphs:
+            quads = ox.parse(source.file.data, source.file.format, base_iri=source.file.iri)
+            try:
+                self._graphs[path] = graph_of(quads, self._labels)
+            except ValueError as error:
+                raise SourceUnreadable(str(path), cause=str(error)) from error
+        return self._graphs[path]
+
+    def _background(self) -> Mapping[Iri, Sequence[Fact]]:
+        """Classes of ontologies that tell sizes, exactly as they tell them."""
+        ontologies = [source for source in self._sources.values() if source.has_sizes]
+        return _united([self._graph(source) for source in ontologies if not (source.asked_for or source.has_maps)])
+
+    def _report(self, severity: Severity, individual: str, property: str, what: str, did: str) -> None:
+        self._findings[Finding(severity, individual, property, what, did)] = None
+
+
+def _found(entry: str, packages: Packages) -> Path:
+    if not entry.startswith("package:"):
+        return Path(entry)
+    try:
+        path = packages.find(entry)
+    except ValueError as error:
+        raise SourceUnreadable(entry, cause=str(error)) from error
+    if path is None:
+        folders = ", ".join(map(str, packages.folders)) or "none; give one as an ontology"
+        raise SourceUnreadable(entry, cause=f"no folder of packages has it; searched: {folders}")
+    return path
+
+
+def _united(graphs: Sequence[Graph]) -> Graph:
+    """What several sources say together, each statement once."""
+    told: dict[Iri, dict[Fact, None]] = {}
+    for graph in graphs:
+        for subject, facts in graph.items():
+            told.setdefault(subject, {}).update(dict.fromkeys(facts))
+    return {subject: list(facts) for subject, facts in told.items()}

@@ -1,0 +1,120 @@
+"""Overlaps and hollow bodies: exact depths, each pair once, contents that have something to stand on."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from mindstage.engines.hollow import Content, hollow_out
+from mindstage.engines.overlap import Boxes, contains, depths, neighbours
+from mindstage.world.geometry import compose, unit
+
+
+def boxes_of(*rows: tuple[float, ...]) -> Boxes:
+    """Each row: x y z, w x y z, three sizes."""
+    table = np.array(rows, dtype=float)
+    table[:, 3:7] = unit(table[:, 3:7])
+    return Boxes.of(table[:, :7], table[:, 7:])
+
+
+def depth(*rows: tuple[float, ...]) -> float:
+    return float(depths(boxes_of(*rows), np.array([0]), np.array([1]))[0])
+
+
+UPRIGHT = (1.0, 0.0, 0.0, 0.0)
+EIGHTH_TURN = (np.cos(np.pi / 8), 0.0, 0.0, np.sin(np.pi / 8))
+
+
+@pytest.mark.parametrize(
+    ("second", "expected"),
+    [
+        ((0.9, 0, 0, *UPRIGHT, 1, 1, 1), 0.1),
+        ((1.5, 0, 0, *UPRIGHT, 1, 1, 1), -0.5),
+        ((0, 0, 0.95, *UPRIGHT, 4, 4, 1), 0.05),
+        ((0.5 + np.sqrt(0.5) - 0.02, 0, 0, *EIGHTH_TURN, 1, 1, 1), 0.02),
+    ],
+)
+def test_the_depth_is_how_far_two_boxes_must_part(second: tuple[float, ...], expected: float) -> None:
+    first = (0, 0, 0, *UPRIGHT, 1, 1, 1)
+    assert depth(first, second) == pytest.approx(expected, abs=1e-12)
+    assert depth(second, first) == pytest.approx(expected, abs=1e-12)
+
+
+numbers = st.floats(-2, 2)
+rows = st.tuples(numbers, numbers, numbers, *[st.floats(0.1, 1)] * 4, *[st.floats(0.05, 1.5)] * 3)
+
+
+@given(st.lists(rows, min_size=2, max_size=25))
+def test_the_sweep_finds_each_meeting_pair_once(table: list[tuple[float, ...]]) -> None:
+    boxes = boxes_of(*table)
+    everything = np.ones(len(table), dtype=bool)
+    found = [
+        tuple(sorted(pair)) for a, b in neighbours(boxes, everything, everything) for pair in zip(a, b, strict=True)
+    ]
+    low, high = boxes.bounds()
+    expected = {
+        (i, j)
+        for i in range(len(table))
+        for j in range(i + 1, len(table))
+        if (low[i] <= high[j]).all() and (low[j] <= high[i]).all()
+    }
+    assert len(found) == len(set(found))
+    assert set(found) == expected
+
+
+@given(rows, rows)
+def test_moving_apart_by_the_depth_parts_them(first: tuple[float, ...], second: tuple[float, ...]) -> None:
+    found = depth(first, second)
+    far = (second[0] + 20.0, *second[1:])
+    assert depth(first, far) < 0
+    if found < 0:  # a gap along some axis: no point of one is inside the other
+        assert not contains(boxes_of(first, second), np.array([0]), np.array([1]))[0]
+
+
+def test_a_small_box_inside_a_large_one_is_contained_and_not_the_other_way_round() -> None:
+    boxes = boxes_of((0, 0, 0, *UPRIGHT, 1, 1, 1), (0.2, 0.1, 0, *EIGHTH_TURN, 0.3, 0.3, 0.3))
+    assert contains(boxes, np.array([0]), np.array([1]))[0]
+    assert not contains(boxes, np.array([1]), np.array([0]))[0]
+
+
+def inside(plates: list[tuple[np.ndarray, np.ndarray]], low: np.ndarray, high: np.ndarray) -> bool:
+    """Whether any plate cuts into a box by more than rounding."""
+    return any(np.all(np.minimum(c + s / 2, high) - np.maximum(c - s / 2, low) > 1e-9) for c, s in plates)
+
+
+@pytest.mark.parametrize("turn", [(1.0, 0, 0, 0), (0.0, 0, 0, 1.0), (0.7071067811865476, 0, 0, 0.7071067811865476)])
+def test_contents_get_walls_around_and_a_floor_under_each_level(turn: tuple[float, ...]) -> None:
+    fridge = np.array([3.0, 2.0, 0.9, *turn])
+    size = np.array([0.6, 0.6, 1.8])
+    local = [np.array([0.1, 0.1, -0.7, 1, 0, 0, 0]), np.array([0.0, -0.1, 0.2, 1, 0, 0, 0])]
+    sizes = [np.array([0.1, 0.1, 0.2]), np.array([0.08, 0.08, 0.3])]
+    contents = [Content(compose(fridge, place), extent) for place, extent in zip(local, sizes, strict=True)]
+    front = compose(fridge, np.array([0.32, 0, 0, 1, 0, 0, 0]))[:3]
+    hollow = hollow_out(fridge, size, contents, [front])
+    plates = [(np.array(plate.centre), np.array(plate.size)) for plate in hollow.plates]
+    assert hollow.opening == "to the front"
+    for place, extent in zip(local, sizes, strict=True):
+        low, high = place[:3] - extent / 2, place[:3] + extent / 2
+        assert not inside(plates, low, high)
+        tops = [c[2] + s[2] / 2 for c, s in plates if s[0] > 0.5 and s[1] > 0.5]
+        assert min(abs(top - low[2]) for top in tops) < 1e-9
+    for centre, extent in plates:
+        assert (np.abs(centre) + extent / 2 <= size / 2 + 1e-9).all()
+    assert not any(centre[0] - extent[0] / 2 > 0.2 for centre, extent in plates), "the front is not open"
+
+
+def test_without_a_door_the_top_is_open() -> None:
+    bowl = np.array([0, 0, 0.05, 1.0, 0, 0, 0])
+    apple = Content(np.array([0, 0, 0.05, 1.0, 0, 0, 0]), np.array([0.07, 0.07, 0.07]))
+    assert hollow_out(bowl, np.array([0.3, 0.3, 0.1]), [apple], []).opening == "to the top"
+
+
+def test_what_stands_on_other_contents_gets_no_floor_of_its_own() -> None:
+    drawer = np.array([0, 0, 0, 1.0, 0, 0, 0])
+    plate = Content(np.array([0, 0, -0.06, 1.0, 0, 0, 0]), np.array([0.2, 0.2, 0.02]))
+    cup = Content(np.array([0, 0, 0.0, 1.0, 0, 0, 0]), np.array([0.08, 0.08, 0.1]))
+    hollow = hollow_out(drawer, np.array([0.5, 0.5, 0.2]), [plate, cup], [])
+    floors = [p for p in hollow.plates if p.size[0] > 0.4 and p.size[1] > 0.4]
+    assert len(floors) == 1

@@ -1,0 +1,129 @@
+"""Classes and what they say of one another, by plain closure over what the files state; no reasoner of ours helps."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import combinations
+from pathlib import Path
+
+import pyoxigraph
+from pyoxigraph import BlankNode, NamedNode
+
+from tests.knowledge.bundled_scene import KNOWROB, MS, OWL, RDF, RDFS
+
+TYPE = NamedNode(RDF + "type")
+SUBCLASS = NamedNode(RDFS + "subClassOf")
+Node = NamedNode | BlankNode
+
+
+@dataclass(frozen=True)
+class Restriction:
+    """A class says that its members have something to do with other classes (a union names several)."""
+
+    subject: str
+    kind: str
+    fillers: tuple[str, ...]
+
+
+class Classes:
+    def __init__(self, *files: Path) -> None:
+        self.store = pyoxigraph.Store()
+        for file in files:
+            form = pyoxigraph.RdfFormat.TURTLE if file.suffix == ".ttl" else pyoxigraph.RdfFormat.RDF_XML
+            self.store.load(path=str(file), format=form, base_iri="http://example.org/", lenient=True)
+        self.parents: dict[str, set[str]] = defaultdict(set)
+        for quad in self.store.quads_for_pattern(None, SUBCLASS, None):
+            if isinstance(quad.subject, NamedNode) and isinstance(quad.object, NamedNode):
+                self.parents[short(quad.subject)].add(short(quad.object))
+        self.declared = set(self.of_type(OWL + "Class"))
+
+    def of_type(self, cls: str) -> Iterator[str]:
+        for quad in self.store.quads_for_pattern(None, TYPE, NamedNode(cls)):
+            if isinstance(quad.subject, NamedNode):
+                yield short(quad.subject)
+
+    def ancestors(self, cls: str) -> set[str]:
+        found: set[str] = set()
+        queue = [cls]
+        while queue:
+            new = self.parents.get(queue.pop(), set()) - found
+            found |= new
+            queue += new
+        return found
+
+    def line(self, cls: str) -> set[str]:
+        """A class and all above it."""
+        return {cls} | self.ancestors(cls)
+
+    def instances(self, cls: str, map: str | None = None) -> set[str]:
+        """Individuals described in a map (any map) whose class is that class or one below it."""
+        described = NamedNode(KNOWROB + "describedInMap")
+        within = None if map is None else NamedNode(map)
+        return {
+            quad.subject.value.rpartition("#")[2]
+            for quad in self.store.quads_for_pattern(None, described, within)
+            for kind in self.store.quads_for_pattern(quad.subject, TYPE, None)
+            if cls in self.line(short(kind.object))
+        }
+
+    def restrictions(self, property: str) -> Iterator[Restriction]:
+        for quad in self.store.quads_for_pattern(None, NamedNode(OWL + "onProperty"), NamedNode(KNOWROB + property)):
+            (subject,) = {short(each.subject) for each in self.store.quads_for_pattern(None, SUBCLASS, quad.subject)}
+            for kind in ("someValuesFrom", "allValuesFrom"):
+                for each in self.store.quads_for_pattern(quad.subject, NamedNode(OWL + kind), None):
+                    yield Restriction(subject, kind, tuple(self.members(each.object)))
+
+    def members(self, node: Node) -> Iterator[str]:
+        """The class, or the classes of a union."""
+        if isinstance(node, NamedNode):
+            yield short(node)
+        for quad in self.store.quads_for_pattern(node, NamedNode(OWL + "unionOf"), None):
+            yield from map(short, self.items(quad.object))
+
+    def items(self, node: Node) -> Iterator[Node]:
+        while node != NamedNode(RDF + "nil"):
+            (first,) = self.store.quads_for_pattern(node, NamedNode(RDF + "first"), None)
+            (rest,) = self.store.quads_for_pattern(node, NamedNode(RDF + "rest"), None)
+            yield first.object
+            node = rest.object
+
+    def disjoint(self) -> Iterator[tuple[str, str]]:
+        for quad in self.store.quads_for_pattern(None, NamedNode(OWL + "disjointWith"), None):
+            yield short(quad.subject), short(quad.object)
+        for quad in self.store.quads_for_pattern(None, TYPE, NamedNode(OWL + "AllDisjointClasses")):
+            for members in self.store.quads_for_pattern(quad.subject, NamedNode(OWL + "members"), None):
+                yield from combinations(map(short, self.items(members.object)), 2)
+
+    def in_circles(self) -> list[str]:
+        return [cls for cls in list(self.parents) if cls in self.ancestors(cls)]
+
+    def storage_of(self, item: str) -> dict[str, int]:
+        """Classes that are there to store such an item, and how general the reason is: 0 names its very class."""
+        above = self.nearest_first(item)
+        found: dict[str, int] = {}
+        for restriction in self.restrictions("typePrimaryFunction-containerFor"):
+            reasons = [above.index(filler) for filler in restriction.fillers if filler in above]
+            if reasons and restriction.kind == "someValuesFrom":
+                found[restriction.subject] = min(reasons)
+        return found
+
+    def nearest_first(self, cls: str) -> list[str]:
+        line = [cls]
+        for each in line:
+            line += sorted(self.parents.get(each, set()) - set(line))
+        return line
+
+    def devices_for(self, action: str) -> set[str]:
+        line = self.line(action)
+        return {filler for each in self.restrictions("deviceUsed") if each.subject in line for filler in each.fillers}
+
+
+def short(node: Node) -> str:
+    """`knowrob:Door` is just Door; other names keep a prefix."""
+    value = str(node.value)
+    for namespace, prefix in ((KNOWROB, ""), (MS, "ms:"), (OWL, "owl:")):
+        if value.startswith(namespace):
+            return prefix + value.removeprefix(namespace)
+    return value

@@ -1,0 +1,217 @@
+"""The bundled kitchen is a whole map: what its script makes, complete, and able to answer questions."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pyoxigraph import NamedNode
+
+from tests.knowledge.bundled_classes import Classes, short
+from tests.knowledge.bundled_scene import HOUSEHOLD, KITCHEN, KITCHEN_NS, KNOWROB, Scene
+
+ROOT = Path(__file__).parents[2]
+SCRIPT = ROOT / "scripts/make_kitchen.py"
+
+
+@pytest.fixture(scope="module")
+def kitchen() -> Scene:
+    return Scene(KITCHEN)
+
+
+@pytest.fixture(scope="module")
+def knowledge() -> Classes:
+    return Classes(HOUSEHOLD, KITCHEN)
+
+
+# ---------------------------------------------------------------------------------------------------- the script
+
+
+def test_the_file_is_what_the_script_makes() -> None:
+    done = subprocess.run([sys.executable, SCRIPT, "--check"], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+@pytest.fixture
+def copy(tmp_path: Path) -> Path:
+    """The script and its modules in a project of their own, where they may write."""
+    shutil.copytree(SCRIPT.parent, tmp_path / "scripts", ignore=shutil.ignore_patterns("__pycache__"))
+    (tmp_path / KITCHEN.relative_to(ROOT)).parent.mkdir(parents=True)
+    return tmp_path
+
+
+def make(project: Path, *arguments: str, seed: str = "0") -> int:
+    command = [sys.executable, project / "scripts/make_kitchen.py", *arguments]
+    done = subprocess.run(command, capture_output=True, check=False, env={**os.environ, "PYTHONHASHSEED": seed})
+    return done.returncode
+
+
+def test_the_script_always_writes_the_same_file(copy: Path) -> None:
+    written = copy / KITCHEN.relative_to(ROOT)
+    for seed in ("1", "2"):
+        assert make(copy, seed=seed) == 0
+        assert written.read_bytes() == KITCHEN.read_bytes()
+
+
+def test_the_script_tells_a_stale_file_and_leaves_it_alone(copy: Path) -> None:
+    written = copy / KITCHEN.relative_to(ROOT)
+    assert make(copy, "--check") == 1
+    assert not written.exists()
+    stale = KITCHEN.read_bytes().replace(b"0.45", b"0.44")
+    written.write_bytes(stale)
+    assert make(copy, "--check") == 1
+    assert written.read_bytes() == stale
+
+
+# ---------------------------------------------------------------------------------------------------- the map
+
+
+def test_swi_prolog_reads_as_many_statements_as_we_do(kitchen: Scene, swipl: Path) -> None:
+    load = f"use_module(library(semweb/rdf_db)), rdf_load('{KITCHEN}', [silent(true)])"
+    goal = f"{load}, rdf_statistics(triples(Count)), writeln(Count)"
+    done = subprocess.run([swipl, "-g", goal, "-t", "halt"], capture_output=True, text=True, check=True, timeout=60)
+    assert int(done.stdout) == len(kitchen.store)
+
+
+def test_it_holds_a_whole_kitchen(kitchen: Scene) -> None:
+    assert len(kitchen.boxes) >= 200
+    assert len(kitchen.loose) >= 100
+
+
+def test_it_has_many_working_doors_and_drawers(kitchen: Scene) -> None:
+    assert len(kitchen.fronts) == len(kitchen.joints) >= 30
+    assert sum(id.startswith("drawer_") for id in kitchen.fronts) >= 15
+    assert sum("door" in id for id in kitchen.fronts) >= 15
+
+
+def test_what_joints_hold_is_part_against_case(kitchen: Scene) -> None:
+    for part, joint in kitchen.fronts.items():
+        assert kitchen.boxes[part].mobility == "dynamic"
+        assert kitchen.boxes[joint.case].mobility == "static"
+
+
+def test_some_constraints_are_told_upside_down(kitchen: Scene) -> None:
+    assert 2 <= sum(joint.told_upside_down for joint in kitchen.joints) <= 5
+
+
+def test_relations_are_told_from_either_side(kitchen: Scene) -> None:
+    by_parent = {(short(quad.subject), short(quad.object)) for quad in told(kitchen, "child")}
+    by_child = {(short(quad.object), short(quad.subject)) for quad in told(kitchen, "parent")}
+    assert min(len(by_parent - by_child), len(by_child - by_parent), len(by_parent & by_child)) >= 10
+    assert len(by_parent | by_child) == len(kitchen.parent)
+
+
+def told(kitchen: Scene, property: str) -> list:
+    quads = kitchen.store.quads_for_pattern(None, NamedNode(KNOWROB + property), None)
+    return [quad for quad in quads if quad.subject.value.removeprefix(KITCHEN_NS) in kitchen.boxes]
+
+
+def test_what_hangs_on_something_does_not_simulate(kitchen: Scene) -> None:
+    for child in kitchen.parent:
+        assert kitchen.boxes[child].mobility in {"kinematic", "static"}
+    kinematic = {box.id for box in kitchen.boxes.values() if box.mobility == "kinematic"}
+    assert kinematic <= set(kitchen.parent)
+
+
+def test_masses_are_those_of_real_things(kitchen: Scene) -> None:
+    for box in kitchen.boxes.values():
+        if box.mobility == "static":
+            assert box.mass == 0, box.id
+        else:
+            density = box.mass / np.prod(box.size)
+            assert 20 <= density <= 2700, f"{box.id} weighs {density:.0f} kg for a cubic metre"
+
+
+def test_tags_name_the_class_and_the_id(kitchen: Scene) -> None:
+    for box in kitchen.boxes.values():
+        assert kitchen.value(box.id, "tagsData") == f"SemLog;Class,{box.cls};Id,{box.id};"
+    for joint in kitchen.joints:
+        assert kitchen.value(joint.id, "tagsData") == f"SemLog;Id,{joint.id};"
+
+
+def test_poses_have_six_decimals(kitchen: Scene) -> None:
+    for property, count in (("translation", 3), ("quaternion", 4)):
+        for quad in kitchen.store.quads_for_pattern(None, NamedNode(KNOWROB + property), None):
+            words = quad.object.value.split()
+            assert len(words) == count
+            assert all(len(word.partition(".")[2]) == 6 for word in words)
+            assert "-0.000000" not in words
+
+
+def test_every_class_in_use_leads_up_into_the_household_ontology(kitchen: Scene, knowledge: Classes) -> None:
+    household = Classes(HOUSEHOLD)
+    for cls in {box.cls for box in kitchen.boxes.values()}:
+        (base,) = knowledge.parents[f"ms:{cls}"]
+        assert base in household.declared, cls
+        assert "SpatialThing" in knowledge.ancestors(f"ms:{cls}"), cls
+
+
+def test_it_hides_no_class_of_the_household_ontology(kitchen: Scene) -> None:
+    household = Classes(HOUSEHOLD)
+    assert {f"ms:{box.cls}" for box in kitchen.boxes.values()} & household.declared == set()
+
+
+# ---------------------------------------------------------------------------------------------------- its answers
+
+
+@pytest.mark.parametrize(
+    ("item", "places"),
+    [
+        ("CowsMilk", {"fridge"}),
+        ("Bread", {"woven_breadbasket_1", "fridge"}),
+        ("ms:FrozenPizza", {"freezer"}),
+        ("Apple", {"wide_fruit_bowl_1", "fridge"}),
+        ("DinnerFork", {"drawer_left_1", "dishwasher"}),
+        ("WheatFlour", {"pantry", "spice_cupboard"}),
+        ("DishwashingSoap", {"sink_cupboard"}),
+    ],
+)
+def test_things_have_their_place_in_it(knowledge: Classes, item: str, places: set[str]) -> None:
+    assert {each for cls in knowledge.storage_of(item) for each in knowledge.instances(cls)} == places
+
+
+@pytest.mark.parametrize(
+    ("action", "devices"),
+    [
+        ("BakingFood", {"oven", "hob"}),
+        ("ms:BakingBread", {"oven", "hob"}),
+        ("WashingDishesByMachine", {"dishwasher"}),
+        ("MakingCoffee-TheBeverage", {"filter_coffee_maker_1"}),
+        ("ms:SlicingBread", {"serrated_knife_1", "oak_board_1"}),
+        ("TurningOnWater", {"tap"}),
+    ],
+)
+def test_actions_have_their_device_in_it(knowledge: Classes, action: str, devices: set[str]) -> None:
+    found = {each for cls in knowledge.devices_for(action) for each in knowledge.instances(cls)}
+    assert devices <= found
+    assert found - devices <= {each for each in found if "knife" in each}
+
+
+def test_things_that_are_put_away_are_where_they_belong(kitchen: Scene, knowledge: Classes) -> None:
+    in_use = {"sink", "microwave", "oven"}
+    put_away = 0
+    for thing in kitchen.loose:
+        low, high = thing.extent
+        places = [
+            box
+            for box in kitchen.boxes.values()
+            if box.id != thing.id and (box.extent[0] < low).all() and (high < box.extent[1]).all()
+        ]
+        stores = knowledge.storage_of(f"ms:{thing.cls}")
+        right = {each for cls in stores for each in knowledge.instances(cls)}
+        if places and right and in_use.isdisjoint(box.id for box in places):
+            assert right & {box.id for box in places}, f"{thing.id} is in {places[0].id}, its place is {right}"
+            put_away += 1
+    assert put_away >= 50
+
+
+def test_counts_of_what_it_holds(kitchen: Scene, knowledge: Classes) -> None:
+    assert len(knowledge.instances("Handle")) == len(kitchen.fronts)
+    assert len(knowledge.instances("Drawer")) + len(knowledge.instances("Door")) == len(kitchen.fronts)
+    assert knowledge.instances("HeatSource") == {"oven", "hob"}
+    assert len(knowledge.instances("Food")) >= 25

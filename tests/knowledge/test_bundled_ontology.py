@@ -1,0 +1,196 @@
+"""The bundled household ontology is sound by itself and agrees with the ontologies whose names it shares."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from pyoxigraph import NamedNode
+
+from tests.knowledge.bundled_classes import TYPE, Classes, short
+from tests.knowledge.bundled_scene import HOUSEHOLD, KNOWROB, OWL, RDFS
+
+TOPS = {"SpatialThing", "TemporalThing", "Agent-Generic"}
+IAI_MAP = "iai-kitchen-original.owl"
+ADDED = {"HeatSource"}
+"""What we say of classes that the community's ontologies already have a place for: which of them give heat."""
+
+
+@pytest.fixture(scope="module")
+def household() -> Classes:
+    return Classes(HOUSEHOLD)
+
+
+@pytest.fixture(scope="module")
+def laboratory(shared_data: Path) -> Classes:
+    """The bundled ontology and the laboratory kitchen, nothing else."""
+    return Classes(HOUSEHOLD, shared_data / "maps" / IAI_MAP)
+
+
+@pytest.fixture(scope="module")
+def community(shared_data: Path) -> Classes:
+    return Classes(*ontologies(shared_data))
+
+
+def ontologies(shared_data: Path) -> list[Path]:
+    return sorted((shared_data / "ontology").rglob("*.owl"))
+
+
+def test_it_is_one_ontology_with_a_name() -> None:
+    (name,) = Classes(HOUSEHOLD).of_type(OWL + "Ontology")
+    assert name == "http://mindstage.org/ontology/household.ttl"
+
+
+def test_it_stays_small_because_it_is_loaded_on_every_start() -> None:
+    assert HOUSEHOLD.stat().st_size < 300_000
+
+
+def test_it_knows_what_a_household_is_made_of(household: Classes) -> None:
+    assert len(household.declared) >= 600
+    assert sum(name.startswith("ms:") for name in household.declared) >= 100
+
+
+def test_every_class_leads_up_to_a_known_top(household: Classes) -> None:
+    assert {cls for cls in household.declared if not household.parents[cls]} == TOPS
+    assert [cls for cls in household.declared if not household.line(cls) & TOPS] == []
+
+
+def test_no_class_is_above_itself(household: Classes) -> None:
+    assert household.in_circles() == []
+
+
+def test_every_name_is_declared(household: Classes) -> None:
+    properties = {*household.of_type(OWL + "ObjectProperty"), *household.of_type(OWL + "DatatypeProperty")}
+    known = household.declared | properties
+    named = {
+        short(node)
+        for quad in household.store
+        for node in (quad.subject, quad.object)
+        if isinstance(node, NamedNode)
+        and node.value.startswith(("http://knowrob.org/", "http://mindstage.org/ontology#"))
+    }
+    assert named - known == set()
+
+
+def test_every_class_but_the_laboratory_s_own_is_labelled_in_words(household: Classes) -> None:
+    label = NamedNode(RDFS + "label")
+    labelled = {short(quad.subject) for quad in household.store.quads_for_pattern(None, label, None)}
+    parents = {parent for above in household.parents.values() for parent in above}
+    assert parents <= labelled
+    assert {cls for cls in household.declared if cls.startswith("ms:")} <= labelled
+
+
+def test_disjoint_classes_share_nothing(household: Classes) -> None:
+    pairs = list(household.disjoint())
+    assert len(pairs) >= 25
+    for one, other in pairs:
+        assert [cls for cls in household.declared if {one, other} <= household.line(cls)] == [], (one, other)
+
+
+def test_containers_are_containers_and_actions_are_actions(household: Classes) -> None:
+    containers = list(household.restrictions("typePrimaryFunction-containerFor"))
+    actions = list(household.restrictions("deviceUsed"))
+    assert len(containers) >= 45
+    assert len(actions) >= 40
+    for each in containers:
+        assert "Container" in household.ancestors(each.subject), each
+        assert all("HumanScaleObject" in household.line(filler) for filler in each.fillers), each
+    for each in actions:
+        assert "ActionOnObject" in household.ancestors(each.subject), each
+        # The community has sinks among the furniture, and uses them all the same.
+        assert all({"PhysicalDevice", "Sink"} & household.line(filler) for filler in each.fillers), each
+
+
+def test_perishables_belong_in_the_refrigerator(household: Classes) -> None:
+    assert set(household.storage_of("CowsMilk")) == {"Refrigerator"}
+    assert set(household.storage_of("ms:FrozenPizza")) == {"Refrigerator-Freezer"}
+
+
+def test_bread_belongs_in_the_breadbasket_before_the_refrigerator(household: Classes) -> None:
+    places = household.storage_of("Bread")
+    assert set(places) == {"ms:Breadbasket", "Refrigerator"}
+    assert places["ms:Breadbasket"] < places["Refrigerator"]
+
+
+def test_the_dishwasher_takes_a_union_of_things(household: Classes) -> None:
+    (restriction,) = [
+        each for each in household.restrictions("typePrimaryFunction-containerFor") if each.subject == "Dishwasher"
+    ]
+    assert set(restriction.fillers) == {"FoodUtensil", "FoodVessel"}
+    assert "Dishwasher" in household.storage_of("DinnerFork")
+    assert "Dishwasher" in household.storage_of("Skillet")
+
+
+def test_vessels_hold_drinks_without_being_a_place_to_keep_them(household: Classes) -> None:
+    kinds = {
+        each.kind for each in household.restrictions("typePrimaryFunction-containerFor") if "Drink" in each.fillers
+    }
+    assert kinds == {"allValuesFrom"}
+
+
+@pytest.mark.parametrize(
+    ("cls", "count"), [("Handle", 18), ("Door", 13), ("StorageConstruct", 18), ("ElectricalDevice", 14)]
+)
+def test_the_laboratory_kitchen_holds_as_many_as_the_thesis_counted(laboratory: Classes, cls: str, count: int) -> None:
+    assert len(laboratory.instances(cls)) == count
+
+
+def test_every_class_of_the_laboratory_kitchen_is_known(laboratory: Classes, household: Classes) -> None:
+    described = NamedNode(KNOWROB + "describedInMap")
+    used = {
+        short(kind.object)
+        for quad in laboratory.store.quads_for_pattern(None, described, None)
+        for kind in laboratory.store.quads_for_pattern(quad.subject, TYPE, None)
+    } - {"owl:NamedIndividual"}
+    assert len(used) == 64
+    assert used <= household.declared
+
+
+def test_milk_of_the_laboratory_kitchen_is_stored_in_its_fridge(laboratory: Classes) -> None:
+    places = [place for cls in laboratory.storage_of("CowsMilk") for place in laboratory.instances(cls)]
+    assert classes_of(laboratory, places) == ["IAIFridgeCasing"]
+
+
+@pytest.mark.parametrize(
+    ("action", "devices", "pieces"),
+    [
+        ("BakingFood", {"HeatSource"}, ["IAICooktop", "IAIOvenCase"]),
+        ("WashingDishesByMachine", {"Dishwasher"}, ["IAIDishwasherCase"]),
+    ],
+)
+def test_devices_of_the_laboratory_kitchen_for_an_action(
+    laboratory: Classes, action: str, devices: set[str], pieces: list[str]
+) -> None:
+    assert laboratory.devices_for(action) == devices
+    assert classes_of(laboratory, [each for cls in devices for each in laboratory.instances(cls)]) == pieces
+
+
+def classes_of(classes: Classes, individuals: list[str]) -> list[str]:
+    return sorted(
+        short(quad.object)
+        for quad in classes.store.quads_for_pattern(None, TYPE, None)
+        if isinstance(quad.subject, NamedNode)
+        and quad.subject.value.rpartition("#")[2] in individuals
+        and short(quad.object) != "owl:NamedIndividual"
+    )
+
+
+def test_shared_names_stand_where_the_community_has_them(household: Classes, community: Classes) -> None:
+    theirs = community.declared | set(community.parents)
+    shared = household.declared & (theirs | {parent for parents in community.parents.values() for parent in parents})
+    assert len(shared) >= 500
+    for cls in shared:
+        ours, known = household.ancestors(cls) & shared, community.ancestors(cls) & shared
+        assert known <= ours, f"{cls} is not under {known - ours}"
+        placed = "SpatialThing" in known or "TemporalThing" in known
+        extra = ours - known - ADDED
+        assert not (placed and extra), f"{cls} is not known to be under {extra}"
+
+
+def test_it_lives_beside_the_community_s_ontologies(shared_data: Path, laboratory: Classes) -> None:
+    both = Classes(HOUSEHOLD, shared_data / "maps" / IAI_MAP, *ontologies(shared_data))
+    assert [cls for cls in both.in_circles() if cls in laboratory.declared] == []
+    for one, other in Classes(HOUSEHOLD).disjoint():
+        assert [cls for cls in both.declared if {one, other} <= both.line(cls)] == [], (one, other)
+    for cls in ("Handle", "Door", "StorageConstruct", "ElectricalDevice", "HeatSource", "Refrigerator"):
+        assert both.instances(cls) == laboratory.instances(cls), cls

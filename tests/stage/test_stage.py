@@ -1,0 +1,185 @@
+"""Stage: one thread owns the engine, everyone gets a turn, nobody waits for ever."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from mindstage.engines import MujocoEngine, NullEngine, Poses
+from mindstage.errors import BodyUnknown, SimulationUnstable, StageError, StageTimedOut
+from mindstage.knowledge import KnowledgeBase
+from mindstage.stage import Stage
+from mindstage.world import BodyId, Pose, difference
+from tests.engines.scenes import room
+
+
+@pytest.fixture(scope="module")
+def knowledge() -> KnowledgeBase:
+    return KnowledgeBase(bundled_ontology=False)
+
+
+@pytest.fixture
+def stage(knowledge: KnowledgeBase) -> Iterator[Stage]:
+    with Stage(knowledge, MujocoEngine(), timeout_s=5.0) as stage:
+        yield stage
+
+
+def wait_until(condition: object, timeout_s: float = 10.0) -> None:
+    deadline = time.monotonic() + timeout_s
+    while not condition():  # type: ignore[operator]
+        assert time.monotonic() < deadline, "it did not happen in time"
+        time.sleep(0.01)
+
+
+def pose_of(stage: Stage, id: str) -> Poses:
+    frame = stage.frame
+    return frame.poses[frame.ids.index(BodyId(id))]
+
+
+def test_a_spawned_world_comes_back_and_is_published(stage: Stage) -> None:
+    assert stage.spawn(room()).ok
+    assert difference(room(), stage.log()).identical(0.0)
+    assert set(stage.frame.ids) == {body.id for body in room().bodies}
+
+
+def test_every_call_runs_in_the_one_thread_that_owns_the_engine(stage: Stage) -> None:
+    names = {stage.call(lambda engine: threading.current_thread().name) for _ in range(3)}
+    assert names == {"mindstage-stage"}
+
+
+def test_calls_from_many_threads_all_get_their_turn(stage: Stage) -> None:
+    stage.spawn(room())
+    stage.play()
+    counts: list[int] = []
+    threads = [
+        threading.Thread(target=lambda: counts.append(sum(len(stage.log().bodies) for _ in range(20))))
+        for _ in range(8)
+    ]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join(20)
+    assert counts == [20 * len(room().bodies)] * 8
+
+
+def test_a_call_that_takes_too_long_times_out_and_the_next_works(knowledge: KnowledgeBase) -> None:
+    release = threading.Event()
+    with Stage(knowledge, NullEngine(), timeout_s=0.2) as stage:
+        with pytest.raises(StageTimedOut, match="slow"):
+            stage.call(lambda engine: release.wait(5), what="slow")
+        ran: list[str] = []
+        with pytest.raises(StageTimedOut):
+            stage.call(lambda engine: ran.append("late"), what="queued behind")
+        release.set()
+        stage.call(lambda engine: None, timeout_s=5.0)
+        assert ran == [], "a call that was given up ran after all"
+
+
+def test_what_the_engine_raises_reaches_the_caller(stage: Stage) -> None:
+    with pytest.raises(BodyUnknown, match="ghost"):
+        stage.highlight([BodyId("ghost")], (1.0, 0.0, 0.0))
+
+
+def test_a_playing_world_keeps_real_time_and_a_paused_one_stands(stage: Stage) -> None:
+    stage.spawn(room())
+    stage.play()
+    time.sleep(1.0)
+    stage.pause()
+    passed = stage.frame.time_s
+    assert 0.5 < passed < 1.5
+    time.sleep(0.1)
+    assert stage.frame.time_s == passed
+
+
+def test_playing_faster_passes_more_time(stage: Stage) -> None:
+    stage.play(speed=5.0)
+    wait_until(lambda: stage.frame.time_s > 2.0)
+    with pytest.raises(ValueError, match="above 0"):
+        stage.play(speed=0.0)
+
+
+def test_a_grip_on_the_handle_opens_the_drawer_and_letting_go_leaves_it_open(stage: Stage) -> None:
+    stage.spawn(room())
+    start = pose_of(stage, "drawer")
+    handle = pose_of(stage, "drawer_handle")
+    stage.grip(BodyId("drawer_handle"), point=(0.0, 0.0, 0.0), target=tuple(np.add(handle[:3], (0.4, 0, 0)).tolist()))
+    stage.step(2.0)
+    stage.release()
+    opened = pose_of(stage, "drawer")[0] - start[0]
+    assert 0.3 < opened < 0.45
+    stage.step(1.0)
+    assert abs(pose_of(stage, "drawer")[0] - start[0] - opened) < 0.02
+
+
+def test_a_light_thing_can_be_lifted_without_shaking(stage: Stage) -> None:
+    stage.spawn(room())
+    stage.step(1.0)
+    mug = pose_of(stage, "mug")
+    stage.grip(BodyId("mug"), point=(0.0, 0.0, 0.0), target=tuple(np.add(mug[:3], (0, 0, 0.5)).tolist()))
+    stage.step(3.0)
+    assert pose_of(stage, "mug")[2] == pytest.approx(mug[2] + 0.5, abs=0.02)
+
+
+def test_reset_brings_the_spawned_world_back(stage: Stage) -> None:
+    stage.spawn(room())
+    stage.step(0.5)
+    stage.call(lambda engine: engine.delete([BodyId("mug")]), edits=True)
+    stage.reset()
+    assert difference(room(), stage.log()).identical(0.0)
+
+
+def test_reset_works_for_an_engine_that_cannot_save(knowledge: KnowledgeBase) -> None:
+    class Forgetful(NullEngine):
+        abilities = frozenset()
+
+    with Stage(knowledge, Forgetful()) as stage:
+        stage.spawn(room())
+        stage.call(lambda engine: engine.set_pose(BodyId("mug"), Pose((9, 9, 9))), edits=True)
+        stage.reset()
+        assert difference(room(), stage.log()).identical(0.0)
+
+
+def test_an_unstable_world_stops_and_says_why_instead_of_dying(stage: Stage) -> None:
+    stage.spawn(room())
+
+    def explode(engine: MujocoEngine) -> None:
+        engine.push(BodyId("mug"), (1e30, 0.0, 0.0))
+        engine.step(0.01)
+        engine.step(0.01)
+
+    with pytest.raises(SimulationUnstable):
+        stage.call(explode)
+    stage.reset()
+    stage.step(0.1)
+    assert np.isfinite(stage.frame.poses).all()
+
+
+def test_editions_count_edits_and_not_movements(stage: Stage) -> None:
+    stage.spawn(room())
+    before = stage.frame.edition
+    stage.step(0.1)
+    assert stage.frame.edition == before
+    stage.highlight([BodyId("mug")], (1.0, 0.0, 0.0))
+    assert stage.frame.edition > before
+
+
+def test_long_steps_report_their_progress(stage: Stage) -> None:
+    seen: list[float] = []
+    stage.step(0.35, progress=seen.append)
+    assert seen == sorted(seen)
+    assert seen[-1] == pytest.approx(0.35)
+    assert len(seen) > 2
+
+
+def test_closing_twice_is_harmless_and_calls_after_it_are_refused(knowledge: KnowledgeBase) -> None:
+    stage = Stage(knowledge, NullEngine())
+    stage.play()
+    stage.close()
+    stage.close()
+    with pytest.raises(StageError, match="closed"):
+        stage.log()
+    assert not any(thread.name == "mindstage-stage" and thread.is_alive() for thread in threading.enumerate())
