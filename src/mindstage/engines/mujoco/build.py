@@ -387,7 +387,7 @@ def _soften(live: Live) -> None:
     """Soft limits as springs and dampers of their true strength.
 
     A MuJoCo constraint of impedance d lets through 1 - d of every other force and adds d of its own, whose stiffness
-    and damping are told for a unit of inertia and already divided by d squared and d. With a small d that is the
+    and damping are told for a unit of inertia and divided by d inside MuJoCo. With a small d that is the
     spring asked for; a spring too stiff for the time step gets a larger one, which is softer than asked but stable.
     """
     model = live.model
@@ -400,7 +400,7 @@ def _soften(live: Live) -> None:
                 weight = model.dof_invweight0[dof]
                 impedance = float(np.clip(10 * axis.soft.stiffness * weight * model.opt.timestep**2, 0.01, 0.95))
                 damping = max(axis.soft.damping, 1e-6)
-                model.jnt_solref[number] = (-axis.soft.stiffness * weight * impedance, -damping * weight)
+                model.jnt_solref[number] = (-axis.soft.stiffness * weight, -damping * weight)
                 model.jnt_solimp[number] = (impedance, impedance, 0.001, 0.5, 2)
 
 
