@@ -8,13 +8,17 @@ from __future__ import annotations
 
 import os
 import subprocess
+import sys
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from statistics import median
 from typing import NamedTuple
 
-__all__ = ["REPEATS", "Measure", "Run", "median_run", "median_s", "run"]
+__all__ = ["REPEATS", "Measure", "Run", "median_runs", "median_s", "run"]
+
+_LAUNCHER = Path(__file__).with_name("launcher.py")
 
 REPEATS = 9
 """Odd, so that the median is one of them."""
@@ -72,22 +76,28 @@ def run(command: Sequence[str | os.PathLike[str]]) -> Run:
     Raises:
         CalledProcessError: it failed, which would make its time worthless.
     """
-    start = time.perf_counter()
-    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    # wait4 alone tells the peak memory of just this child.
-    _, status, usage = os.wait4(process.pid, 0)
-    seconds = time.perf_counter() - start
-    process.returncode = os.waitstatus_to_exitcode(status)
-    if process.returncode:
-        raise subprocess.CalledProcessError(process.returncode, list(map(str, command)))
-    return Run(seconds, usage.ru_maxrss / 1024)
+    # Compiled once and kept, as it is for users.
+    environment = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
+    launched = [sys.executable, "-S", "-E", str(_LAUNCHER), *map(os.fspath, command)]
+    told = subprocess.run(launched, env=environment, stdout=subprocess.PIPE, text=True, check=True).stdout
+    code, seconds, memory_kib = told.split()
+    if int(code):
+        raise subprocess.CalledProcessError(int(code), list(map(os.fspath, command)))
+    return Run(float(seconds), int(memory_kib) * 1024 / 1e6)
 
 
-def median_run(command: Sequence[str | os.PathLike[str]], *, repeats: int = REPEATS) -> Run:
-    """The median time and memory of several runs, after one that warms the disk's cache."""
-    run(command)
-    runs = [run(command) for _ in range(repeats)]
-    return Run(median(each.seconds for each in runs), median(each.memory_mb for each in runs))
+def median_runs(*commands: Sequence[str | os.PathLike[str]], repeats: int = REPEATS) -> tuple[Run, ...]:
+    """The median time and memory of each command, after a run of each that warms the disk's cache.
+
+    They take turns, so that whatever else the machine does meets all of them alike.
+    """
+    for command in commands:
+        run(command)
+    rounds = [[run(command) for command in commands] for _ in range(repeats)]
+    return tuple(
+        Run(median(each.seconds for each in runs), median(each.memory_mb for each in runs))
+        for runs in zip(*rounds, strict=True)
+    )
 
 
 def median_s(function: Callable[[], object], *, repeats: int = REPEATS) -> float:

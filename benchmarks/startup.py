@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator
 
-from benchmarks import Measure, median_run
+from benchmarks import Measure, median_runs
 
 # What `mindstage check` cannot do without, whoever calls it.
 _LIBRARIES = "import numpy, msgspec, pyoxigraph, mujoco, typer, rich.console, rich.table"
@@ -15,8 +15,7 @@ def measure() -> Iterator[Measure]:
     python = [sys.executable, "-c"]
     mindstage = [sys.executable, "-m", "mindstage"]
 
-    bare = median_run([*python, "pass"])
-    package = median_run([*python, "import mindstage"])
+    bare, package, shown = median_runs([*python, "pass"], [*python, "import mindstage"], [*mindstage, "--help"])
     yield Measure(
         what="import mindstage, on top of bare Python",
         ours=1000 * (package.seconds - bare.seconds),
@@ -26,13 +25,11 @@ def measure() -> Iterator[Measure]:
         their_memory_mb=bare.memory_mb,
     )
 
-    shown = median_run([*mindstage, "--help"])
     yield Measure(
         what="mindstage --help", ours=1000 * shown.seconds, unit="ms", at_most=300.0, memory_mb=shown.memory_mb
     )
 
-    libraries = median_run([*python, _LIBRARIES])
-    check = median_run([*mindstage, "check", "bundled:kitchen", "--json"])
+    libraries, check = median_runs([*python, _LIBRARIES], [*mindstage, "check", "bundled:kitchen"])
     yield Measure(
         what="mindstage check, cold, on the bundled kitchen",
         ours=check.seconds,

@@ -26,7 +26,9 @@ EVERYTHING = sorted(
     path for folder in ("src", "tests", "scripts", "benchmarks") for path in (ROOT / folder).rglob("*.py")
 )
 
-LONG_FILES: dict[str, str] = {}
+LONG_FILES: dict[str, str] = {
+    "tests/engines/contract.py": "one class of sentences, the whole contract, which every engine subclasses",
+}
 """Files over 400 lines, each with the reason why it is one."""
 
 

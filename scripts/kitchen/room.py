@@ -164,8 +164,8 @@ def build_sink(scene: Scene) -> None:
     double_door(cabinet(scene, "sink_cupboard", kind, NORTH, 850), "sink_cupboard_door", PLINTH, 578, 560)
     sink = Kind("ButlerSinkW80", "knowrob:Sink", (620, 800, 220))
     scene.build("sink", sink, against(NORTH, 620, 1250), 680)
-    tap = Kind("WallTap", "knowrob:Tap-PlumbingFixture", (220, 60, 60))
-    tap = scene.build("tap", tap, against(NORTH, 220, 1250), 980)
+    kind = Kind("WallTap", "knowrob:Tap-PlumbingFixture", (220, 60, 60))
+    tap = scene.build("tap", kind, against(NORTH, 220, 1250), 980)
     lever = Kind("WallTapLever", "ms:TapLever", (40, 40, 30), 0.1)
     scene.fix("tap_lever", lever, tap, 110, 0, tap.z)
 

@@ -233,4 +233,5 @@ class ViewportUnavailable(MindstageError):
         super().__init__(host, port)
 
     def __str__(self) -> str:
-        return f"the page cannot be served at {self.host}, port {self.port}: {self.cause}; try 127.0.0.1 or another port"
+        where = f"{self.host}, port {self.port}"
+        return f"the page cannot be served at {where}: {self.cause}; try 127.0.0.1 or another port"

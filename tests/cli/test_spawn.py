@@ -52,6 +52,12 @@ def test_an_individual_without_a_pose_is_left_out_and_named(run: Run, write_map:
     assert "Lost" in str(report["findings"])
 
 
+def test_a_map_of_which_nothing_is_understood_is_not_silently_empty(run: Run, write_map: WriteMap) -> None:
+    result = run("spawn", write_map(mugs={}), "--no-viewport", "--engine", "null")
+    assert "the world is empty" in result.stderr
+    assert "the world is empty" in str(told(run("check", write_map(mugs={}), "--json"))["findings"])
+
+
 def test_what_cannot_be_spawned_ends_with_one(run: Run, write_map: WriteMap, monkeypatch: pytest.MonkeyPatch) -> None:
     import msgspec
 

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from pyoxigraph import NamedNode
 
+from mindstage.knowledge import KnowledgeBase, bundled_kitchen
 from tests.knowledge.bundled_classes import Classes, short
 from tests.knowledge.bundled_scene import HOUSEHOLD, KITCHEN, KITCHEN_NS, KNOWROB, Scene
 
@@ -154,6 +155,22 @@ def test_every_class_in_use_leads_up_into_the_household_ontology(kitchen: Scene,
 def test_it_hides_no_class_of_the_household_ontology(kitchen: Scene) -> None:
     household = Classes(HOUSEHOLD)
     assert {f"ms:{box.cls}" for box in kitchen.boxes.values()} & household.declared == set()
+
+
+def test_the_knowledge_base_reads_it_without_a_finding(kitchen: Scene) -> None:
+    knowledge = KnowledgeBase()
+    knowledge.load([bundled_kitchen()])
+    world = knowledge.world("kitchen")
+    assert knowledge.findings() == ()
+    assert {body.id for body in world.bodies} == set(kitchen.boxes)
+    for body in world.bodies:
+        box = kitchen.boxes[body.id]
+        assert body.pose.position == tuple(box.centre)
+        assert body.size == tuple(box.size)
+        assert (body.physics.mobility.value, body.physics.mass_kg) == (box.mobility, box.mass)
+    assert {(each.child, each.parent) for each in world.attachments} == set(kitchen.parent.items())
+    held = {each.id: {each.parent, each.child} for each in world.constraints}
+    assert held == {joint.id: {joint.case, joint.part} for joint in kitchen.joints}
 
 
 # ---------------------------------------------------------------------------------------------------- its answers

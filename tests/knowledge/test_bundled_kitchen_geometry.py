@@ -246,16 +246,22 @@ def test_every_door_and_drawer_opens_all_the_way_without_hitting_anything(
     kitchen: Scene, containers: dict[str, list[Box]]
 ) -> None:
     for part, joint in kitchen.fronts.items():
-        group = [kitchen.boxes[part], *kitchen.attached[part]]
         contents = [thing for thing in kitchen.loose if part in {box.id for box in containers[thing.id]}]
-        mine = {box.id for box in (*group, *contents)}
+        moving = [kitchen.boxes[part], *kitchen.attached[part], *contents]
         # A drawer slides inside its case; a door has to clear it.
-        mine |= {joint.case} if slides(joint) else set()
-        others = [box for box in kitchen.boxes.values() if box.id not in mine]
-        if contents:
-            group += contents
+        own = {box.id for box in moving} | ({joint.case} if slides(joint) else set())
+        reach = max(reach_from(joint.at, box) for box in moving) + joint.limits["linear"]
+        others = [
+            box
+            for box in kitchen.boxes.values()
+            if box.id not in own and np.linalg.norm(box.centre - joint.at) < reach + np.linalg.norm(box.size) / 2
+        ]
         for rotation, shift in opening(kitchen, joint):
-            for box in group:
+            for box in moving:
                 gaps = separation(box.moved(rotation, joint.at, shift), others)
                 hit = others[int(gaps.argmin())].id
                 assert gaps.min() >= 1e-4, f"{box.id} hits {hit} by {-gaps.min() * 1000:.2f} mm while {part} opens"
+
+
+def reach_from(point: Array, box: Box) -> float:
+    return float(np.linalg.norm(box.centre - point) + np.linalg.norm(box.size) / 2)

@@ -82,7 +82,7 @@ def test_the_order_of_things_changes_nothing(a: World, b: World, chance: random.
     assert difference(shuffled(a, chance), shuffled(b, chance)) == difference(a, b)
 
 
-@given(a=worlds(labels=True, max_bodies=3), b=worlds(labels=True, max_bodies=3))
+@given(a=worlds(max_bodies=3), b=worlds(max_bodies=3))
 def test_from_the_other_side_it_is_the_same_difference(a: World, b: World) -> None:
     there, back = difference(a, b), difference(b, a)
     assert there.max_error == back.max_error

@@ -91,7 +91,7 @@ def test_numbers_are_compared_by_value(a: str, b: str, kind: str) -> None:
         ("1e400", "1e401"),
         ("1e-400", "0"),
         ("1_000", "1000"),
-        ("١", "1"),
+        ("\u0661", "1"),
         ("1,5", "1.5"),
         ("", "0"),
         (".", "0"),
@@ -163,14 +163,6 @@ def test_a_list_of_thousands_is_no_difficulty() -> None:
     found = difference(saying(fact(nested(5000, "end"))), saying(fact(nested(5000, "END"))))
     assert found.lost_facts == found.gained_facts == 1
     assert len(found.to_json()) < 5000
-
-
-def test_one_thing_may_stand_inside_another_many_times() -> None:
-    value = Anonymous((fact(Literal("x")),))
-    for _ in range(60):  # as a tree this has 2 to the 60 leaves
-        value = Anonymous((fact(value), fact(value, "urn:q")))
-    assert same(value, value)
-    assert not same(value, Anonymous((fact(value),)))
 
 
 # -- counting ----------------------------------------------------------------------------------------------------------

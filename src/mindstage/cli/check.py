@@ -11,7 +11,7 @@ from mindstage.cli.options import AsJson, Bundled, Delta, EngineName, MapName, M
 from mindstage.cli.outcome import Outcome
 from mindstage.cli.output import findings_json, print_findings, print_json, print_table, working
 from mindstage.cli.report import everything_stands, print_report, report_json
-from mindstage.cli.sources import knowledge_base
+from mindstage.cli.sources import findings_about, knowledge_base
 from mindstage.cli.stopwatch import Stopwatch
 from mindstage.cli.verdict import difference_json, print_difference
 
@@ -44,6 +44,7 @@ def check(
     with working("reading"), watch.measure("load"):
         knowledge = knowledge_base(maps, ontologies=ontologies, bundled=bundled)
         world = knowledge.world(map_name)
+    findings = findings_about(world, knowledge)
     with Stage(knowledge, running) as stage:
         name = stage.engine_name
         with working("spawning"), watch.measure("spawn"):
@@ -58,14 +59,14 @@ def check(
     if as_json:
         told = difference_json(found, delta) | {"identical": identical, "engine": name, "spawn": report_json(report)}
         told |= {"identical_before_file": by_engine.identical(delta), "seconds": watch.seconds}
-        print_json(told | {"map": world.iri, "findings": findings_json(knowledge.findings())})
+        print_json(told | {"map": world.iri, "findings": findings_json(findings)})
     else:
-        print_findings(knowledge.findings())
+        print_findings(findings)
         print_report(report, title=world.name, verbose=verbose)
         print_table("Seconds", tuple(watch.seconds), [[round(spent, 3) for spent in watch.seconds.values()]])
         # What the engine lost is lost in the file too; shown once, where it happened.
         print_difference(found if by_engine.identical(delta) else by_engine, delta, about=world)
-    return Outcome.DONE if identical and everything_stands(report, knowledge.findings()) else Outcome.NO
+    return Outcome.DONE if identical and everything_stands(report, findings) else Outcome.NO
 
 
 def _through_a_file(world: World, *, ontologies: list[str] | None, bundled: bool) -> World:

@@ -10,7 +10,7 @@ import typer
 from mindstage.cli.options import AsJson, Bundled, MapName, OneMap, Ontologies
 from mindstage.cli.outcome import Outcome
 from mindstage.cli.output import findings_json, print_findings, print_json, say, working
-from mindstage.cli.sources import knowledge_base
+from mindstage.cli.sources import findings_about, knowledge_base
 
 __all__ = ["convert"]
 
@@ -33,11 +33,12 @@ def convert(
     with working("converting"):
         knowledge = knowledge_base([source], ontologies=ontologies, bundled=bundled)
         world = knowledge.world(map_name)
+        findings = findings_about(world, knowledge)
         save_map(world, out)
     if as_json:
         told = {"map": world.iri, "out": str(out), "bodies": len(world.bodies), "constraints": len(world.constraints)}
-        print_json(told | {"findings": findings_json(knowledge.findings())})
+        print_json(told | {"findings": findings_json(findings)})
     else:
-        print_findings(knowledge.findings())
+        print_findings(findings)
         say(f"{world.name or world.iri}: {len(world.bodies)} bodies, {len(world.constraints)} constraints → {out}")
     return Outcome.DONE

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from typing import TYPE_CHECKING
 
 from mindstage.errors import EngineUnavailable
@@ -26,6 +27,8 @@ def make_engine(name: str) -> Engine:
         case "null":
             return engines.NullEngine()
         case "mujoco":
+            # Nothing is drawn with OpenGL here, and looking for it takes longer than all the rest of MuJoCo's loading.
+            os.environ.setdefault("MUJOCO_GL", "disable")
             try:
                 return engines.MujocoEngine()
             except ImportError as error:

@@ -13,7 +13,7 @@ from mindstage.cli.outcome import Outcome
 from mindstage.cli.output import findings_json, print_findings, print_json, say, working
 from mindstage.cli.passing import let_pass
 from mindstage.cli.report import everything_stands, print_report, report_json
-from mindstage.cli.sources import knowledge_base
+from mindstage.cli.sources import findings_about, knowledge_base
 
 __all__ = ["log"]
 
@@ -45,6 +45,7 @@ def log(
     with working("reading"):
         knowledge = knowledge_base(maps, ontologies=ontologies, bundled=bundled)
         world = knowledge.world(map_name)
+    findings = findings_about(world, knowledge)
     with Stage(knowledge, running) as stage:
         with working("spawning"):
             report = stage.spawn(world)
@@ -55,9 +56,9 @@ def log(
         if as_json:
             told = {"map": logged.iri, "engine": stage.engine_name, "simulated_s": seconds, "out": str(out)}
             told |= {"bodies": len(logged.bodies), "constraints": len(logged.constraints)}
-            print_json(told | {"spawn": report_json(report), "findings": findings_json(knowledge.findings())})
+            print_json(told | {"spawn": report_json(report), "findings": findings_json(findings)})
         else:
-            print_findings(knowledge.findings())
+            print_findings(findings)
             print_report(report, title=logged.name, verbose=False)
             say(f"{len(logged.bodies)} bodies, {len(logged.constraints)} constraints → {out}")
-    return Outcome.DONE if everything_stands(report, knowledge.findings()) else Outcome.NO
+    return Outcome.DONE if everything_stands(report, findings) else Outcome.NO

@@ -13,7 +13,7 @@ from mindstage.cli.output import findings_json, print_findings, print_json, say,
 from mindstage.cli.page import keep_alive, open_viewport
 from mindstage.cli.passing import let_pass
 from mindstage.cli.report import everything_stands, print_report, report_json
-from mindstage.cli.sources import knowledge_base
+from mindstage.cli.sources import findings_about, knowledge_base
 from mindstage.cli.stopwatch import Stopwatch
 
 if TYPE_CHECKING:
@@ -45,19 +45,20 @@ def spawn(
     with working("reading"), watch.measure("load"):
         knowledge = knowledge_base(maps, ontologies=ontologies, bundled=bundled)
         world = knowledge.world(map_name)
+    findings = findings_about(world, knowledge)
     with Stage(knowledge, running) as stage:
         with working("spawning"), watch.measure("spawn"):
             report = stage.spawn(world)
         told: dict[str, object] = {"map": world.iri, "engine": stage.engine_name, "spawn": report_json(report)}
-        told |= {"seconds": watch.seconds, "findings": findings_json(knowledge.findings())}
+        told |= {"seconds": watch.seconds, "findings": findings_json(findings)}
         if not as_json:
-            print_findings(knowledge.findings())
+            print_findings(findings)
             print_report(report, title=world.name, verbose=verbose)
         if with_viewport:
             _show(stage, told, port=port, seconds=seconds, as_json=as_json)
         else:
             _run(stage, told, seconds=seconds or 0.0, as_json=as_json)
-    return Outcome.DONE if everything_stands(report, knowledge.findings()) else Outcome.NO
+    return Outcome.DONE if everything_stands(report, findings) else Outcome.NO
 
 
 def _show(stage: Stage, told: dict[str, object], *, port: int, seconds: float | None, as_json: bool) -> None:

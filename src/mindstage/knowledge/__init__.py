@@ -4,12 +4,16 @@ from mindstage.knowledge.base import KnowledgeBase
 from mindstage.knowledge.bundled import bundled_kitchen, bundled_ontology
 from mindstage.knowledge.census import Analysis
 from mindstage.knowledge.findings import Finding, Severity
+from mindstage.knowledge.mapwriter import MapFormat, save_map, write_map
 
 __all__ = [
     "Analysis",
     "Finding",
     "KnowledgeBase",
+    "MapFormat",
     "Severity",
     "bundled_kitchen",
     "bundled_ontology",
+    "save_map",
+    "write_map",
 ]

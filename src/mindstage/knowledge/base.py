@@ -11,7 +11,7 @@ import pyoxigraph as ox
 
 from mindstage.errors import MapAmbiguous, MapMissing, SourceUnreadable
 from mindstage.knowledge.bundled import bundled_ontology
-from mindstage.knowledge.census import Analysis, analyse, census_of
+from mindstage.knowledge.census import Analysis, Census, analyse, census_of
 from mindstage.knowledge.dialects import read_world
 from mindstage.knowledge.excerpt import Excerpt
 from mindstage.knowledge.findings import Finding, Severity
@@ -44,7 +44,7 @@ class KnowledgeBase:
         self._packages = Packages()
         self._sources: dict[Path, Source] = {}
         self._findings: dict[Finding, None] = {}
-        self._graphs: dict[Path, Graph] = {}
+        self._told: dict[Path, tuple[Graph, Census]] = {}
         self._labels: set[str] = set()
         self._worlds: dict[Iri, World] = {}
 
@@ -75,7 +75,7 @@ class KnowledgeBase:
 
     def maps(self) -> tuple[Iri, ...]:
         """The maps that are loaded, in the order of their sources."""
-        found = (map for source in self._map_sources() for map in census_of(self._graph(source)).residents)
+        found = (map for source in self._map_sources() for map in self._tells(source)[1].residents)
         return tuple(dict.fromkeys(found))
 
     def world(self, map: str | None = None) -> World:
@@ -90,10 +90,12 @@ class KnowledgeBase:
         """
         iri = self._chosen(map)
         if iri not in self._worlds:
+            graph, census = self._told_of(iri)
             self._worlds[iri] = read_world(
                 Excerpt(
                     map=iri,
-                    graph=self._graph_of(iri),
+                    graph=graph,
+                    census=census,
                     background=self._background(),
                     hierarchy=self._hierarchy,
                     report=self._report,
@@ -109,7 +111,7 @@ class KnowledgeBase:
             MapAmbiguous: nobody said which one of several, or several have that local name.
         """
         iri = self._chosen(map)
-        return analyse(iri, self._graph_of(iri), self._hierarchy)
+        return analyse(iri, *self._told_of(iri), self._hierarchy)
 
     def findings(self) -> tuple[Finding, ...]:
         """What was odd in the sources so far; loading and reading worlds adds to it."""
@@ -157,30 +159,31 @@ class KnowledgeBase:
         files = ", ".join(str(path) for path, source in self._sources.items() if source.asked_for)
         raise MapMissing(wanted=wanted or files, known=maps)
 
-    def _graph_of(self, map: Iri) -> Graph:
+    def _told_of(self, map: Iri) -> tuple[Graph, Census]:
         """What the sources of a map say: those that tell of it, and those given as maps that tell of none at all."""
-        graphs = []
-        for source in self._map_sources():
-            graph = self._graph(source)
-            maps = census_of(graph).residents
-            if map in maps or not maps:
-                graphs.append(graph)
-        return graphs[0] if len(graphs) == 1 else _united(graphs)
+        told = [self._tells(source) for source in self._map_sources()]
+        told = [(graph, census) for graph, census in told if map in census.residents or not census.residents]
+        if len(told) == 1:
+            return told[0]
+        graph = _united([graph for graph, _ in told])
+        return graph, census_of(graph)
 
-    def _graph(self, source: Source) -> Graph:
+    def _tells(self, source: Source) -> tuple[Graph, Census]:
+        """What a source says, exactly; only those that worlds are made from are ever read in this way."""
         path = source.file.path
-        if path not in self._graphs:
+        if path not in self._told:
             quads = ox.parse(source.file.data, source.file.format, base_iri=source.file.iri)
             try:
-                self._graphs[path] = graph_of(quads, self._labels)
+                graph = graph_of(quads, self._labels)
             except ValueError as error:
                 raise SourceUnreadable(str(path), cause=str(error)) from error
-        return self._graphs[path]
+            self._told[path] = graph, census_of(graph)
+        return self._told[path]
 
     def _background(self) -> Mapping[Iri, Sequence[Fact]]:
         """Classes of ontologies that tell sizes, exactly as they tell them."""
         ontologies = [source for source in self._sources.values() if source.has_sizes]
-        return _united([self._graph(source) for source in ontologies if not (source.asked_for or source.has_maps)])
+        return _united([self._tells(source)[0] for source in ontologies if not (source.asked_for or source.has_maps)])
 
     def _report(self, severity: Severity, individual: str, property: str, what: str, did: str) -> None:
         self._findings[Finding(severity, individual, property, what, did)] = None

@@ -14,7 +14,7 @@ def bundled_kitchen() -> Path:
 
 
 def bundled_ontology() -> Path:
-    """What a household holds, as classes that maps and questions share; every `KnowledgeBase` knows it unless told not to."""
+    """What a household holds, as classes that maps and questions share; every `KnowledgeBase` knows it unless told."""
     return _bundled("household.ttl")
 
 

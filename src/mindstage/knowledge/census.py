@@ -85,9 +85,9 @@ def _is_part(facts: Sequence[Fact]) -> bool:
     return bool(types) and _PART_CLASSES.issuperset(types)
 
 
-def analyse(map: Iri, graph: Graph, hierarchy: ClassHierarchy) -> Analysis:
+def analyse(map: Iri, graph: Graph, census: Census, hierarchy: ClassHierarchy) -> Analysis:
     """Counts what the thesis counts, from what is told and before anything is understood or left out."""
-    members = census_of(graph).residents.get(map, [])
+    members = census.residents.get(map, [])
     types = {member: types_of(graph[member]) for member in members}
     constraints = {member for member in members if is_constraint(types[member], hierarchy)}
     objects = types.keys() - constraints

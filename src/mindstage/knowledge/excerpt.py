@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from mindstage.knowledge.census import Census
 from mindstage.knowledge.findings import Report
 from mindstage.knowledge.graph import Graph
 from mindstage.knowledge.hierarchy import ClassHierarchy
@@ -20,6 +21,8 @@ class Excerpt:
     map: Iri
     graph: Graph
     """What the map's sources say."""
+    census: Census
+    """Who lives in which map, as the graph tells."""
     background: Mapping[Iri, Sequence[Fact]]
     """What ontologies say about sizes, by class."""
     hierarchy: ClassHierarchy

@@ -23,7 +23,7 @@ SUFFIXES = {".owl": XML, ".rdf": XML, ".xml": XML, ".ttl": TURTLE, ".nt": N_TRIP
 ENTITY_LIMIT = 64 * 1024
 """Bytes that one entity may stand for; namespaces, which they are there for, need a hundred."""
 EXPANSION_LIMIT = 8 * 1024 * 1024
-"""Bytes that all uses of a file's entities may come to; expat, the XML parser of half the world, draws the same line."""
+"""Bytes that all uses of a file's entities may come to; the XML parser expat draws the same line."""
 HARMLESS_ENTITY = 256
 """Bytes below which an entity cannot make a file a hundred times as long, as its use takes three."""
 
@@ -178,22 +178,19 @@ def _unreadable_xml(file: SourceFile, cause: str) -> SourceUnreadable:
     if "XML namespaces are required" in cause and name:
         hint = "OWL/XML; save it as RDF/XML or Turtle" if name == "Ontology" else "some other XML"
         line = file.data.count(b"\n", 0, root.start()) + 1 if root else None
-        return SourceUnreadable(str(file.path), cause=f"its root element is <{name}>: not RDF/XML but {hint}", line=line)
+        return SourceUnreadable(
+            str(file.path), cause=f"its root element is <{name}>: not RDF/XML but {hint}", line=line
+        )
     return SourceUnreadable(str(file.path), cause=cause, line=_line_of_failure(file))
 
 
-class _LineByLine(io.RawIOBase):
+class _LineByLine(io.BytesIO):
     """Hands out one line at a time, so that the parser's stop tells the line."""
 
-    def __init__(self, data: bytes) -> None:
-        self._lines = iter(data.splitlines(keepends=True))
-        self.line = 0
+    line = 0
 
-    def readable(self) -> bool:
-        return True
-
-    def read(self, size: int = -1) -> bytes:
-        line = next(self._lines, b"")
+    def read(self, size: int | None = -1) -> bytes:
+        line = self.readline()
         self.line += bool(line)
         return line
 

@@ -38,7 +38,5 @@ class Finding(msgspec.Struct, frozen=True):
 class Report(Protocol):
     """Where findings go while a source is read."""
 
-    def __call__(
-        self, severity: Severity, individual: str, property: str, what: str, did: str
-    ) -> None:
+    def __call__(self, severity: Severity, individual: str, property: str, what: str, did: str) -> None:
         """Keeps one finding."""

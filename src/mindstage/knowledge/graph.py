@@ -11,17 +11,18 @@ import re
 from collections.abc import Iterable, Mapping
 from itertools import count
 
+import msgspec
 import pyoxigraph as ox
 
 from mindstage.knowledge.vocabulary import DESCRIBED_IN_MAP, SEMANTIC_MAP, TYPE, XSD
 from mindstage.world import Anonymous, Fact, FactValue, Iri, Literal, Reference
 
-__all__ = ["Graph", "graph_of", "sorted_facts"]
+__all__ = ["NESTING", "Graph", "graph_of", "sorted_facts"]
 
 Graph = Mapping[Iri, list[Fact]]
 """Subjects and their facts, both in the order of the source."""
 
-NESTING = 32
+NESTING = 64
 """Levels of nodes inside nodes; those below get a label, since a list of a thousand items is a thousand levels deep."""
 
 STRING = XSD + "string"
@@ -49,20 +50,8 @@ def sorted_facts(facts: Iterable[Fact]) -> tuple[Fact, ...]:
     return tuple(sorted(facts, key=_fact_key))
 
 
-def _fact_key(fact: Fact) -> tuple[object, ...]:
-    return (fact.property, *_value_key(fact.value))
-
-
-def _value_key(value: FactValue) -> tuple[object, ...]:
-    if isinstance(value, Reference):
-        return (0, value.iri)
-    if isinstance(value, Literal):
-        return (1, value.text, value.datatype or "", value.language or "")
-    return (2, *(part for fact in value.facts for part in ("\0", *_text_key(fact))))
-
-
-def _text_key(fact: Fact) -> tuple[str, ...]:
-    return tuple(str(part) for part in _fact_key(fact))
+def _fact_key(fact: Fact) -> tuple[str, bytes]:
+    return fact.property, msgspec.json.encode(fact.value)
 
 
 class _Builder:

@@ -86,21 +86,19 @@ class Loading:
         self.sources[path] = self._source(file, graph, asked_for=asked_for)
 
     def _source(self, file: SourceFile, graph: ox.NamedNode, *, asked_for: bool) -> Source:
-        def told(subject: Iri | None, property: Iri, value: Iri | None = None) -> Iterator[ox.Quad]:
-            nodes = [None if iri is None else ox.NamedNode(iri) for iri in (subject, property, value)]
-            return self.store.quads_for_pattern(*nodes, graph)  # type: ignore[arg-type]
+        def told(property: Iri, value: Iri | None = None) -> Iterator[ox.Quad]:
+            node = None if value is None else ox.NamedNode(value)
+            return self.store.quads_for_pattern(None, ox.NamedNode(property), node, graph)
 
         def any_told(property: Iri, value: Iri | None = None) -> bool:
-            return next(told(None, property, value), None) is not None
+            return next(told(property, value), None) is not None
 
-        names = {quad.subject.value for quad in told(None, TYPE, ONTOLOGY) if isinstance(quad.subject, ox.NamedNode)}
-        names |= {quad.object.value for quad in told(None, VERSION_IRI) if isinstance(quad.object, ox.NamedNode)}
+        names = {quad.subject.value for quad in told(TYPE, ONTOLOGY) if isinstance(quad.subject, ox.NamedNode)}
+        names |= {quad.object.value for quad in told(VERSION_IRI) if isinstance(quad.object, ox.NamedNode)}
         return Source(
             file,
             asked_for,
-            imports=tuple(
-                sorted(quad.object.value for quad in told(None, IMPORTS) if isinstance(quad.object, ox.NamedNode))
-            ),
+            imports=tuple(sorted(quad.object.value for quad in told(IMPORTS) if isinstance(quad.object, ox.NamedNode))),
             names=frozenset(map(_plain, names)),
             has_maps=any_told(DESCRIBED_IN_MAP) or any_told(TYPE, SEMANTIC_MAP),
             has_sizes=any(any_told(ON_PROPERTY, word.property) for word in SIZE),

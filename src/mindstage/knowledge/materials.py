@@ -31,8 +31,10 @@ def say_materials(said: Said, materials: Sequence[Material]) -> None:
     """Says the surfaces of a body."""
     for number, material in enumerate(materials):
         node = Said(said.subject)
-        node.values((words.INDEX, number), (words.MATERIAL_NAME, material.name))
-        node.values((words.MATERIAL_PATH, material.path or None), (words.COLOUR, material.colour))
+        node.value(words.INDEX, number)
+        node.value(words.MATERIAL_NAME, material.name)
+        node.value(words.MATERIAL_PATH, material.path or None)
+        node.value(words.COLOUR, material.colour)
         said.fact(Fact(MATERIAL, Anonymous(sorted_facts(node.everything()))))
 
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Container, Iterable
+from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, TypeVar
 
 from mindstage.knowledge.findings import Report
 from mindstage.knowledge.graph import Graph
@@ -20,7 +21,8 @@ __all__ = ["PartReader"]
 T = TypeVar("T")
 
 
-class _Found(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class _Found:
     index: int
     node: Iri | None
     """None for a part without a name."""

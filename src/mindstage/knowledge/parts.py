@@ -54,7 +54,8 @@ def _read_pose(heard: Heard) -> Pose | None:
 
 
 def _write_pose(said: Said, pose: Pose) -> None:
-    said.values((words.QUATERNION, pose.quaternion), (words.TRANSLATION, pose.position))
+    said.value(words.QUATERNION, pose.quaternion)
+    said.value(words.TRANSLATION, pose.position)
 
 
 def _motion(heard: Heard, word: Word[Motion]) -> Motion:
@@ -74,10 +75,16 @@ def _limit(heard: Heard, word: Word[float], *motions: Motion) -> float:
 
 def _soft(heard: Heard, enabled: Word[bool], stiffness: Word[float], damping: Word[float]) -> Soft:
     return Soft(
-        enabled=bool(heard.value(enabled)),
+        enabled=heard.value(enabled) or False,
         stiffness=heard.value(stiffness) or 0.0,
         damping=heard.value(damping) or 0.0,
     )
+
+
+def _write_soft(said: Said, soft: Soft, enabled: Word[bool], stiffness: Word[float], damping: Word[float]) -> None:
+    said.value(enabled, soft.enabled)
+    said.value(stiffness, soft.stiffness)
+    said.value(damping, soft.damping)
 
 
 def _read_linear(heard: Heard) -> LinearMotion:
@@ -87,10 +94,11 @@ def _read_linear(heard: Heard) -> LinearMotion:
 
 
 def _write_linear(said: Said, linear: LinearMotion) -> None:
-    said.values((words.X_MOTION, linear.x), (words.Y_MOTION, linear.y), (words.Z_MOTION, linear.z))
+    said.value(words.X_MOTION, linear.x)
+    said.value(words.Y_MOTION, linear.y)
+    said.value(words.Z_MOTION, linear.z)
     said.value(words.LIMIT, linear.limit)
-    said.value(words.SOFT, linear.soft.enabled)
-    said.values((words.STIFFNESS, linear.soft.stiffness), (words.DAMPING, linear.soft.damping))
+    _write_soft(said, linear.soft, words.SOFT, words.STIFFNESS, words.DAMPING)
 
 
 def _read_angular(heard: Heard) -> AngularMotion:
@@ -108,16 +116,14 @@ def _read_angular(heard: Heard) -> AngularMotion:
 
 
 def _write_angular(said: Said, angular: AngularMotion) -> None:
-    said.values((words.SWING1, angular.swing1), (words.SWING2, angular.swing2), (words.TWIST, angular.twist))
+    said.value(words.SWING1, angular.swing1)
+    said.value(words.SWING2, angular.swing2)
+    said.value(words.TWIST, angular.twist)
     said.value(words.SWING1_LIMIT, angular.swing1_limit)
     said.value(words.SWING2_LIMIT, angular.swing2_limit)
     said.value(words.TWIST_LIMIT, angular.twist_limit)
-    for soft, enabled, stiffness, damping in (
-        (angular.swing_soft, words.SWING_SOFT, words.SWING_STIFFNESS, words.SWING_DAMPING),
-        (angular.twist_soft, words.TWIST_SOFT, words.TWIST_STIFFNESS, words.TWIST_DAMPING),
-    ):
-        said.value(enabled, soft.enabled)
-        said.values((stiffness, soft.stiffness), (damping, soft.damping))
+    _write_soft(said, angular.swing_soft, words.SWING_SOFT, words.SWING_STIFFNESS, words.SWING_DAMPING)
+    _write_soft(said, angular.twist_soft, words.TWIST_SOFT, words.TWIST_STIFFNESS, words.TWIST_DAMPING)
 
 
 POSE_PART = Part(HAS_POSE, POSE, "pose", _read_pose, _write_pose)

@@ -21,11 +21,10 @@ class Relations:
             bodies: what is told about each.
             constraints: individuals that join others; a body may name one it is an end of.
         """
-        self.attachments: dict[tuple[Iri, Iri], None] = {}
-        """Parent and child, in the order that they were first told."""
         self.ends: dict[tuple[Iri, Iri], Iri] = {}
         """By constraint and role (`parent` or `child`), the body that says to be that end of it."""
-        self._parents: dict[Iri, Iri] = {}
+        self.parents: dict[Iri, Iri] = {}
+        """By child."""
         self._towards_root: dict[Iri, Iri] = {}
         for body, heard in bodies.items():
             self._listen(body, heard, bodies, constraints)
@@ -46,14 +45,12 @@ class Relations:
 
     def _attach(self, parent: Iri, child: Iri) -> str:
         """What speaks against it; nothing if it is done."""
-        if (parent, child) in self.attachments:
-            return ""
-        if child in self._parents:
-            return f"{child} already hangs on {self._parents[child]} and cannot hang on {parent} too"
+        if child in self.parents:
+            other = self.parents[child]
+            return "" if other == parent else f"{child} already hangs on {other} and cannot hang on {parent} too"
         if self._root(parent) == child:
             return f"{child} would hang on itself, by way of {parent}"
-        self.attachments[parent, child] = None
-        self._parents[child] = parent
+        self.parents[child] = parent
         self._towards_root[child] = parent
         return ""
 

@@ -12,7 +12,7 @@ from typing import NamedTuple, TypeVar
 
 from mindstage.knowledge import words
 from mindstage.knowledge.body_sizes import hear_size
-from mindstage.knowledge.census import census_of, is_constraint, types_of
+from mindstage.knowledge.census import is_constraint, types_of
 from mindstage.knowledge.excerpt import Excerpt
 from mindstage.knowledge.findings import Severity
 from mindstage.knowledge.materials import materials_of
@@ -79,7 +79,7 @@ class _Reading:
     def __init__(self, excerpt: Excerpt) -> None:
         self.excerpt = excerpt
         self.map, self.graph, self.report = excerpt.map, excerpt.graph, excerpt.report
-        self.census = census_of(self.graph)
+        self.census = excerpt.census
         self.members = self.census.residents.get(self.map, [])
         individuals = {self.map, *(member for members in self.census.residents.values() for member in members)}
         self.parts = PartReader(self.graph, individuals, self.report)
@@ -109,7 +109,11 @@ class _Reading:
             constraints=tuple(
                 self._constraint(iri, ids[iri], ids[parent], ids[child]) for iri, (parent, child) in ends.items()
             ),
-            attachments=tuple(Attachment(parent=ids[p], child=ids[c]) for p, c in relations.attachments),
+            attachments=tuple(
+                Attachment(parent=ids[relations.parents[child]], child=ids[child])
+                for child in bodies
+                if child in relations.parents
+            ),
             lights=tuple(self._light(iri, ids[iri], kind) for iri, kind in lights.items()),
             facts=heard.left(),
             resources=resources,

@@ -148,11 +148,6 @@ class Said:
                 raise MapUnwritable(self.subject, cause=f"{what} is not {word.what}")
             self._said.append(Fact(word.property, term))
 
-    def values(self, *told: tuple[Word[T], T | None]) -> None:
-        """Says several values."""
-        for word, value in told:
-            self.value(word, value)
-
     def everything(self) -> list[Fact]:
         """All that is said, the facts last."""
         return [*self._said, *self._facts]

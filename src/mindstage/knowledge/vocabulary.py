@@ -7,7 +7,7 @@
 |---|---|---|
 | `ms:id` | body, constraint, light | its id, where that is not simply the local name of its IRI |
 | `ms:shape` | body | `box`, `sphere` or `cylinder` |
-| `ms:material` | body | a surface: a node with `ms:index` (from 0), `ms:name`, `ms:path`, `ms:colour` "r g b" (0 to 1) |
+| `ms:material` | body | a surface: a node with `ms:index` (from 0), `ms:name`, `ms:path`, `ms:colour` "r g b" |
 | `ms:tags` | all three | tags that `tagsData` has no writing for, as a JSON array of [type, key, value] |
 | `ms:disableCollision` | constraint | whether its two bodies ignore each other; not told where the world does not say |
 | `ms:PointLight`, `ms:SpotLight`, `ms:DirectionalLight` | light | its class |

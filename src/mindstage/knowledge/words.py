@@ -31,6 +31,7 @@ __all__ = [
     "MATERIAL_PATH",
     "MESH",
     "MOBILITY",
+    "NO_XML",
     "OVERLAP_EVENTS",
     "QUATERNION",
     "SHAPE",
@@ -53,7 +54,6 @@ __all__ = [
     "X_MOTION",
     "Y_MOTION",
     "Z_MOTION",
-    "NO_XML",
     "Word",
     "text_in",
 ]
@@ -61,9 +61,12 @@ __all__ = [
 T = TypeVar("T")
 Kind = TypeVar("Kind", bound=Enum)
 
-_NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?", re.ASCII)
+_NUMBER_PATTERN = r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?"
+_NUMBER = re.compile(rf"\s*{_NUMBER_PATTERN}\s*", re.ASCII)
+"""Python itself would also take "nan", "1_000" and digits from all over the world."""
 NO_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 """Letters that no XML file can hold, not even escaped."""
+_INTEGER = xsd("integer")
 _TRUTH = {"true": True, "1": True, "false": False, "0": False}
 
 
@@ -77,19 +80,18 @@ class Word(Generic[T]):
     understand: Callable[[FactValue], T | None]
     say: Callable[[T], FactValue]
     by_value: bool = False
-    """Whether texts of one datatype that mean the same are the same statement."""
+    """Whether texts of its datatype that mean the same are the same statement."""
+    datatype: Iri | None = None
 
     def repeats(self, value: T, told: FactValue) -> bool:
         """Whether saying the value gives back what was told."""
-        said = self.say(value)
-        if self.by_value and isinstance(said, Literal) and isinstance(told, Literal):
-            return said.datatype == told.datatype
-        return said == told
+        if self.by_value:
+            return isinstance(told, Literal) and told.datatype == self.datatype
+        return self.say(value) == told
 
 
 def _number_in(text: str) -> float | None:
-    """A finite number, exactly; None for anything else (Python itself would also take "nan" or "1_000")."""
-    text = text.strip(" \t\r\n")
+    """A finite number, exactly; None for anything else."""
     if not _NUMBER.fullmatch(text):
         return None
     number = float(text)
@@ -141,8 +143,9 @@ def _number(property: Iri, *, datatype: str = "float", least: float = -math.inf)
         number = None if text is None else _number_in(text)
         return number if number is not None and number >= least else None
 
+    kind = xsd(datatype)
     what = "a finite number" if least else "a finite number of 0 or more"
-    return Word(property, what, understand, lambda number: Literal(repr(float(number)), xsd(datatype)), by_value=True)
+    return Word(property, what, understand, lambda number: Literal(repr(float(number)), kind), True, kind)
 
 
 def _whole_number(property: Iri) -> Word[int]:
@@ -150,7 +153,7 @@ def _whole_number(property: Iri) -> Word[int]:
         text = text_in(value)
         return int(text) if text is not None and re.fullmatch(r"\s*\d{1,9}\s*", text, re.ASCII) else None
 
-    return Word(property, "a whole number", understand, lambda number: Literal(str(number), xsd("integer")), True)
+    return Word(property, "a whole number", understand, lambda number: Literal(str(number), _INTEGER), True, _INTEGER)
 
 
 def _motion(property: Iri) -> Word[Motion]:
@@ -159,16 +162,19 @@ def _motion(property: Iri) -> Word[Motion]:
         return Motion(int(number)) if number in set(Motion) else None
 
     what = "0 (free), 1 (limited) or 2 (locked)"
-    return Word(property, what, understand, lambda motion: Literal(str(motion.value), xsd("integer")), by_value=True)
+    return Word(property, what, understand, lambda motion: Literal(str(motion.value), _INTEGER), True, _INTEGER)
 
 
 def _numbers(property: Iri, count: int, *, nonzero: bool = False) -> Word[tuple[float, ...]]:
+    pattern = re.compile(r"\s*" + r"\s+".join([_NUMBER_PATTERN] * count) + r"\s*", re.ASCII)
+
     def understand(value: FactValue) -> tuple[float, ...] | None:
-        numbers = [_number_in(part) for part in (text_in(value) or "").split()]
-        if len(numbers) != count or None in numbers:
+        text = text_in(value)
+        if text is None or not pattern.fullmatch(text):
             return None
-        told = tuple(number for number in numbers if number is not None)
-        return told if not nonzero or math.hypot(*told) > 0.0 else None
+        numbers = tuple(map(float, text.split()))
+        length = math.hypot(*numbers)
+        return numbers if math.isfinite(length) and (length > 0.0 or not nonzero) else None
 
     def say(numbers: tuple[float, ...]) -> Literal:
         return Literal(" ".join(repr(float(number)) for number in numbers))

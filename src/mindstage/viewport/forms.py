@@ -16,10 +16,23 @@ from numpy.typing import ArrayLike, NDArray
 
 from mindstage.world import Vector
 
-__all__ = ["Hole", "Mesh", "Side", "ball", "box", "boxes", "cylinder", "edges", "inside", "open_box", "pierced_box", "vessel"]
+__all__ = [
+    "Hole",
+    "Mesh",
+    "Side",
+    "ball",
+    "box",
+    "boxes",
+    "cylinder",
+    "edges",
+    "inside",
+    "open_box",
+    "pierced_box",
+    "vessel",
+]
 
 _ROUNDING_M = 0.008
-_WALL_M = 0.018
+_WALL_M = 0.028
 _SEGMENTS = 40
 
 Side = tuple[int, int]
@@ -114,11 +127,9 @@ def vessel(size: Vector, *, foot: float = 1.0, thickness: float = 0.004) -> Mesh
     wall = min(thickness, 0.2 * radius, 0.3 * height)
     w, b = wall / radius, -1.0 + 2 * wall / height
     inside_foot = max(foot - w, 0.1)
-    return _lathe(
-        size,
-        [(0.0, -1.0), (foot * 0.96, -1.0), (foot, -1.0 + 0.2 * wall / height), (1.0, 0.98), (1.0 - w / 2, 1.0)]
-        + [(1.0 - w, 0.98), (inside_foot, b + 0.02), (inside_foot * 0.95, b), (0.0, b)],
-    )
+    outside = [(0.0, -1.0), (foot * 0.96, -1.0), (foot, -1.0 + 0.2 * wall / height), (1.0, 0.98), (1.0 - w / 2, 1.0)]
+    hollow = [(1.0 - w, 0.98), (inside_foot, b + 0.02), (inside_foot * 0.95, b), (0.0, b)]
+    return _lathe(size, outside + hollow)
 
 
 def ball(size: Vector) -> Mesh:
@@ -139,23 +150,24 @@ def inside(size: Vector, side: Side) -> Mesh:
 def edges(size: Vector, *, margin: float = 0.0) -> NDArray[np.float32]:
     """The twelve edges of a box, as 12 x 2 x 3 ends; a little outside of it by the margin [m]."""
     corners = _CORNERS * (np.asarray(size) / 2 + margin)
-    pairs = [(a, b) for a in range(8) for b in range(a + 1, 8) if np.sum(_CORNERS[a] != _CORNERS[b]) == 1]
-    return corners[np.array(pairs)].astype(np.float32)
+    return np.asarray(corners[np.array(_EDGES)], dtype=np.float32)
 
 
 _CORNERS = np.array(list(product((-1.0, 1.0), repeat=3)))
+_EDGES = [(a, b) for a in range(8) for b in range(a + 1, 8) if np.sum(_CORNERS[a] != _CORNERS[b]) == 1]
+"""Between which corners."""
 
 
 def _box_faces() -> NDArray[np.uint32]:
     """Six faces, twelve edges and eight corners between the 24 vertices of a rounded box."""
-    loops = []
-    for axis in range(3):
-        for direction in (-1.0, 1.0):
-            loops.append([3 * corner + axis for corner in np.flatnonzero(_CORNERS[:, axis] == direction)])
-    for a, b in ((a, b) for a in range(8) for b in range(a + 1, 8)):
-        different = np.flatnonzero(_CORNERS[a] != _CORNERS[b])
-        if len(different) == 1:
-            loops.append([3 * end + axis for end in (a, b) for axis in range(3) if axis != different[0]])
+    loops = [
+        [3 * corner + axis for corner in range(8) if _CORNERS[corner, axis] == direction]
+        for axis in range(3)
+        for direction in (-1.0, 1.0)
+    ]
+    for start, end in _EDGES:
+        along = int(np.flatnonzero(_CORNERS[start] != _CORNERS[end])[0])
+        loops.append([3 * corner + axis for corner in (start, end) for axis in range(3) if axis != along])
     loops += [[3 * corner + axis for axis in range(3)] for corner in range(8)]
     # Around a unit shape each loop is put in order, and triangles made that look outwards.
     at = np.where(np.eye(3, dtype=bool)[None], _CORNERS[:, None, :], _CORNERS[:, None, :] * 0.8).reshape(-1, 3)
@@ -166,7 +178,7 @@ def _triangles(loop: Sequence[int], at: Array) -> list[tuple[int, int, int]]:
     middle = at[list(loop)].mean(axis=0)
     first = at[loop[0]] - middle
     second = np.cross(middle, first)
-    round_it = sorted(loop, key=lambda v: np.arctan2((at[v] - middle) @ second, (at[v] - middle) @ first))
+    round_it = sorted(loop, key=lambda v: float(np.arctan2((at[v] - middle) @ second, (at[v] - middle) @ first)))
     return [(round_it[0], b, c) for b, c in pairwise(round_it[1:])]
 
 
@@ -182,8 +194,10 @@ def _pierced(size: Array, centre: Array, holes: Iterable[Hole]) -> list[tuple[Ar
             rest
             for x0, x1, y0, y1 in strips
             for rest in (
-                [(x0, min(a, x1), y0, y1), (max(b, x0), x1, y0, y1)]
-                + [(max(a, x0), min(b, x1), y0, min(c, y1)), (max(a, x0), min(b, x1), max(d, y0), y1)]
+                (x0, min(a, x1), y0, y1),
+                (max(b, x0), x1, y0, y1),
+                (max(a, x0), min(b, x1), y0, min(c, y1)),
+                (max(a, x0), min(b, x1), max(d, y0), y1),
             )
             if rest[1] - rest[0] > 1e-3 and rest[3] - rest[2] > 1e-3
         ]
@@ -218,10 +232,11 @@ def _lathe(size: Vector, profile: Sequence[tuple[float, float]]) -> Mesh:
     """
     angles = np.linspace(0, 2 * np.pi, _SEGMENTS, endpoint=False)
     circle = np.stack([np.cos(angles), np.sin(angles)], axis=1)
-    vertices, faces = [], []
+    vertices: list[Array] = []
+    faces = []
     smooth = _is_smooth(profile)
     for (r0, z0), (r1, z1) in pairwise(profile):
-        start = sum(len(ring) for ring in vertices)
+        start = len(vertices) * _SEGMENTS
         if not (smooth and vertices):
             vertices.append(_ring(circle, r0, z0))
         else:

@@ -6,19 +6,22 @@ can be seen, so that fronts and handles face the visitor and tall cabinets do no
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from mindstage.world import Vector
-from mindstage.world.geometry import Array, rotation_matrix, unit
+from mindstage.viewport.looks import Form, Look
+from mindstage.world import BodyId, Vector, World
+from mindstage.world.geometry import Array, pose_array, rotation_matrix, unit
 
-__all__ = ["View", "frame_view"]
+__all__ = ["View", "first_view", "frame_view", "ground_height"]
 
 _FIELD_OF_VIEW_RAD = np.radians(42.0)
 _ELEVATION_RAD = np.radians(33.0)
 _DIRECTIONS = 24
-_ASPECT = 1.25
+_ASPECT = 1.15
 """Of the part of the picture that no panel covers."""
 _MURK_M = 0.15
 """So much of other bodies in between dims what is behind by a factor of e."""
@@ -36,6 +39,34 @@ class View(msgspec.Struct, frozen=True):
     look_at: Vector
     field_of_view_rad: float
     """From the lower to the upper edge of the picture."""
+
+
+def first_view(world: World, looks: Mapping[BodyId, Look]) -> View:
+    """Finds the view on a world as it is described.
+
+    What moves, and what that is joined to, is what people come for; a place where nothing moves is shown whole.
+    """
+    bodies = [body for body in world.bodies if body.id in looks]
+    ends = {end for joint in world.constraints for end in (joint.parent, joint.child)}
+    ends |= {end for hold in world.attachments for end in (hold.parent, hold.child)}
+    furniture = np.array([not looks[body.id].building for body in bodies], dtype=bool)
+    lively = np.array([body.id in ends or body.physics.simulates for body in bodies], dtype=bool) & furniture
+    solid = np.array([_hides(looks[body.id]) for body in bodies], dtype=bool)
+    sizes = np.array([looks[body.id].size for body in bodies], dtype=float).reshape(-1, 3)
+    poses = pose_array(body.pose for body in bodies)
+    return frame_view(poses, sizes, lively if lively.any() else furniture, solid)
+
+
+def ground_height(world: World, looks: Mapping[BodyId, Look]) -> float | None:
+    """Where a ground has to be drawn, under everything; None where the place has a floor [m]."""
+    if any(look.floor for look in looks.values()):
+        return None
+    bodies = [body for body in world.bodies if body.id in looks and looks[body.id].form is not Form.OUTLINE]
+    return min((body.pose.position[2] - looks[body.id].size[2] / 2 for body in bodies), default=0.0)
+
+
+def _hides(look: Look) -> bool:
+    return look.form not in (Form.OUTLINE, Form.INSIDE) and look.paint.opacity > 0.6
 
 
 def frame_view(poses: Array, sizes: Array, things: NDArray[np.bool_], blockers: NDArray[np.bool_]) -> View:
@@ -74,7 +105,8 @@ def _crowd(centres: Array, rows: NDArray[np.intp]) -> NDArray[np.intp]:
     """The rows without those that stand far from all the others: one lost poster shall not shrink the kitchen."""
     middle = np.median(centres, axis=0)
     distance = np.linalg.norm(centres - middle, axis=1)
-    return rows[distance <= 3.0 * max(float(np.median(distance)), _CLOSE_M)]
+    near: NDArray[np.bool_] = distance <= 3.0 * max(float(np.median(distance)), _CLOSE_M)
+    return rows[near]
 
 
 def _grain(turn: Array) -> float:

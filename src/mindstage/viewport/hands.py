@@ -72,14 +72,15 @@ class Hands:
         """Finds out what of a world can be pulled, and how; the poses must be those it was described with."""
         self._freedoms = _freedoms(world)
 
-    def can_hold(self, id: BodyId) -> bool:
-        """Whether pulling that body does anything."""
-        return id in self._freedoms
+    @property
+    def holdable(self) -> frozenset[BodyId]:
+        """The bodies that move when they are pulled."""
+        return frozenset(self._freedoms)
 
     def take(self, visitor: Hashable, id: BodyId, at: Vector) -> bool:
         """A visitor takes hold of a body at a point in the world [m]; False if there is nothing to hold."""
         pose = _pose_of(self._stage.frame, id)
-        if pose is None or not self.can_hold(id):
+        if pose is None or id not in self._freedoms:
             return False
         point = _vector(rotate(conjugate(pose[3:]), np.asarray(at) - pose[:3]))
         self._pulls[visitor] = Pull(id, point, at)
@@ -195,7 +196,7 @@ def _axis_now(freedom: Freedom, frame: Frame) -> Array:
 
 def _pose_of(frame: Frame, id: BodyId) -> Array | None:
     try:
-        pose = frame.poses[frame.ids.index(id)].copy()
+        pose: Array = frame.poses[frame.ids.index(id)].copy()
     except ValueError:
         return None
     pose[3:] = unit(pose[3:])

@@ -12,6 +12,7 @@ from enum import Enum
 
 import msgspec
 import numpy as np
+from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from mindstage.viewport.forms import Hole, Side
@@ -23,7 +24,6 @@ __all__ = ["ASSUMED_SIZE_M", "Form", "Look", "decide_looks"]
 
 ASSUMED_SIZE_M: Vector = (0.1, 0.1, 0.1)
 """How large a body is drawn whose size nobody told [m]."""
-
 _SPACE_M = 2.5
 """Nothing that one puts into a room is so large along all three axes."""
 _LID_SHARE = 0.5
@@ -32,14 +32,16 @@ _DEPTH_COUNTS = 0.02
 """Of two sides that a front is equally close to, it closes the one across which it is thin."""
 _TOUCH_M = 0.02
 _BROAD_M = 0.15
+_GHOST = 0.2
+"""The opacity of the door of a room: it stands in the wall that one looks through."""
 _SMALLEST_BOX_M = 0.08
 """Nobody reaches into anything smaller."""
 
-_OPEN_AT_THE_TOP = frozenset("basket bin breadbasket bucket crate drawer rack sink tray washbasin".split())
+_OPEN_AT_THE_TOP = {"basket", "bin", "breadbasket", "bucket", "crate", "drawer", "rack", "sink", "tray", "washbasin"}
 _FEET = {"bowl": 0.5, "cup": 0.75, "dish": 0.6, "mug": 0.95, "pan": 0.85, "plate": 0.6, "saucer": 0.6, "vase": 0.8}
-_VESSELS = frozenset("casserole colander glass jug pitcher saucepan tumbler vessel".split()) | _FEET.keys()
-_ROUND = frozenset("bottle can carafe column jar mill papertowel shaker tin".split())
-_BALLS = frozenset("apple ball egg lemon lettuce onion orange plant potato tomato".split())
+_VESSELS = {"casserole", "colander", "glass", "jug", "pitcher", "saucepan", "tumbler", "vessel"} | _FEET.keys()
+_ROUND = {"bottle", "can", "carafe", "column", "jar", "mill", "papertowel", "shaker", "tin"}
+_BALLS = {"apple", "ball", "egg", "lemon", "lettuce", "onion", "orange", "plant", "potato", "tomato"}
 _TELLING = _OPEN_AT_THE_TOP | _VESSELS | _ROUND | _BALLS
 _BUILDING = frozenset({Surface.WALL, Surface.FLOOR, Surface.CEILING})
 
@@ -74,6 +76,9 @@ class Look(msgspec.Struct, frozen=True, kw_only=True):
     """In the top."""
     foot: float = 1.0
     """Of a vessel: the radius at its foot against the one at its rim."""
+    building: bool = False
+    """Whether it belongs to the house rather than to what is in it."""
+    floor: bool = False
 
 
 def decide_looks(
@@ -106,6 +111,8 @@ class _Onlooker:
         self.is_thing = ~self.is_shell & np.array([made not in _BUILDING for made in self.surfaces], dtype=bool)
         self.roots = self._roots({hold.child: hold.parent for hold in world.attachments})
         self.fronts = self._fronts([(joint.parent, joint.child) for joint in world.constraints])
+        walls = {row for row, made in enumerate(self.surfaces) if made is Surface.WALL}
+        self.in_walls = {int(front[0]) for frame in walls for front in self.fronts.get(frame, ())}
         self.is_loose = self._loose()
         self.forms = [self._form(body) for body in world.bodies]
         self.sunk = [row for row, form in enumerate(self.forms) if form is Form.OPEN_BOX and not self.is_loose[row]]
@@ -115,20 +122,21 @@ class _Onlooker:
         return {body.id: self._look(row, body) for row, body in enumerate(self.bodies)}
 
     def _look(self, row: int, body: Body) -> Look:
-        size = body.size or ASSUMED_SIZE_M
+        size, made_of, form = body.size or ASSUMED_SIZE_M, self.surfaces[row], self.forms[row]
         painted = paint(body.cls, self.ancestors[body.cls], body.materials)
-        form = self.forms[row]
+        look = Look(form=form, size=size, paint=painted, building=made_of in _BUILDING, floor=made_of is Surface.FLOOR)
         if self.is_shell[row]:
-            return Look(form=Form.OUTLINE, size=size, paint=painted)
+            return replace(look, form=Form.OUTLINE, building=True)
         if (side := self._only_side(row)) is not None:
-            return Look(form=Form.INSIDE, size=size, paint=painted, openings=(side,))
+            return replace(look, form=Form.INSIDE, openings=(side,), building=True)
+        if self.roots[row] in self.in_walls:
+            return replace(look, paint=Paint(painted.colour, _GHOST), building=True)
         if form not in (Form.BOX, Form.OPEN_BOX):
-            feet = (_FEET[noun] for noun in self._nouns(body) if noun in _FEET)
-            return Look(form=form, size=size, paint=painted, foot=next(feet, 1.0))
+            return replace(look, foot=next((_FEET[noun] for noun in self._nouns(body) if noun in _FEET), 1.0))
         openings, levels = self._openings(row)
         form = Form.OPEN_BOX if openings else Form.BOX
         holes = () if (2, 1) in openings else self._holes(row)
-        return Look(form=form, size=size, paint=painted, openings=openings, levels=levels, holes=holes)
+        return replace(look, form=form, openings=openings, levels=levels, holes=holes)
 
     # -- what it is ------------------------------------------------------------------------------------------
 
@@ -194,7 +202,8 @@ class _Onlooker:
             ends = {self.roots[self.rows[end]] for end in (parent, child) if end in self.rows}
             if len(ends) == 2:
                 front, frame = sorted(ends, key=lambda row: (not self.bodies[row].physics.simulates, self.volume[row]))
-                fronts.setdefault(frame, []).append(np.array(groups[front]))
+                # The front itself comes first, what hangs on it after.
+                fronts.setdefault(frame, []).append(np.array(sorted(groups[front], key=lambda row: row != front)))
         return fronts
 
     def _loose(self) -> NDArray[np.bool_]:
@@ -254,7 +263,8 @@ class _Onlooker:
         half = self.half[row]
         let_in = np.all((low[:, :2] > -half[:2]) & (high[:, :2] < half[:2]), axis=1)
         let_in &= (low[:, 2] < half[2] - _TOUCH_M) & (high[:, 2] > half[2] - _TOUCH_M)
-        return tuple((a, b, c, d) for (a, c), (b, d) in zip(low[let_in, :2].tolist(), high[let_in, :2].tolist(), strict=True))
+        ranges = np.stack([low[let_in, :2], high[let_in, :2]], axis=2).reshape(-1, 4)
+        return tuple((a, b, c, d) for a, b, c, d in ranges.tolist())
 
     def _within(self, row: int, others: NDArray[np.intp] | slice) -> tuple[Array, Array]:
         """Lower and upper corners of other bodies, in the frame of one."""

@@ -62,10 +62,10 @@ _PAINTS: dict[Surface, tuple[Paint, ...]] = {
     Surface.WALL: (Paint(_rgb("ece8e0")),),
     Surface.FLOOR: (Paint(_rgb("c9bfb0")),),
     Surface.CEILING: (Paint(_rgb("f2efe9")),),
-    Surface.WOOD: (Paint(_rgb("b98b5e")),),
+    Surface.WOOD: (Paint(_rgb("b8946c")),),
     Surface.FRONT: (Paint(_rgb("ece2d0")),),
     Surface.STONE: (Paint(_rgb("6d6a68")),),
-    Surface.STEEL: (Paint(_rgb("b3b8bb")),),
+    Surface.STEEL: (Paint(_rgb("c0c6ca")),),
     Surface.BLACK_GLASS: (Paint(_rgb("2b3036")),),
     Surface.DARK_METAL: (Paint(_rgb("3a3f45")),),
     Surface.FOOD: tuple(Paint(_rgb(text)) for text in ("c9654a", "d9a441", "8ca556", "b98a5a")),
@@ -181,7 +181,7 @@ def paint(cls: Iri, ancestors: Iterable[Iri] = (), materials: Sequence[Material]
             return Paint(material.colour)
     chain = (cls, *ancestors)
     made_of = surface(cls, chain[1:])
-    for word in (form for name in chain for word in reversed(words(name)) for form in _forms(word)):
+    for word in (form for name in chain for part in reversed(words(name)) for form in _forms(part)):
         if word in _OWN_COLOURS and _SURFACES.get(word, Surface.FOOD) is made_of:
             return Paint(_OWN_COLOURS[word])
         if word in _OWN_COLOURS and made_of is Surface.GLASS:
@@ -213,7 +213,7 @@ def words(iri: str) -> tuple[str, ...]:
 
 
 def nouns(cls: Iri, ancestors: Iterable[Iri] = ()) -> tuple[str, ...]:
-    """What things of a class are, in a word each, most telling first: for a DinnerPlate plate, then dish, vessel …"""
+    """What things of a class are, in a word each, most telling first: a DinnerPlate is a plate, then a dish."""
     return tuple(singular for name in (cls, *ancestors) for word in words(name)[-1:] for singular in _forms(word))
 
 

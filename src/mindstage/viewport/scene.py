@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Container, Mapping
 from functools import lru_cache
+from typing import Protocol
 from urllib.parse import quote
 
 import numpy as np
@@ -29,6 +30,12 @@ _SKY = ((247, 248, 249), (222, 226, 230))
 Node = viser.MeshHandle | viser.LineSegmentsHandle
 
 
+class Prepare(Protocol):
+    """Called with each body that can be clicked, whenever it is drawn anew."""
+
+    def __call__(self, id: BodyId, node: viser.MeshHandle, *, holdable: bool) -> None: ...
+
+
 def moved(sent: Array, now: Array) -> NDArray[np.intp]:
     """The rows whose pose is no longer the one that was sent."""
     return np.flatnonzero(np.any(np.abs(now - sent) > _STILL, axis=1))
@@ -37,17 +44,18 @@ def moved(sent: Array, now: Array) -> NDArray[np.intp]:
 class Scene:
     """What the visitors see."""
 
-    def __init__(self, server: viser.ViserServer, *, prepare: Callable[[BodyId, viser.MeshHandle], None]) -> None:
+    def __init__(self, server: viser.ViserServer, *, prepare: Prepare) -> None:
         """Lights an empty place.
 
         Args:
             server: where the visitors come.
-            prepare: called with each body that can be clicked, whenever it is drawn anew.
+            prepare: makes a body that was just drawn answer to the mouse.
         """
         self._server = server
         self._prepare = prepare
         self._nodes: dict[BodyId, Node] = {}
         self._looks: dict[BodyId, Look] = {}
+        self._holdable: dict[BodyId, bool] = {}
         self._lit: dict[BodyId, Colour] = {}
         self._ids: tuple[BodyId, ...] = ()
         self._sent: Array = np.zeros((0, 7))
@@ -58,14 +66,24 @@ class Scene:
 
     # -- bodies ----------------------------------------------------------------------------------------------
 
-    def show(self, looks: Mapping[BodyId, Look], ids: tuple[BodyId, ...], poses: Array) -> None:
-        """Draws bodies that came or look different, removes those that went, and puts all in their places."""
+    def show(
+        self, looks: Mapping[BodyId, Look], ids: tuple[BodyId, ...], poses: Array, *, holdable: Container[BodyId]
+    ) -> None:
+        """Draws bodies that came or changed, removes those that went, and puts all in their places.
+
+        Args:
+            looks: of all bodies.
+            ids: whose poses follow.
+            poses: n x 7.
+            holdable: which of them can be pulled.
+        """
         with self._server.atomic():
-            for id in [id for id, look in self._looks.items() if looks.get(id) != look]:
-                self._remove(id)
+            for id, look in list(self._looks.items()):
+                if looks.get(id) != look or self._holdable[id] != (id in holdable):
+                    self._remove(id)
             for id, look in looks.items():
                 if id not in self._looks:
-                    self._draw(id, look)
+                    self._draw(id, look, holdable=id in holdable)
             self._ids, self._sent = ids, poses.copy()
             self._place(np.arange(len(ids)))
 
@@ -89,14 +107,16 @@ class Scene:
     def show_shells(self, shown: bool) -> None:
         """Draws the outlines of what encloses the place, or not."""
         self._shells_shown = shown
-        for id, node in self._nodes.items():
-            if self._looks[id].form is Form.OUTLINE:
+        for node in list(self._nodes.values()):
+            if isinstance(node, viser.LineSegmentsHandle):
                 node.visible = shown
 
     # -- marks -----------------------------------------------------------------------------------------------
 
     def select(self, id: BodyId | None) -> None:
         """Draws a frame round a body, and round no other."""
+        if (self._selected[0] if self._selected is not None else None) == id:
+            return
         if self._selected is not None:
             self._selected[1].remove()
             self._selected = None
@@ -149,9 +169,9 @@ class Scene:
 
     # -- nodes -----------------------------------------------------------------------------------------------
 
-    def _draw(self, id: BodyId, look: Look) -> None:
+    def _draw(self, id: BodyId, look: Look, *, holdable: bool) -> None:
         scene, name = self._server.scene, _name(id)
-        self._looks[id] = look
+        self._looks[id], self._holdable[id] = look, holdable
         if look.form is Form.OUTLINE:
             self._nodes[id] = scene.add_line_segments(
                 name, edges(look.size), _OUTLINE, thickness=1.0, thickness_units="screen", visible=self._shells_shown
@@ -167,12 +187,12 @@ class Scene:
                 cast_shadow=look.form is not Form.INSIDE and look.paint.opacity > 0.6,
             )
             self._nodes[id] = node
-            self._prepare(id, node)
+            self._prepare(id, node, holdable=holdable)
 
     def _remove(self, id: BodyId) -> None:
         if self._selected is not None and self._selected[0] == id:
             self.select(None)
-        del self._looks[id]
+        del self._looks[id], self._holdable[id]
         self._nodes.pop(id).remove()
 
     def _paint(self, id: BodyId) -> None:
@@ -224,16 +244,17 @@ def _mesh(look: Look) -> Mesh:
 def _light(scene: viser.SceneApi) -> viser.DirectionalLightHandle:
     """Daylight from a window behind the visitor's shoulder, a little from everywhere else, and a quiet background."""
     scene.configure_default_lights(enabled=False)
-    scene.configure_environment_map("studio", environment_intensity=0.28)
+    scene.configure_environment_map(None)
+    scene.add_light_hemisphere("/sky", sky_color=(255, 255, 255), ground_color=(214, 204, 190), intensity=2.2)
     scene.world_axes.visible = False
     rows = np.linspace(*_SKY, 512).astype(np.uint8)
     scene.set_background_image(np.repeat(rows[:, None, :], 2, axis=1), format="png")
     return scene.add_light_directional(
-        "/sun", color=(255, 246, 232), intensity=1.9, cast_shadow=True, position=_sun_beside(np.array([1.0, -1.0, 1.0]))
+        "/sun", color=(255, 246, 232), intensity=2.3, cast_shadow=True, position=_sun_beside(np.array([1.0, -1.0, 1.0]))
     )
 
 
 def _sun_beside(away: Array) -> Vector:
     """Where the sun stands for an eye in that direction from the middle."""
-    azimuth = float(np.arctan2(away[1], away[0])) + np.radians(42.0)
-    return 6.0 * float(np.cos(azimuth)), 6.0 * float(np.sin(azimuth)), 8.0
+    azimuth = float(np.arctan2(away[1], away[0])) + np.radians(18.0)
+    return 6.0 * float(np.cos(azimuth)), 6.0 * float(np.sin(azimuth)), 11.0

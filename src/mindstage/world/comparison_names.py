@@ -18,7 +18,7 @@ from mindstage.world.values import Body, Constraint, Light, World
 __all__ = ["is_label", "same_names"]
 
 ROUNDS = 64
-"""How often all labels are looked at; what they do not tell apart by then is paired in the order of the worlds."""
+"""How often all labels are looked at; what is not told apart by then is paired by its text."""
 
 Place = tuple[str, str]
 """Who says it, and by which property."""
@@ -70,29 +70,26 @@ class _Labels:
     """The labels of one world, and where they stand."""
 
     def __init__(self, world: World) -> None:
-        self.all: dict[str, None] = {}
-        """In the order of the world."""
         self.said_by: dict[str, list[Fact]] = defaultdict(list)
         """What is said about a label."""
         self.said_with: dict[str, list[tuple[str, Fact]]] = defaultdict(list)
         """Who mentions a label, and how."""
-        self.at: dict[Place, dict[str, None]] = defaultdict(dict)
+        self.at: dict[Place, set[str]] = defaultdict(set)
         self.places: dict[str, list[Place]] = defaultdict(list)
         """Where a name, label or not, mentions labels."""
+        mentioned: set[str] = set()
         for owner, fact in _statements(world):
             if is_label(owner):
-                self.all[owner] = None
+                mentioned.add(owner)
                 self.said_by[owner].append(fact)
             for label in _labels_in(fact):
-                self._mention(owner, fact, label)
-
-    def _mention(self, owner: str, fact: Fact, label: str) -> None:
-        place = (owner, fact.property)
-        self.all[label] = None
-        self.said_with[label].append((owner, fact))
-        if not self.at[place]:
-            self.places[owner].append(place)
-        self.at[place][label] = None
+                mentioned.add(label)
+                self.said_with[label].append((owner, fact))
+                self.at[owner, fact.property].add(label)
+        for place in sorted(self.at):
+            self.places[place[0]].append(place)
+        self.all = sorted(mentioned)
+        """By their text: which of two equal ones comes first must not hang on the order of the world."""
 
 
 class _Matching:
@@ -119,9 +116,8 @@ class _Matching:
         for mine, theirs in groups:
             for pair in zip(mine, theirs, strict=False):
                 self._pair(*pair)
-        for label in self.b.all:
-            if label in self.a.all:
-                self._pair(label, label)
+        for label in sorted(set(self.b.all).intersection(self.a.all)):
+            self._pair(label, label)
 
     def _pair(self, mine: str, theirs: str) -> None:
         if mine not in self.taken and theirs not in self.names:

@@ -7,7 +7,7 @@ from collections.abc import Hashable, Iterable, Mapping, Sequence
 
 from mindstage.world.comparison_facts import Forms, Statement, missing
 from mindstage.world.comparison_fields import Change, Kind
-from mindstage.world.facts import Anonymous, Fact, Literal, Reference, Resource
+from mindstage.world.facts import Fact, Resource
 from mindstage.world.values import Tag
 
 __all__ = ["Statements"]
@@ -103,13 +103,7 @@ def _said_order(said: Fact | Tag) -> tuple[str, ...]:
     """As good an order as any, as long as it does not hang on that of the world."""
     if isinstance(said, Tag):
         return (said.type, said.key, said.value)
-    match said.value:
-        case Reference(iri=iri):
-            return (said.property, iri)
-        case Literal(text=text, datatype=datatype, language=language):
-            return (said.property, text, datatype or "", language or "")
-        case Anonymous():
-            return (said.property,)
+    return (said.property, str(Statement("", said)))
 
 
 def _order(statement: Statement) -> tuple[str, ...]:
