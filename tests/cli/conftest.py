@@ -6,10 +6,10 @@ from collections.abc import Iterable
 from pathlib import Path
 
 import pytest
-from tests.cli.typed import Run, WriteMap, map_text
 from typer.testing import CliRunner, Result
 
 from mindstage.cli.app import app
+from tests.cli.typed import Run, WriteMap, map_text
 
 
 @pytest.fixture

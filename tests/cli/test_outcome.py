@@ -11,11 +11,11 @@ from pathlib import Path
 
 import pytest
 import typer
-from tests.cli.typed import Run, WriteMap, told
 from typer.testing import CliRunner
 
 from mindstage.cli.outcome import Outcome, verb
 from mindstage.errors import BodyUnknown, EngineClosed
+from tests.cli.typed import Run, WriteMap, told
 
 MINDSTAGE = [sys.executable, "-m", "mindstage"]
 

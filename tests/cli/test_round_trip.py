@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from tests.cli.typed import Run, WriteMap, told
 
 from mindstage.cli.sources import BUNDLED_KITCHEN
+from tests.cli.typed import Run, WriteMap, told
 
 
 @pytest.mark.parametrize("engine", ["null", "mujoco"])

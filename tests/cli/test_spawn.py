@@ -10,9 +10,9 @@ import sys
 from urllib.request import urlopen
 
 import pytest
-from tests.cli.typed import Run, WriteMap, told
 
 from mindstage.cli.sources import BUNDLED_KITCHEN
+from tests.cli.typed import Run, WriteMap, told
 
 MINDSTAGE = [sys.executable, "-m", "mindstage"]
 

@@ -157,7 +157,7 @@ class KnowledgeBase:
         if named:
             raise MapAmbiguous(named)
         files = ", ".join(str(path) for path, source in self._sources.items() if source.asked_for)
-        raise MapMissing(wanted=wanted or files, known=maps)
+        raise MapMissing(wanted=wanted if wanted and maps else files, known=maps)
 
     def _told_of(self, map: Iri) -> tuple[Graph, Census]:
         """What the sources of a map say: those that tell of it, and those given as maps that tell of none at all."""

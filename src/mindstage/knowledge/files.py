@@ -73,10 +73,12 @@ def read_file(path: Path) -> SourceFile:
     except OSError as error:
         raise SourceUnreadable(str(path), cause=error.strerror or str(error)) from error
     data = _as_utf8(path, data)
-    file = SourceFile(path, data, _format(path, data))
-    if file.format == XML:
-        _check_entities(file)
-        _check_complete(file)
+    format = _format(path, data)
+    if format != XML:
+        return SourceFile(path, data, format)
+    file = SourceFile(path, _ENTITY.sub(_double_quoted, data) if b"<!ENTITY" in data else data, format)
+    _check_entities(file)
+    _check_complete(file)
     return file
 
 
@@ -113,6 +115,13 @@ def _format(path: Path, data: bytes) -> ox.RdfFormat:
 # -- XML ---------------------------------------------------------------------------------------------------------------
 
 
+def _double_quoted(entity: re.Match[bytes]) -> bytes:
+    """XML allows both quotes, the parser only one."""
+    if entity[3] is None:
+        return entity[0]
+    return b'<!ENTITY %s "%s"' % (entity[1], entity[3].replace(b'"', b"&#34;"))
+
+
 def _check_entities(file: SourceFile) -> None:
     """Entities are expanded by the parser without any limit, so their lengths are reckoned first."""
     if b"<!ENTITY" not in file.data:
@@ -123,7 +132,7 @@ def _check_entities(file: SourceFile) -> None:
         if entity[4]:
             cause = f"the entity {_text(entity[1])!r} stands in another file; nothing outside is ever fetched"
             raise SourceUnreadable(str(file.path), cause=cause, line=line)
-        value = entity[2] if entity[2] is not None else entity[3]
+        value = entity[2]
         uses = _ENTITY_USE.findall(value)
         length = len(value) + sum(lengths.get(name, 0) for name in uses)
         lengths.setdefault(entity[1], length)

@@ -29,6 +29,9 @@ _SLANT_COUNTS = 0.2
 """A view across the corner shows a room better than one straight at a wall, if not much less is seen."""
 _SEEN = 160
 """So many bodies, evenly picked, are looked at from each direction."""
+_MARGIN = 1.08
+_BLOCKERS = 200
+"""So many of the largest bodies are taken to hide others."""
 _CLOSE_M = 0.4
 
 
@@ -90,11 +93,13 @@ def frame_view(poses: Array, sizes: Array, things: NDArray[np.bool_], blockers: 
     middle = (low + high) / 2
     corners = np.where(np.indices((2, 2, 2)).reshape(3, -1).T > 0, high, low) - middle
     seen = rows[np.linspace(0, len(rows) - 1, min(len(rows), _SEEN)).astype(int)]
+    hiding = np.flatnonzero(blockers)
+    hiding = hiding[np.argsort(-np.prod(sizes[hiding], axis=1))[:_BLOCKERS]]
     best, best_score = None, -np.inf
     for azimuth in np.arange(_DIRECTIONS) * 2 * np.pi / _DIRECTIONS:
         away = _away(azimuth)
         eye = middle + away * _distance(corners, away)
-        score = _visible(eye, poses, sizes, turn, seen, np.flatnonzero(blockers))
+        score = _visible(eye, poses, sizes, turn, seen, hiding)
         score *= 1.0 + _SLANT_COUNTS * float(np.abs(np.sin(2 * (azimuth - _grain(turn[rows])))))
         if score > best_score + 1e-9:
             best, best_score = eye, score
@@ -128,7 +133,7 @@ def _distance(corners: Array, away: Array) -> float:
     up = np.cross(away, right)
     tangent = np.tan(_FIELD_OF_VIEW_RAD / 2)
     across = np.maximum(np.abs(corners @ right) / (tangent * _ASPECT), np.abs(corners @ up) / tangent)
-    return max(float(np.max(across + corners @ away)) * 1.05, _CLOSE_M)
+    return max(float(np.max(across + corners @ away)) * _MARGIN, _CLOSE_M)
 
 
 def _visible(

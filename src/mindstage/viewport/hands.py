@@ -119,11 +119,6 @@ class Hands:
         for visitor in list(self._pulls):
             self.let_go(visitor)
 
-    def line(self, pull: Pull) -> tuple[Vector, Vector] | None:
-        """From where a body is held to where it is pulled; None once it is gone."""
-        pose = _pose_of(self._stage.frame, pull.id)
-        return None if pose is None else (_vector(pose[:3] + rotate(pose[3:], pull.point)), pull.target)
-
 
 def reach(way: Way, axis: Array, held: Array, pointer: Array, eye: Array) -> Vector:
     """Where a hand goes that holds something, for a ray from the eye through the pointer.

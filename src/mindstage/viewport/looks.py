@@ -45,8 +45,8 @@ _BALLS = {"apple", "ball", "egg", "lemon", "lettuce", "onion", "orange", "plant"
 _TELLING = _OPEN_AT_THE_TOP | _VESSELS | _ROUND | _BALLS
 _BUILDING = frozenset({Surface.WALL, Surface.FLOOR, Surface.CEILING})
 
-_AROUND = frozenset({Surface.WALL, Surface.CEILING, Surface.GLASS})
-"""What stands round a room; a small thing of glass is not thin in that way."""
+_AROUND = frozenset({Surface.WALL, Surface.CEILING, Surface.GLASS, Surface.PAPER})
+"""What stands round a room or hangs on its walls, where it is thin and nobody can take it away."""
 
 
 class Form(Enum):
@@ -109,11 +109,15 @@ class _Onlooker:
         named = np.array([body.id in shells for body in world.bodies], dtype=bool)
         self.is_shell = named | np.all(2 * self.half > _SPACE_M, axis=1)
         self.is_thing = ~self.is_shell & np.array([made not in _BUILDING for made in self.surfaces], dtype=bool)
+        lamps = np.array([made is Surface.LAMP for made in self.surfaces], dtype=bool)
+        heights = self.centre[self.is_thing & ~lamps, 2]
+        self.overhead = float(np.quantile(heights, 0.9)) if heights.size else np.inf
         self.roots = self._roots({hold.child: hold.parent for hold in world.attachments})
         self.fronts = self._fronts([(joint.parent, joint.child) for joint in world.constraints])
         walls = {row for row, made in enumerate(self.surfaces) if made is Surface.WALL}
         self.in_walls = {int(front[0]) for frame in walls for front in self.fronts.get(frame, ())}
         self.is_loose = self._loose()
+        self.loose = np.flatnonzero(self.is_loose)
         self.forms = [self._form(body) for body in world.bodies]
         self.sunk = [row for row, form in enumerate(self.forms) if form is Form.OPEN_BOX and not self.is_loose[row]]
 
@@ -163,15 +167,10 @@ class _Onlooker:
             axis = int(np.argmin(self.half[row]))
             offsets = (self.centre[self.is_thing] - self.centre[row]) @ self.turn[row][:, axis]
             return axis, 1 if np.sum(np.sign(offsets)) >= 0 else -1
-        if self.surfaces[row] is Surface.LAMP and self._is_overhead(row):
+        if self.surfaces[row] is Surface.LAMP and self.centre[row, 2] > self.overhead:
             axis, direction = self._top(row)
             return axis, -direction
         return None
-
-    def _is_overhead(self, row: int) -> bool:
-        lamps = np.array([made is Surface.LAMP for made in self.surfaces], dtype=bool)
-        beneath = self.centre[self.is_thing & ~lamps, 2]
-        return bool(beneath.size) and self.centre[row, 2] > float(np.quantile(beneath, 0.9))
 
     def _top(self, row: int) -> Side:
         """The side of a box that looks up."""
@@ -226,9 +225,8 @@ class _Onlooker:
             return (), ()
         closed = (self._closes(row, front, top) for front in self.fronts.get(self.roots[row], ()))
         sides = tuple(sorted({side for side in closed if side is not None}))
-        low, high = self._within(row, slice(None))
-        middle = np.abs(low + high) / 2
-        inside = np.all(middle < half, axis=1) & (self.volume < 0.5 * self.volume[row]) & self.is_loose
+        low, high = self._within(row, self.loose)
+        inside = np.all(np.abs(low + high) / 2 < half, axis=1) & (self.volume[self.loose] < 0.5 * self.volume[row])
         if not (sides or inside.any()):
             return (), ()
         levels = {round(float(level), 2) for level in low[inside, 2] if level > 0.06 - half[2]}
@@ -266,7 +264,7 @@ class _Onlooker:
         ranges = np.stack([low[let_in, :2], high[let_in, :2]], axis=2).reshape(-1, 4)
         return tuple((a, b, c, d) for a, b, c, d in ranges.tolist())
 
-    def _within(self, row: int, others: NDArray[np.intp] | slice) -> tuple[Array, Array]:
+    def _within(self, row: int, others: NDArray[np.intp]) -> tuple[Array, Array]:
         """Lower and upper corners of other bodies, in the frame of one."""
         turn = np.abs(self.turn[row].T @ self.turn[others])
         reach = np.einsum("nij,nj->ni", turn, self.half[others])

@@ -1,4 +1,7 @@
-"""Scene: bodies as nodes in the visitors' browsers, kept like the world with as few messages as possible."""
+"""Scene: bodies as nodes in the visitors' browsers, kept like the world with as few messages as possible.
+
+Only one thread may call it.
+"""
 
 from __future__ import annotations
 
@@ -60,7 +63,6 @@ class Scene:
         self._ids: tuple[BodyId, ...] = ()
         self._sent: Array = np.zeros((0, 7))
         self._selected: tuple[BodyId, viser.LineSegmentsHandle] | None = None
-        self._pull: viser.LineSegmentsHandle | None = None
         self._shells_shown = True
         self._sun = _light(server.scene)
 
@@ -106,10 +108,11 @@ class Scene:
 
     def show_shells(self, shown: bool) -> None:
         """Draws the outlines of what encloses the place, or not."""
-        self._shells_shown = shown
-        for node in list(self._nodes.values()):
-            if isinstance(node, viser.LineSegmentsHandle):
-                node.visible = shown
+        if shown != self._shells_shown:
+            self._shells_shown = shown
+            for node in self._nodes.values():
+                if isinstance(node, viser.LineSegmentsHandle):
+                    node.visible = shown
 
     # -- marks -----------------------------------------------------------------------------------------------
 
@@ -126,17 +129,6 @@ class Scene:
                 f"{_name(id)}/selected", around, _ACCENT, thickness=2.5, thickness_units="screen"
             )
             self._selected = id, frame
-
-    def show_pull(self, ends: tuple[Vector, Vector] | None) -> None:
-        """Draws the line from where a body is held to where it is pulled, or removes it."""
-        if self._pull is not None:
-            self._pull.visible = ends is not None
-            if ends is not None:
-                self._pull.points = np.array([ends], dtype=np.float32)
-        elif ends is not None:
-            self._pull = self._server.scene.add_line_segments(
-                "/pull", np.array([ends]), _ACCENT, thickness=3.0, thickness_units="screen"
-            )
 
     # -- the place -------------------------------------------------------------------------------------------
 
@@ -170,24 +162,27 @@ class Scene:
     # -- nodes -----------------------------------------------------------------------------------------------
 
     def _draw(self, id: BodyId, look: Look, *, holdable: bool) -> None:
-        scene, name = self._server.scene, _name(id)
-        self._looks[id], self._holdable[id] = look, holdable
-        if look.form is Form.OUTLINE:
-            self._nodes[id] = scene.add_line_segments(
-                name, edges(look.size), _OUTLINE, thickness=1.0, thickness_units="screen", visible=self._shells_shown
-            )
-        else:
-            mesh, paint = _mesh(look), lit(look.paint, self._lit.get(id))
-            node = scene.add_mesh_simple(
-                name,
-                mesh.vertices,
-                mesh.faces,
-                color=_bytes(paint.colour),
-                opacity=_opacity(paint),
-                cast_shadow=look.form is not Form.INSIDE and look.paint.opacity > 0.6,
-            )
-            self._nodes[id] = node
+        node = self._outline(id, look) if look.form is Form.OUTLINE else self._solid(id, look)
+        # A floor that answers to the mouse would be outlined whenever somebody looks round.
+        if isinstance(node, viser.MeshHandle) and (holdable or not look.building):
             self._prepare(id, node, holdable=holdable)
+        self._nodes[id], self._looks[id], self._holdable[id] = node, look, holdable
+
+    def _outline(self, id: BodyId, look: Look) -> viser.LineSegmentsHandle:
+        return self._server.scene.add_line_segments(
+            _name(id), edges(look.size), _OUTLINE, thickness=1.0, thickness_units="screen", visible=self._shells_shown
+        )
+
+    def _solid(self, id: BodyId, look: Look) -> viser.MeshHandle:
+        mesh, paint = _mesh(look), lit(look.paint, self._lit.get(id))
+        return self._server.scene.add_mesh_simple(
+            _name(id),
+            mesh.vertices,
+            mesh.faces,
+            color=_bytes(paint.colour),
+            opacity=_opacity(paint),
+            cast_shadow=look.form is not Form.INSIDE and look.paint.opacity > 0.6,
+        )
 
     def _remove(self, id: BodyId) -> None:
         if self._selected is not None and self._selected[0] == id:

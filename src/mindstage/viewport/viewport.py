@@ -57,15 +57,14 @@ class Viewport:
         self._server = serve(host, port, title="Mindstage")
         self._hands = Hands(stage)
         self._scene = Scene(self._server, prepare=self._prepare)
-        self._panel = Panel(
-            self._server, stage, choose=self.select, show_shells=self._scene.show_shells, guard=self._guarded
-        )
+        self._panel = Panel(self._server, stage, choose=self.select, show_shells=self._show_shells, guard=self._guarded)
         self._frame: Frame | None = None
         self._described: World | None = None
         self._bodies: dict[BodyId, Body] = {}
         self._holders: dict[BodyId, BodyId] = {}
         self._wanted: BodyId | None = None
         self._selected: BodyId | None = None
+        self._shells_wanted = True
         self._framed = False
         self._words_due = 0.0
         self._reported: set[str] = set()
@@ -156,14 +155,13 @@ class Viewport:
         self._described = described
 
     def _mark(self) -> None:
-        """The frame round what is selected, the line to what is pulled."""
+        """What visitors want marked, done here because only this thread may touch the scene."""
         wanted = self._wanted if self._wanted in self._bodies else None
         if wanted != self._selected:
             self._selected = wanted
             self._words_due = 0.0
         self._scene.select(self._selected)
-        pulls = self._hands.pulls
-        self._scene.show_pull(self._hands.line(pulls[0]) if pulls else None)
+        self._scene.show_shells(self._shells_wanted)
 
     def _tell(self, frame: Frame) -> None:
         self._panel.show_frame(frame)
@@ -200,6 +198,9 @@ class Viewport:
                 self._hands.pull(event.client_id, event.end_position, (x, y, z))
             case "end":
                 self._hands.let_go(event.client_id)
+
+    def _show_shells(self, shown: bool) -> None:
+        self._shells_wanted = shown
 
     def _guarded(self, react: Callable[..., None]) -> Callable[..., None]:
         """Tells the visitor why what they did did not work."""

@@ -17,11 +17,15 @@ from mindstage.world.values import Body, Constraint, Light, World
 
 __all__ = ["is_label", "same_names"]
 
-ROUNDS = 64
-"""How often all labels are looked at; what is not told apart by then is paired by its text."""
+ROUNDS = 8
+"""How far around a label one looks at most to tell it from others."""
+GUESSES = 16
+"""How often one guesses between labels that look alike, to see whether that tells others apart."""
 
 Place = tuple[str, str]
 """Who says it, and by which property."""
+Group = tuple[list[str], list[str]]
+"""Labels of a and labels of b, all of one colour."""
 
 
 def is_label(name: str) -> bool:
@@ -99,25 +103,38 @@ class _Matching:
         self.a, self.b, self.names, self.forms = a, b, names, forms
         self.taken = {mine: theirs for theirs, mine in names.items()}
         """The same from a's to b's."""
-        self._rounds = ROUNDS
 
     def run(self) -> None:
         """Looks at places first, since those still tell labels apart when something was lost on the way."""
         self._follow([self.names.get(name, name) for name in self.b.places if name in self.names or not is_label(name)])
         groups = self._groups()
-        while self._rounds and groups:
-            for mine, theirs in groups:
-                if len(mine) == len(theirs) == 1:
-                    self._pair(mine[0], theirs[0])
-            # What is left looks alike. One guess is as good as another, but it tells the neighbours apart.
-            if guess := next((group for group in groups if len(group[0]) + len(group[1]) > 2), None):
-                self._pair(guess[0][0], guess[1][0])
-            groups = self._groups()
-        for mine, theirs in groups:
-            for pair in zip(mine, theirs, strict=False):
-                self._pair(*pair)
+        for _ in range(GUESSES):
+            if groups:
+                groups = self._narrowed(groups)
+        for group in groups:
+            self._pair_all(group)
         for label in sorted(set(self.b.all).intersection(self.a.all)):
             self._pair(label, label)
+
+    def _narrowed(self, groups: list[Group]) -> list[Group]:
+        """The groups that are left once what is alone in its group is paired, and one guess is made."""
+        for group in groups:
+            if len(group[0]) == len(group[1]) == 1:
+                self._pair_all(group)
+        alike = [group for group in groups if len(group[0]) + len(group[1]) > 2]
+        if not alike:
+            return []
+        known = len(self.names)
+        self._pair(alike[0][0][0], alike[0][1][0])
+        narrower = self._groups()
+        if len(self.names) == known + 1 and len(narrower) == len(alike):
+            # It told no others apart, so the rest of its group is as interchangeable.
+            self._pair_all(alike[0])
+        return [group for group in narrower if group[0][0] not in self.taken]
+
+    def _pair_all(self, group: Group) -> None:
+        for mine, theirs in zip(*group, strict=False):
+            self._pair(mine, theirs)
 
     def _pair(self, mine: str, theirs: str) -> None:
         if mine not in self.taken and theirs not in self.names:
@@ -136,13 +153,12 @@ class _Matching:
                     self.names[theirs[0]], self.taken[mine[0]] = mine[0], theirs[0]
                     owners.append(mine[0])
 
-    def _groups(self) -> list[tuple[list[str], list[str]]]:
+    def _groups(self) -> list[Group]:
         """The labels of both that are still alone, in groups that nothing said about or with them tells apart."""
         a = {label: label if label in self.taken else "" for label in self.a.all}
         b = {label: self.names.get(label, "") for label in self.b.all}
         colours = 0
-        while self._rounds:
-            self._rounds -= 1
+        for _ in range(ROUNDS):
             table: dict[object, str] = {}
             a = self._recoloured(self.a, a, a, table)
             b = self._recoloured(self.b, b, {**self.names, **b}, table)

@@ -111,6 +111,8 @@ class _Builder:
     def __init__(self, blueprint: Blueprint) -> None:
         self.blueprint = blueprint
         self.spec = mujoco.MjSpec()
+        self.halves = (np.maximum(blueprint.sizes, _THINNEST_M) / 2).tolist()
+        self.inertias = _unit_inertias(blueprint)
         self.made: dict[BodyId, Any] = {}
         self.free: dict[BodyId, Any] = {}
         self.jointed: dict[BodyId, tuple[Branch, tuple[Axis, ...], bool, list[Any], Any]] = {}
@@ -205,8 +207,8 @@ class _Builder:
         mass = plan.masses.get(id, 0.0)
         if mass > 0.0:
             body.explicitinertial = True
-            body.mass, body.inertia = mass, _inertia(description, mass, plan.sizes[plan.rows[id]])
-            body.ipos, body.iquat = np.zeros(3), (1.0, 0.0, 0.0, 0.0)
+            body.mass, body.inertia = mass, mass * self.inertias[plan.rows[id]]
+            body.ipos, body.iquat = _HERE[:3], _HERE[3:]
         if description.physics.gravity is False:
             body.gravcomp = 1.0
         return body
@@ -217,13 +219,15 @@ class _Builder:
         ghost = id in plan.collisions.ghosts
         plates = plan.collisions.hollows.get(id)
         if plates is None:
-            kind, extent = _primitive(plan.bodies[id], plan.sizes[plan.rows[id]])
-            _add_geom(body, kind, extent, place, ghost)
+            kind, extent = _primitive(plan.bodies[id], self.halves[plan.rows[id]])
+            _add_geom(body, kind, extent, place[:3], place[3:], ghost)
             return
-        for plate in plates:
-            extent = np.maximum(np.asarray(plate.size) / 2, _THINNEST_M / 2)
-            centre = place[:3] + _rotate(place[3:], np.asarray(plate.centre))
-            _add_geom(body, mujoco.mjtGeom.mjGEOM_BOX, extent, np.concatenate([centre, place[3:]]), ghost)
+        centres = np.array([plate.centre for plate in plates])
+        if place is not _HERE:
+            centres = compose(place, np.concatenate([centres, np.tile(_HERE[3:], (len(plates), 1))], axis=1))[:, :3]
+        extents = np.maximum([plate.size for plate in plates], _THINNEST_M) / 2
+        for centre, extent in zip(centres, extents.tolist(), strict=True):
+            _add_geom(body, mujoco.mjtGeom.mjGEOM_BOX, extent, centre, place[3:], ghost)
 
     def apart(self) -> None:
         """Pairs that never collide: decided ones, and the parts of one piece of furniture."""
@@ -281,7 +285,7 @@ class _Builder:
         body = self.made[branch.parent].add_body(name=name, pos=of_parent[:3], quat=of_parent[3:])
         mass = 0.01 * max(plan.forest.assemblies[plan.forest.of_body[branch.child]].mass_kg, 0.1)
         body.explicitinertial, body.mass, body.inertia = True, mass, np.full(3, mass * 0.01)
-        body.ipos, body.iquat = np.zeros(3), (1.0, 0.0, 0.0, 0.0)
+        body.ipos, body.iquat = _HERE[:3], _HERE[3:]
         body.gravcomp = 1.0
         self._joints(body, branch, axes, is_ball(axes), _HERE)
         self._weld(name, _name(branch.child), invert(of_child))
@@ -346,35 +350,35 @@ def _name(id: BodyId) -> str:
     return f"body:{id}"  # "world" is a name of MuJoCo's own
 
 
-def _add_geom(body: Any, kind: Any, extent: Any, place: Array, ghost: bool) -> None:
+def _add_geom(body: Any, kind: Any, extent: list[float], position: Array, quaternion: Array, ghost: bool) -> None:
     if ghost:
-        body.add_geom(type=kind, size=extent, pos=place[:3], quat=place[3:], mass=0.0, contype=0, conaffinity=0)
+        body.add_geom(type=kind, size=extent, pos=position, quat=quaternion, mass=0.0, contype=0, conaffinity=0)
     else:
-        body.add_geom(type=kind, size=extent, pos=place[:3], quat=place[3:], mass=0.0, friction=_FRICTION)
+        body.add_geom(type=kind, size=extent, pos=position, quat=quaternion, mass=0.0, friction=_FRICTION)
 
 
-def _primitive(body: Body, size: Array) -> tuple[Any, Array]:
+def _primitive(body: Body, half: list[float]) -> tuple[Any, list[float]]:
     """MuJoCo's primitive and its half extents; one that is not round any more becomes an ellipsoid."""
-    half = np.maximum(size, _THINNEST_M) / 2
-    kind = body.shape.kind if body.shape is not None else ShapeKind.BOX
-    if kind is ShapeKind.SPHERE:
+    if body.shape is None or body.shape.kind is ShapeKind.BOX:
+        return mujoco.mjtGeom.mjGEOM_BOX, half
+    if body.shape.kind is ShapeKind.SPHERE:
         return mujoco.mjtGeom.mjGEOM_ELLIPSOID, half
-    if kind is ShapeKind.CYLINDER:
-        return mujoco.mjtGeom.mjGEOM_CYLINDER, np.array([(half[0] + half[1]) / 2, half[2], 0.0])
-    return mujoco.mjtGeom.mjGEOM_BOX, half
+    return mujoco.mjtGeom.mjGEOM_CYLINDER, [(half[0] + half[1]) / 2, half[2], 0.0]
 
 
-def _inertia(body: Body, mass: float, size: Array) -> Array:
-    """The diagonal of the inertia tensor of a solid of even density [kg m²]."""
-    squares = np.maximum(size, _INERTIA_M) ** 2
-    kind = body.shape.kind if body.shape is not None else ShapeKind.BOX
-    weight = {
-        ShapeKind.BOX: (1 / 12, 1 / 12, 1 / 12),
-        ShapeKind.SPHERE: (1 / 20, 1 / 20, 1 / 20),
-        ShapeKind.CYLINDER: (1 / 16, 1 / 16, 1 / 12),
-    }[kind]
-    x, y, z = squares * weight
-    return mass * np.array([y + z, z + x, x + y])
+_INERTIA_OF_SQUARES = {
+    ShapeKind.BOX: (1 / 12, 1 / 12, 1 / 12),
+    ShapeKind.SPHERE: (1 / 20, 1 / 20, 1 / 20),
+    ShapeKind.CYLINDER: (1 / 16, 1 / 16, 1 / 12),
+}
+
+
+def _unit_inertias(blueprint: Blueprint) -> Array:
+    """The diagonals of the inertia tensors of solids of even density and 1 kg, n x 3 [m²]."""
+    kinds = (body.shape.kind if body.shape is not None else ShapeKind.BOX for body in blueprint.bodies.values())
+    factors = np.array([_INERTIA_OF_SQUARES[kind] for kind in kinds]).reshape(-1, 3)
+    squares = np.maximum(blueprint.sizes, _INERTIA_M) ** 2 * factors
+    return np.asarray(squares.sum(axis=1, keepdims=True) - squares)
 
 
 def _rotate(quaternion: Array, vector: Array) -> Array:

@@ -71,7 +71,7 @@ def carry(
                 before = old.free[top][1]
                 data.qacc_warmstart[velocity : velocity + 6] = old.data.qacc_warmstart[before : before + 6]
     for id, joint in new.joints.items():
-        if not _copy_joint(old, new, id, joint, at_rest):
+        if old is not None and not _copy_joint(old, new, id, joint, at_rest):  # a first model stands as spawned
             put(new, joint, coordinates(joint, where, ends[id]))
     mujoco.mj_forward(new.model, data)
     if old is not None:

@@ -1,0 +1,78 @@
+"""Small maps of dialect 1 in Turtle, said in few words, and what tests do with them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from mindstage.knowledge import Finding, KnowledgeBase
+from mindstage.world import Iri, World, difference
+
+__all__ = ["KNOWROB", "M", "OWL", "RDFS", "XSD", "Read", "assert_same", "body", "constraint", "knowing", "knowrob", "m", "room"]
+
+M = "http://example.org/room.owl#"
+KNOWROB = "http://knowrob.org/kb/knowrob.owl#"
+OWL = "http://www.w3.org/2002/07/owl#"
+RDFS = "http://www.w3.org/2000/01/rdf-schema#"
+XSD = "http://www.w3.org/2001/XMLSchema#"
+
+Read = Callable[..., tuple[World, tuple[Finding, ...]]]
+"""Reads the text of a map; gives its world, and the findings that were made."""
+
+_PREFIXES = f"""
+@prefix : <{M}> .
+@prefix k: <{KNOWROB}> .
+@prefix owl: <{OWL}> .
+@prefix rdfs: <{RDFS}> .
+@prefix xsd: <{XSD}> .
+@prefix ms: <http://mindstage.org/ontology#> .
+@prefix e: <http://example.org/terms#> .
+"""
+
+
+def m(name: str) -> Iri:
+    """An individual of the room."""
+    return Iri(M + name)
+
+
+def knowrob(name: str) -> Iri:
+    """A name of the community's."""
+    return Iri(KNOWROB + name)
+
+
+def room(*statements: str, map: str = "room") -> str:
+    """A map with these statements; they may use the prefixes k, owl, rdfs, xsd, ms, e, and none for what is in it."""
+    return "\n".join((_PREFIXES, f":{map} a owl:NamedIndividual, k:SemanticEnvironmentMap .", *statements))
+
+
+def body(name: str, *facts: str, cls: str = "k:Cup", at: str = "1.0 2.0 3.0", turned: str = "1.0 0.0 0.0 0.0") -> str:
+    """An individual with a pose."""
+    more = "".join(f" ; {fact}" for fact in facts)
+    return f""":{name} a owl:NamedIndividual, {cls} ; k:describedInMap :room ; k:pose :{name}-pose{more} .
+:{name}-pose a owl:NamedIndividual, k:Pose ; k:translation "{at}" ; k:quaternion "{turned}" ."""
+
+
+def constraint(name: str, parent: str, child: str, *facts: str) -> str:
+    """A drawer's slide."""
+    return f"""{body(name, f"k:parent :{parent}", f"k:child :{child}", *facts, cls="k:Constraint")}
+:{name} k:linearConstraint :{name}-linear ; k:angularConstraint :{name}-angular .
+:{name}-linear a owl:NamedIndividual, k:LinearConstraint ; k:xMotion 1 ; k:yMotion 2 ; k:zMotion 2 ;
+    k:limit "0.45"^^xsd:float ; k:softConstraint false ; k:stiffness "0.0"^^xsd:float ; k:damping "0.0"^^xsd:float .
+:{name}-angular a owl:NamedIndividual, k:AngularConstraint ;
+    k:swing1Motion 2 ; k:swing2Motion 2 ; k:twistMotion 0 ;
+    k:swing1Limit "0.1"^^xsd:float ; k:swing2Limit "0.2"^^xsd:float ; k:twistLimit "0.3"^^xsd:float ;
+    k:softSwingConstraint true ; k:swingStiffness "4.0"^^xsd:float ; k:swingDamping "5.0"^^xsd:float ;
+    k:softTwistConstraint false ; k:twistStiffness "0.0"^^xsd:float ; k:twistDamping "0.0"^^xsd:float ."""
+
+
+def assert_same(a: World, b: World) -> None:
+    """Fails with all that two worlds do not agree on."""
+    found = difference(a, b)
+    assert (found.only_in_a, found.only_in_b, found.changed, found.lost, found.gained) == ((), (), (), (), ())
+    assert (a.iri, a.name, len(a.resources)) == (b.iri, b.name, len(b.resources))
+
+
+def knowing(*paths: object, ontologies: tuple[object, ...] = (), bundled_ontology: bool = False) -> KnowledgeBase:
+    """A knowledge base that has loaded these files."""
+    knowledge = KnowledgeBase(bundled_ontology=bundled_ontology)
+    knowledge.load([str(path) for path in paths], ontologies=[str(path) for path in ontologies])
+    return knowledge

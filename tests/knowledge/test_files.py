@@ -1,0 +1,197 @@
+"""Files that are wrong, in all the ways that files are; each is refused with line and cause, or read all the same."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from mindstage.errors import SourceUnreadable
+from tests.knowledge.maps import Read, body, knowing, room
+
+RDF = "http://www.w3.org/1999/02/22-rdf-syntax-ns#"
+HEAD = f'<rdf:RDF xmlns:rdf="{RDF}" xmlns:k="http://knowrob.org/kb/knowrob.owl#" xmlns:e="http://e#">\n'
+TAIL = "\n</rdf:RDF>\n"
+MAP = '<k:SemanticEnvironmentMap rdf:about="http://e#map"><e:note>a note</e:note></k:SemanticEnvironmentMap>'
+DOCUMENT = HEAD + MAP + TAIL
+
+
+def refused(tmp_path: Path, content: bytes | str, *, name: str = "map.owl") -> SourceUnreadable:
+    path = tmp_path / name
+    path.write_bytes(content.encode() if isinstance(content, str) else content)
+    with pytest.raises(SourceUnreadable) as caught:
+        knowing(path)
+    assert caught.value.source == str(path)
+    return caught.value
+
+
+def read_maps(tmp_path: Path, content: bytes | str, *, name: str = "map.owl") -> tuple[str, ...]:
+    path = tmp_path / name
+    path.write_bytes(content.encode() if isinstance(content, str) else content)
+    return knowing(path).maps()
+
+
+def test_the_document_that_these_tests_spoil_is_good(tmp_path: Path) -> None:
+    assert read_maps(tmp_path, DOCUMENT) == ("http://e#map",)
+
+
+@pytest.mark.parametrize(
+    ("content", "line", "cause"),
+    [
+        ("", 1, "empty"),
+        (" \n\n ", 3, "empty"),
+        ("once upon a time", 1, "not XML"),
+        (b"\x89PNG\r\n\x1a\n\x00\x00", 1, "not XML"),
+        (DOCUMENT[:-2], 4, "cut off"),
+        (DOCUMENT.replace("</rdf:RDF>", ""), 4, "cut off"),
+        (DOCUMENT[: DOCUMENT.index("note</")], 2, "cut off"),
+        (DOCUMENT[: DOCUMENT.index("Map rdf:about")], 2, "cut off"),
+        (DOCUMENT.replace("</e:note>", "</e:nota>"), 2, "mismatched tag"),
+        (DOCUMENT + "<more/>", 4, "junk after document element"),
+        (HEAD + "\n" + MAP.replace("http://e#map", "http://e#a map") + TAIL, 3, "IRI"),
+        (HEAD + MAP.replace("http://e#map", "&k;map") + TAIL, 2, "undefined entity"),
+        (HEAD + MAP.replace("<e:note", '<e:note rdf:resource="a" rdf:resource="b"') + TAIL, 2, "duplicate attribute"),
+        ("<html>\n<body>not found</body></html>", 1, "<html>"),
+        ('<?xml version="1.0"?>\n<robot name="pr2"><link name="base"/></robot>', 2, "<robot>"),
+        ('<?xml version="1.0"?>\n<Ontology xmlns="http://www.w3.org/2002/07/owl#"/>', 2, "OWL/XML"),
+        (DOCUMENT.replace("a note", "K\xfcche").encode("latin-1"), 2, "invalid token"),
+        (f'<?xml version="1.0" encoding="klingon"?>{DOCUMENT}', None, "klingon"),
+        (f'<?xml version="1.0" encoding="utf-16"?>{DOCUMENT}'.encode(), None, "utf-16"),
+    ],
+)
+def test_a_spoilt_file_is_refused_with_line_and_cause(
+    content: bytes | str, line: int | None, cause: str, tmp_path: Path
+) -> None:
+    error = refused(tmp_path, content)
+    assert cause in str(error)
+    assert error.line == line
+
+
+def test_turtle_too_is_refused_with_line_and_cause(tmp_path: Path) -> None:
+    error = refused(tmp_path, "@prefix e: <http://e#> .\n\ne:a e:b 'c\n", name="map.ttl")
+    assert error.line == 3
+    assert refused(tmp_path, "<http://e#a> <http://e#b>\n", name="map.nt").line == 1
+
+
+def test_a_missing_file_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(SourceUnreadable, match="no such file"):
+        knowing(tmp_path / "nowhere.owl")
+
+
+def test_a_folder_is_no_map(tmp_path: Path) -> None:
+    with pytest.raises(SourceUnreadable, match="folder"):
+        knowing(tmp_path)
+
+
+def test_statements_about_statements_are_refused(tmp_path: Path) -> None:
+    text = room("e:Jo e:says <<( e:the e:moon e:shines )>> .")
+    (tmp_path / "map.ttl").write_text(text, encoding="utf-8")
+    with pytest.raises(SourceUnreadable, match="statement about statements"):
+        knowing(tmp_path / "map.ttl").world()
+
+
+# -- formats -----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["map.ttl", "map.owl", "map.rdf", "map.txt", "map"])
+def test_turtle_is_recognised_under_any_name(name: str, tmp_path: Path) -> None:
+    assert len(read_maps(tmp_path, room(), name=name)) == 1
+
+
+@pytest.mark.parametrize("name", ["map.owl", "map.rdf", "map.XML", "map.txt", "map"])
+def test_rdf_xml_is_recognised_under_any_name(name: str, tmp_path: Path) -> None:
+    assert len(read_maps(tmp_path, DOCUMENT, name=name)) == 1
+    assert len(read_maps(tmp_path, '<?xml version="1.0"?>' + DOCUMENT, name=name)) == 1
+
+
+@pytest.mark.parametrize("name", ["map.nt", "map.txt"])
+def test_n_triples_are_recognised(name: str, tmp_path: Path) -> None:
+    line = f"<http://e#map> <{RDF}type> <http://knowrob.org/kb/knowrob.owl#SemanticEnvironmentMap> .\n"
+    assert len(read_maps(tmp_path, line, name=name)) == 1
+
+
+def test_an_unknown_suffix_with_unknown_content_is_refused(tmp_path: Path) -> None:
+    error = refused(tmp_path, "{}", name="map.json")
+    assert ".json" in error.cause
+    assert ".owl" in error.cause
+
+
+@pytest.mark.parametrize("encoding", ["latin-1", "utf-16", "utf-8", "utf-8-sig"])
+def test_other_encodings_are_read(encoding: str, tmp_path: Path) -> None:
+    name = {"utf-8-sig": "UTF-8", "latin-1": "ISO-8859-1"}.get(encoding, encoding.upper())
+    text = f'<?xml version="1.0" encoding="{name}"?>\n' + DOCUMENT.replace("a note", "Küche")
+    (tmp_path / "map.owl").write_bytes(text.encode(encoding))
+    world = knowing(tmp_path / "map.owl").world()
+    assert "Küche" in str(world.facts)
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        DOCUMENT + "<!-- made by hand -->\n<!-- yesterday -->",
+        "<!-- <nothing> -->" + DOCUMENT,
+        HEAD + MAP.replace("a note", "<![CDATA[</rdf:RDF>]]>") + TAIL,
+        DOCUMENT.replace("</rdf:RDF>", "</rdf:RDF >"),
+        f'<!DOCTYPE rdf:RDF [ <!ENTITY e "http://e#"> ]>{DOCUMENT.replace("http://e#map", "&e;map")}',
+        f"<!DOCTYPE rdf:RDF [ <!ENTITY e 'http://e#'> ]>{DOCUMENT.replace('http://e#map', '&e;map')}",
+        f'<!DOCTYPE rdf:RDF SYSTEM "http://e/never-fetched.dtd">{DOCUMENT}',
+        MAP.replace(" rdf:about", f' xmlns:k="http://knowrob.org/kb/knowrob.owl#" xmlns:e="http://e#" xmlns:rdf="{RDF}" rdf:about'),
+    ],
+)
+def test_what_is_only_unusual_is_read(content: str, tmp_path: Path) -> None:
+    assert read_maps(tmp_path, content) == ("http://e#map",)
+
+
+# -- entities ----------------------------------------------------------------------------------------------------------
+
+
+def with_entities(*entities: str) -> str:
+    return f"<!DOCTYPE rdf:RDF [\n{chr(10).join(entities)}\n]>\n{DOCUMENT.replace('a note', '&last;')}"
+
+
+def test_entities_that_grow_without_end_are_refused_before_they_do(tmp_path: Path) -> None:
+    doubling = [f'<!ENTITY e{n} "{f"&e{n - 1};" * 10}">' for n in range(1, 30)]
+    error = refused(tmp_path, with_entities('<!ENTITY e0 "ha">', *doubling, '<!ENTITY last "&e29;">'))
+    assert "e4" in error.cause
+    assert error.line == 7
+
+
+def test_one_long_entity_used_often_is_refused(tmp_path: Path) -> None:
+    text = with_entities(f'<!ENTITY last "{"ha" * 20_000}">').replace("&last;", "&last;" * 1000)
+    assert "would grow to 40" in refused(tmp_path, text).cause
+
+
+def test_entities_that_stand_for_themselves_are_refused(tmp_path: Path) -> None:
+    error = refused(tmp_path, with_entities('<!ENTITY a "&last;">', '<!ENTITY last "&a;">'))
+    assert "recursive" in error.cause
+
+
+@pytest.mark.parametrize("outside", ['SYSTEM "file:///etc/passwd"', 'PUBLIC "-//x" "http://e/x"'])
+def test_entities_from_outside_are_refused(outside: str, tmp_path: Path) -> None:
+    error = refused(tmp_path, with_entities(f"<!ENTITY last {outside}>"))
+    assert "outside" in error.cause
+    assert error.line == 2
+
+
+def test_a_long_entity_that_is_used_once_is_only_long(tmp_path: Path) -> None:
+    (tmp_path / "map.owl").write_text(with_entities(f'<!ENTITY last "{"ha" * 20_000}">'), encoding="utf-8")
+    assert "ha" * 20_000 in str(knowing(tmp_path / "map.owl").world().facts)
+
+
+# -- leaving no trace --------------------------------------------------------------------------------------------------
+
+
+def test_a_bad_file_leaves_the_knowledge_base_as_it_was(tmp_path: Path, read: Read) -> None:
+    good, better, bad = (tmp_path / name for name in ("good.ttl", "better.ttl", "bad.ttl"))
+    good.write_text(room(body("cup"), map="good"), encoding="utf-8")
+    better.write_text(room("k:Cup rdfs:subClassOf k:Vessel .", map="better"), encoding="utf-8")
+    bad.write_text("this is no turtle", encoding="utf-8")
+    knowledge = knowing(good)
+    before = knowledge.maps(), knowledge.findings()
+    with pytest.raises(SourceUnreadable):
+        knowledge.load([better, bad])
+    assert (knowledge.maps(), knowledge.findings()) == before
+    assert knowledge.ancestors("http://knowrob.org/kb/knowrob.owl#Cup") == ()  # type: ignore[arg-type]
+    bad.unlink()
+    knowledge.load([better])
+    assert [map.split("#")[1] for map in knowledge.maps()] == ["good", "better"]

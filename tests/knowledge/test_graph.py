@@ -1,0 +1,101 @@
+"""Graphs keep texts exactly, and give things without a name the place that they have."""
+
+from __future__ import annotations
+
+import pyoxigraph as ox
+import pytest
+
+from mindstage.knowledge.graph import NESTING, Graph, graph_of
+from mindstage.world import Anonymous, Fact, FactValue, Iri, Literal, Reference
+
+XSD = "http://www.w3.org/2001/XMLSchema#"
+PREFIXES = f"@prefix e: <http://e#> . @prefix xsd: <{XSD}> . "
+
+
+def graph(turtle: str, taken: set[str] | None = None) -> Graph:
+    quads = ox.parse(PREFIXES + turtle, ox.RdfFormat.TURTLE, base_iri="file:///x")
+    return graph_of(quads, set() if taken is None else taken)
+
+
+def e(name: str) -> Iri:
+    return Iri(f"http://e#{name}")
+
+
+def only_value(told: Graph, subject: Iri) -> FactValue:
+    (fact,) = told[subject]
+    return fact.value
+
+
+@pytest.mark.parametrize("text", ["177.512833", "0.0", "-0.000000", "1E+03", "007", " 1 "])
+def test_numbers_keep_their_text(text: str) -> None:
+    assert only_value(graph(f'e:a e:b "{text}"^^xsd:float .'), e("a")) == Literal(text, Iri(XSD + "float"))
+
+
+def test_a_text_has_no_datatype_and_a_language_has_none_either() -> None:
+    assert only_value(graph('e:a e:b "x"^^xsd:string .'), e("a")) == Literal("x")
+    assert only_value(graph('e:a e:b "x"@de .'), e("a")) == Literal("x", None, "de")
+
+
+def test_what_is_told_twice_is_told_once() -> None:
+    assert len(graph("e:a e:b e:c . e:a e:b e:c .")[e("a")]) == 1
+
+
+def test_a_node_that_is_mentioned_once_goes_inside() -> None:
+    told = graph("e:a e:b [ e:d 1 ; e:c [ e:e e:f ] ] .")
+    inner = Anonymous((Fact(e("e"), Reference(e("f"))),))
+    one = Literal("1", Iri(XSD + "integer"))
+    assert told == {e("a"): [Fact(e("b"), Anonymous((Fact(e("c"), inner), Fact(e("d"), one))))]}
+
+
+def test_so_does_one_that_has_a_label_and_one_of_which_nothing_is_said() -> None:
+    assert graph("e:a e:b _:x . _:x e:c e:d .") == graph("e:a e:b [ e:c e:d ] .")
+    assert only_value(graph("e:a e:b _:x ."), e("a")) == Anonymous()
+
+
+def test_equal_nodes_stay_two() -> None:
+    assert len(graph("e:a e:b [ e:c e:d ], [ e:c e:d ] .")[e("a")]) == 2
+
+
+def test_a_node_that_is_mentioned_twice_keeps_its_label() -> None:
+    told = graph("e:a e:b _:x ; e:c _:x . _:x e:d e:e .")
+    assert list(told) == [e("a"), "_:x"]
+    assert [fact.value for fact in told[e("a")]] == [Reference(Iri("_:x"))] * 2
+
+
+def test_a_node_that_nothing_mentions_gets_a_label() -> None:
+    assert list(graph("[] e:a e:b . [] e:a e:c . _:b1 e:a e:d .")) == ["_:b2", "_:b3", "_:b1"]
+
+
+@pytest.mark.parametrize(
+    ("circle", "labels"),
+    [("_:x e:a _:x .", {"_:x"}), ("_:x e:a _:y . _:y e:a _:z . _:z e:a _:x .", {"_:x", "_:y", "_:z"})],
+)
+def test_nodes_in_a_circle_keep_their_labels(circle: str, labels: set[str]) -> None:
+    assert set(graph(circle)) == labels
+
+
+def test_what_hangs_on_a_circle_goes_inside() -> None:
+    told = graph("_:x e:a _:y . _:y e:a _:x ; e:b [ e:c e:d ] .")
+    assert set(told) == {"_:x", "_:y"}
+    assert told[Iri("_:y")][1].value == Anonymous((Fact(e("c"), Reference(e("d"))),))
+
+
+def test_a_label_stands_for_one_thing_in_all_graphs() -> None:
+    taken: set[str] = set()
+    first = graph("_:x e:a e:b .", taken)
+    second = graph("_:x e:a e:c . e:d e:e _:x .", taken)
+    assert list(first) == ["_:x"]
+    assert list(second) == [e("d")]
+    third = graph("_:x e:a e:c .", taken)
+    assert list(third) == ["_:b1"]
+
+
+def test_a_long_list_is_cut_into_pieces_that_nothing_chokes_on() -> None:
+    items = " ".join(str(number) for number in range(3 * NESTING))
+    told = graph(f"e:a e:b ({items}) .")
+    assert list(told) == [e("a"), "_:b1", "_:b2", "_:b3"] or len(told) == 4
+    assert sum(_count(fact) for facts in told.values() for fact in facts) == 6 * NESTING + 1
+
+
+def _count(fact: Fact) -> int:
+    return 1 + sum(map(_count, fact.value.facts)) if isinstance(fact.value, Anonymous) else 1

@@ -1,0 +1,68 @@
+"""The class hierarchy, whatever circles the sources draw."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from mindstage.knowledge.hierarchy import ClassHierarchy
+from mindstage.world import Iri
+from tests.knowledge.maps import knowing, knowrob, room
+
+A, B, C, D, E, F = (Iri(f"http://e#{name}") for name in "ABCDEF")
+
+
+@pytest.fixture
+def diamond() -> ClassHierarchy:
+    """A above B and C, both above D, which is above E."""
+    return ClassHierarchy([(D, C), (D, B), (C, A), (B, A), (E, D)])
+
+
+def test_ancestors_come_nearest_first(diamond: ClassHierarchy) -> None:
+    assert diamond.ancestors(E) == (D, B, C, A)
+    assert diamond.ancestors(A) == diamond.ancestors(F) == ()
+
+
+def test_descendants_are_found_at_any_depth(diamond: ClassHierarchy) -> None:
+    assert diamond.descendants(A) == {B, C, D, E}
+    assert diamond.descendants(E) == diamond.descendants(F) == frozenset()
+
+
+def test_everything_is_what_it_is(diamond: ClassHierarchy) -> None:
+    assert diamond.is_a(E, A)
+    assert diamond.is_a(F, F)
+    assert not diamond.is_a(A, E)
+
+
+def test_a_circle_has_no_end_and_does_no_harm() -> None:
+    circle = ClassHierarchy([(A, B), (B, C), (C, A), (A, A), (D, A)])
+    assert circle.ancestors(A) == (B, C)
+    assert circle.descendants(A) == {B, C, D}
+    assert circle.is_a(C, B)
+    assert circle.most_specific([C, B]) == C
+    assert circle.most_specific([C, D, B]) == D
+
+
+def test_the_most_specific_of_unrelated_classes_is_the_first(diamond: ClassHierarchy) -> None:
+    assert diamond.most_specific([C, B]) == C
+    assert diamond.most_specific([A, C, B]) == C
+    assert diamond.most_specific([A]) == A
+
+
+def test_equal_classes_are_below_one_another(tmp_path: Path) -> None:
+    path = tmp_path / "map.ttl"
+    path.write_text(room("k:Mug owl:equivalentClass k:Cup . k:Cup rdfs:subClassOf k:Vessel ."), encoding="utf-8")
+    knowledge = knowing(path)
+    assert knowledge.ancestors(knowrob("Mug")) == (knowrob("Cup"), knowrob("Vessel"))
+    assert knowledge.descendants(knowrob("Vessel")) == {knowrob("Cup"), knowrob("Mug")}
+
+
+def test_more_is_known_after_more_was_loaded(tmp_path: Path) -> None:
+    first, second = tmp_path / "first.ttl", tmp_path / "second.ttl"
+    first.write_text(room("k:Mug rdfs:subClassOf k:Cup ."), encoding="utf-8")
+    second.write_text(room("k:Cup rdfs:subClassOf k:Vessel ."), encoding="utf-8")
+    knowledge = knowing(first)
+    assert knowledge.ancestors(knowrob("Mug")) == (knowrob("Cup"),)
+    knowledge.load([second])
+    assert knowledge.ancestors(knowrob("Mug")) == (knowrob("Cup"), knowrob("Vessel"))
