@@ -41,7 +41,7 @@ pin:  ## pins the newest versions that pyproject.toml allows
 	@scripts/pin.sh
 
 clean:  ## removes everything that was made here
-	@rm -rf .venv build dist .hypothesis .mypy_cache .pytest_cache .ruff_cache
+	@rm -rf .venv build dist .hypothesis .mypy_cache .pytest_cache .ruff_cache MUJOCO_LOG.TXT
 	@find . -name __pycache__ -type d -not -path './.git/*' -prune -exec rm -rf {} +
 
 .venv/run.stamp: requirements/run.txt pyproject.toml scripts/install_python.sh

@@ -122,30 +122,28 @@ def _wall_range(side: int, half: Array, inner: tuple[Array, Array]) -> tuple[flo
 
 def _floors(half: Array, vertical: int, upright: bool, low: Array, high: Array) -> list[Plate]:
     """A plate under each level of contents that does not stand on other contents."""
-    bottoms = low[:, vertical] if upright else -high[:, vertical]
-    tops = high[:, vertical] if upright else -low[:, vertical]
-    others = [axis for axis in range(3) if axis != vertical]
+    flat = [axis for axis in range(3) if axis != vertical]
+    bottoms = (low if upright else -high)[:, vertical]
+    tops = (high if upright else -low)[:, vertical]
+    beneath = np.abs(tops - bottoms[:, None]) < _LEVEL_M
+    beside = np.all((low[:, flat] < high[:, None, flat]) & (low[:, None, flat] < high[:, flat]), axis=2)
+    stacked = np.any(beneath & beside & ~np.eye(len(low), dtype=bool), axis=1)
+    bottom = -float(half[vertical])
     levels: list[float] = []
-    for index in np.argsort(bottoms):
-        beneath = np.abs(tops - bottoms[index]) < _LEVEL_M
-        beside = np.all((low[:, others] < high[index, others]) & (low[index, others] < high[:, others]), axis=1)
-        stands_on_another = bool(np.any(np.delete(beneath & beside, index)))
-        if not stands_on_another and not (levels and bottoms[index] - levels[-1] < _LEVEL_M):
-            levels.append(float(bottoms[index]))
+    for level in sorted(bottoms[~stacked].tolist()):
+        if not (levels and level - levels[-1] < _LEVEL_M):
+            levels.append(level)
     floors = []
     for level in levels:
-        under = tops[tops <= level + _LEVEL_M]
-        ceiling_below = max(float(under.max(initial=-half[vertical])), float(-half[vertical]))
-        start = -half[vertical] if level == levels[0] else max(level - _WALL_M, ceiling_below + _CLEARANCE_M)
+        ceiling_below = max([bottom, *(top for top in tops.tolist() if top <= level + _LEVEL_M)])
+        start = bottom if level == levels[0] else max(level - _WALL_M, ceiling_below + _CLEARANCE_M)
         if level - start >= _THINNEST_M:
-            span = (float(start), level) if upright else (-level, -float(start))
-            floors.append(_plate(half, vertical, *span))
+            floors.append(_plate(half, vertical, *((start, level) if upright else (-level, -start))))
     return floors
 
 
 def _plate(half: Array, axis: int, start: float, end: float) -> Plate:
     """A plate across the whole box, between two places along one axis."""
-    centre, size = np.zeros(3), 2 * half
+    centre, size = [0.0, 0.0, 0.0], (2 * half).tolist()
     centre[axis], size[axis] = (start + end) / 2, end - start
-    (x, y, z), (dx, dy, dz) = centre.tolist(), size.tolist()
-    return Plate((x, y, z), (dx, dy, dz))
+    return Plate((centre[0], centre[1], centre[2]), (size[0], size[1], size[2]))

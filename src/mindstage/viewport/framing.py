@@ -50,12 +50,13 @@ def first_view(world: World, looks: Mapping[BodyId, Look]) -> View:
     What moves, and what that is joined to, is what people come for; a place where nothing moves is shown whole.
     """
     bodies = [body for body in world.bodies if body.id in looks]
+    seen = [looks[body.id] for body in bodies]
     ends = {end for joint in world.constraints for end in (joint.parent, joint.child)}
     ends |= {end for hold in world.attachments for end in (hold.parent, hold.child)}
-    furniture = np.array([not looks[body.id].building for body in bodies], dtype=bool)
+    furniture = np.array([not (look.building or look.form is Form.INSIDE) for look in seen], dtype=bool)
     lively = np.array([body.id in ends or body.physics.simulates for body in bodies], dtype=bool) & furniture
-    solid = np.array([_hides(looks[body.id]) for body in bodies], dtype=bool)
-    sizes = np.array([looks[body.id].size for body in bodies], dtype=float).reshape(-1, 3)
+    solid = np.array([_hides(look) for look in seen], dtype=bool)
+    sizes = np.array([look.size for look in seen], dtype=float).reshape(-1, 3)
     poses = pose_array(body.pose for body in bodies)
     return frame_view(poses, sizes, lively if lively.any() else furniture, solid)
 

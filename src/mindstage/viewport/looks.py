@@ -77,7 +77,7 @@ class Look(msgspec.Struct, frozen=True, kw_only=True):
     foot: float = 1.0
     """Of a vessel: the radius at its foot against the one at its rim."""
     building: bool = False
-    """Whether it belongs to the house rather than to what is in it."""
+    """Whether it belongs to the house rather than to what is in it or hangs on its walls."""
     floor: bool = False
 
 
@@ -132,7 +132,7 @@ class _Onlooker:
         if self.is_shell[row]:
             return replace(look, form=Form.OUTLINE, building=True)
         if (side := self._only_side(row)) is not None:
-            return replace(look, form=Form.INSIDE, openings=(side,), building=True)
+            return replace(look, form=Form.INSIDE, openings=(side,))
         if self.roots[row] in self.in_walls:
             return replace(look, paint=Paint(painted.colour, _GHOST), building=True)
         if form not in (Form.BOX, Form.OPEN_BOX):

@@ -179,13 +179,15 @@ def paint(cls: Iri, ancestors: Iterable[Iri] = (), materials: Sequence[Material]
     for material in materials:
         if material.colour is not None:
             return Paint(material.colour)
-    chain = (cls, *ancestors)
-    made_of = surface(cls, chain[1:])
-    for word in (form for name in chain for part in reversed(words(name)) for form in _forms(part)):
+    above = tuple(ancestors)
+    made_of = surface(cls, above)
+    for word in (form for name in (cls, *above) for part in reversed(words(name)) for form in _forms(part)):
         if word in _OWN_COLOURS and _SURFACES.get(word, Surface.FOOD) is made_of:
             return Paint(_OWN_COLOURS[word])
-        if word in _OWN_COLOURS and made_of is Surface.GLASS:
-            return Paint(_OWN_COLOURS[word], _FILLED)
+    if made_of is Surface.GLASS and any(_SURFACES.get(noun) is Surface.FOOD for noun in nouns(cls, above)):
+        # A bottle of wine is wine to a map, a glass for wine is not.
+        contents = (word for name in above for word in reversed(words(name)) if word in _OWN_COLOURS)
+        return next((Paint(_OWN_COLOURS[word], _FILLED) for word in contents), _PAINTS[made_of][0])
     if made_of is Surface.UNKNOWN:
         return Paint(_quiet_colour(local_name(cls)))
     choices = _PAINTS[made_of]

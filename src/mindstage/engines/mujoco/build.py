@@ -12,31 +12,23 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from mindstage.engines.collision import Collisions
 from mindstage.engines.mujoco.forest import Assembly, Branch, Forest
 from mindstage.engines.mujoco.joints import Axis, axes_of, is_ball
+from mindstage.engines.mujoco.live import Joint, Live
+from mindstage.engines.mujoco.shapes import THINNEST_M, add_geom, primitive, unit_inertias
+from mindstage.engines.mujoco.tuning import add_friction, soften
 from mindstage.errors import EngineUnavailable
-from mindstage.world import Body, BodyId, Constraint, Mobility, Motion, ShapeKind
+from mindstage.world import Body, BodyId, Constraint, Mobility, Motion
 from mindstage.world.geometry import Array, compose, invert
 
-__all__ = ["Blueprint", "Joint", "Live", "build"]
+__all__ = ["Blueprint", "build"]
 
 _STIFF_LIMIT = (0.005, 1.0)
 """Time constant [s] and damping ratio of a hard limit: a strong arm presses a drawer less than 1 mm past it."""
-_SLIDE_FRICTION = 1.0
-"""A slide holds against what would accelerate it by this [m/s²]: 5 N for a drawer of 5 kg."""
-_HINGE_FRICTION = 2.0
-"""The same for hinges [rad/s²]."""
-_DAMPING = 1.0
-"""Of the speed along a joint, this part is lost in a second [1/s]."""
-_FRICTION = (0.8, 0.005, 0.0001)
 _HERE = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
 _FIXED = (Mobility.STATIC, Mobility.STATIONARY)
-_THINNEST_M = 0.001
-_INERTIA_M = 0.005
-"""For inertia a body is taken at least this thick, or a sheet of paper would spin without end."""
 
 
 @dataclass(slots=True)
@@ -59,60 +51,14 @@ class Blueprint:
     timestep_s: float
 
 
-@dataclass(slots=True)
-class Joint:
-    """A branch of the forest as it stands in the model."""
-
-    branch: Branch
-    axes: tuple[Axis, ...]
-    ball: bool
-    position: int
-    """Where its coordinates begin in `qpos`, in the order of `axes` (a ball's quaternion last)."""
-    velocity: int
-    """Where they begin in `qvel`."""
-    body: int
-    """The MuJoCo body that the joints move."""
-
-
-@dataclass(slots=True)
-class Live:
-    """A compiled model, its state, and where everything is in it."""
-
-    model: Any
-    data: Any
-    rows: dict[BodyId, int]
-    """The order of poses: as in the blueprint."""
-    numbers: dict[BodyId, int]
-    """MuJoCo's number of each body; scenery has none."""
-    order: NDArray[np.intp]
-    """The same in the order of `Blueprint.rows`, for reading all poses at once; 0 for scenery."""
-    scenery: NDArray[np.intp]
-    """Rows of bodies that are part of MuJoCo's world."""
-    scenery_poses: Array
-    """Where those stand."""
-    joints: dict[BodyId, Joint]
-    """By constraint."""
-    free: dict[BodyId, tuple[int, int]]
-    """Of each assembly that moves freely: where its pose begins in `qpos`, its velocity in `qvel`."""
-    mocap: dict[BodyId, int]
-    """MuJoCo's mocap number of each kinematic assembly."""
-
-    def poses(self) -> Array:
-        """All poses, n x 7, in the order of `Blueprint.rows`."""
-        poses = np.empty((len(self.order), 7))
-        poses[:, :3], poses[:, 3:] = self.data.xpos[self.order], self.data.xquat[self.order]
-        poses[self.scenery] = self.scenery_poses
-        return poses
-
-
 class _Builder:
     """Holds what the steps of one build share."""
 
     def __init__(self, blueprint: Blueprint) -> None:
         self.blueprint = blueprint
         self.spec = mujoco.MjSpec()
-        self.halves = (np.maximum(blueprint.sizes, _THINNEST_M) / 2).tolist()
-        self.inertias = _unit_inertias(blueprint)
+        self.halves = (np.maximum(blueprint.sizes, THINNEST_M) / 2).tolist()
+        self.inertias = unit_inertias(blueprint.bodies.values(), blueprint.sizes)
         self.made: dict[BodyId, Any] = {}
         self.free: dict[BodyId, Any] = {}
         self.jointed: dict[BodyId, tuple[Branch, tuple[Axis, ...], bool, list[Any], Any]] = {}
@@ -219,15 +165,15 @@ class _Builder:
         ghost = id in plan.collisions.ghosts
         plates = plan.collisions.hollows.get(id)
         if plates is None:
-            kind, extent = _primitive(plan.bodies[id], self.halves[plan.rows[id]])
-            _add_geom(body, kind, extent, place[:3], place[3:], ghost)
+            kind, extent = primitive(plan.bodies[id], self.halves[plan.rows[id]])
+            add_geom(body, kind, extent, place[:3], place[3:], ghost)
             return
         centres = np.array([plate.centre for plate in plates])
         if place is not _HERE:
             centres = compose(place, np.concatenate([centres, np.tile(_HERE[3:], (len(plates), 1))], axis=1))[:, :3]
-        extents = np.maximum([plate.size for plate in plates], _THINNEST_M) / 2
+        extents = np.maximum([plate.size for plate in plates], THINNEST_M) / 2
         for centre, extent in zip(centres, extents.tolist(), strict=True):
-            _add_geom(body, mujoco.mjtGeom.mjGEOM_BOX, extent, centre, place[3:], ghost)
+            add_geom(body, mujoco.mjtGeom.mjGEOM_BOX, extent, centre, place[3:], ghost)
 
     def apart(self) -> None:
         """Pairs that never collide: decided ones, and the parts of one piece of furniture."""
@@ -341,8 +287,8 @@ def build(blueprint: Blueprint) -> Live:
         builder.loop(branch)
     builder.apart()
     live = builder.finish(scenery)
-    _soften(live)
-    _add_friction(live)
+    soften(live.model, live.joints.values())
+    add_friction(live.model, live.data, live.joints.values())
     return live
 
 
@@ -350,76 +296,7 @@ def _name(id: BodyId) -> str:
     return f"body:{id}"  # "world" is a name of MuJoCo's own
 
 
-def _add_geom(body: Any, kind: Any, extent: list[float], position: Array, quaternion: Array, ghost: bool) -> None:
-    if ghost:
-        body.add_geom(type=kind, size=extent, pos=position, quat=quaternion, mass=0.0, contype=0, conaffinity=0)
-    else:
-        body.add_geom(type=kind, size=extent, pos=position, quat=quaternion, mass=0.0, friction=_FRICTION)
-
-
-def _primitive(body: Body, half: list[float]) -> tuple[Any, list[float]]:
-    """MuJoCo's primitive and its half extents; one that is not round any more becomes an ellipsoid."""
-    if body.shape is None or body.shape.kind is ShapeKind.BOX:
-        return mujoco.mjtGeom.mjGEOM_BOX, half
-    if body.shape.kind is ShapeKind.SPHERE:
-        return mujoco.mjtGeom.mjGEOM_ELLIPSOID, half
-    return mujoco.mjtGeom.mjGEOM_CYLINDER, [(half[0] + half[1]) / 2, half[2], 0.0]
-
-
-_INERTIA_OF_SQUARES = {
-    ShapeKind.BOX: (1 / 12, 1 / 12, 1 / 12),
-    ShapeKind.SPHERE: (1 / 20, 1 / 20, 1 / 20),
-    ShapeKind.CYLINDER: (1 / 16, 1 / 16, 1 / 12),
-}
-
-
-def _unit_inertias(blueprint: Blueprint) -> Array:
-    """The diagonals of the inertia tensors of solids of even density and 1 kg, n x 3 [m²]."""
-    kinds = (body.shape.kind if body.shape is not None else ShapeKind.BOX for body in blueprint.bodies.values())
-    factors = np.array([_INERTIA_OF_SQUARES[kind] for kind in kinds]).reshape(-1, 3)
-    squares = np.maximum(blueprint.sizes, _INERTIA_M) ** 2 * factors
-    return np.asarray(squares.sum(axis=1, keepdims=True) - squares)
-
-
 def _rotate(quaternion: Array, vector: Array) -> Array:
     out = np.zeros(3)
     mujoco.mju_rotVecQuat(out, vector, quaternion)
     return out
-
-
-def _soften(live: Live) -> None:
-    """Soft limits as springs and dampers of their true strength.
-
-    A MuJoCo constraint of impedance d lets through 1 - d of every other force and adds d of its own, whose stiffness
-    and damping are told for a unit of inertia and divided by d inside MuJoCo. With a small d that is the
-    spring asked for; a spring too stiff for the time step gets a larger one, which is softer than asked but stable.
-    """
-    model = live.model
-    for joint in live.joints.values():
-        limitable = [axis for axis in joint.axes if axis.slides or not joint.ball]
-        for offset, axis in enumerate(limitable):
-            if axis.soft.enabled and axis.limit is not None and axis.soft.stiffness > 0.0:
-                dof = joint.velocity + offset
-                number = int(model.dof_jntid[dof])
-                weight = model.dof_invweight0[dof]
-                impedance = float(np.clip(10 * axis.soft.stiffness * weight * model.opt.timestep**2, 0.01, 0.95))
-                damping = max(axis.soft.damping, 1e-6)
-                model.jnt_solref[number] = (-axis.soft.stiffness * weight, -damping * weight)
-                model.jnt_solimp[number] = (impedance, impedance, 0.001, 0.5, 2)
-
-
-def _add_friction(live: Live) -> None:
-    """Gives every joint so much friction that it stays where it was put, gravity or not."""
-    model, data = live.model, live.data
-    mujoco.mj_forward(model, data)
-    gravity = np.abs(data.qfrc_bias - data.qfrc_passive)
-    inertia = 1.0 / np.maximum(model.dof_invweight0, 1e-9)
-    for joint in live.joints.values():
-        for offset in range(len(joint.axes)):
-            dof = joint.velocity + offset
-            slides = offset < sum(axis.slides for axis in joint.axes)
-            holding = _SLIDE_FRICTION if slides else _HINGE_FRICTION
-            model.dof_frictionloss[dof] = holding * inertia[dof] + 1.25 * gravity[dof]
-            model.dof_damping[dof] = _DAMPING * inertia[dof]
-            model.dof_solref[dof] = (0.005, 1.0)
-            model.dof_solimp[dof] = (0.99, 0.999, 0.001, 0.5, 2)

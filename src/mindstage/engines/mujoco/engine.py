@@ -15,9 +15,9 @@ import numpy as np
 
 from mindstage.engines.contract import Ability, Note, Poses, SpawnReport, State
 from mindstage.engines.inventory import placeable
-from mindstage.engines.mujoco.build import Live
 from mindstage.engines.mujoco.carry import coordinates, put, wake
 from mindstage.engines.mujoco.joints import place_from, place_of
+from mindstage.engines.mujoco.live import Live
 from mindstage.engines.mujoco.scene import SceneKeeper
 from mindstage.errors import EngineClosed, PoseUnreachable, SimulationUnstable
 from mindstage.world import BodyId, Colour, Material, Physics, Pose, Vector, World

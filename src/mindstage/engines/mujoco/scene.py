@@ -17,9 +17,10 @@ from numpy.typing import NDArray
 from mindstage.engines.collision import Collisions, Scene, decide
 from mindstage.engines.contract import Note, NoteKind, SpawnReport
 from mindstage.engines.inventory import Added, Inventory
-from mindstage.engines.mujoco.build import Blueprint, Live, build
+from mindstage.engines.mujoco.build import Blueprint, build
 from mindstage.engines.mujoco.carry import carry
 from mindstage.engines.mujoco.forest import Forest, grow
+from mindstage.engines.mujoco.live import Live
 from mindstage.engines.overlap import Boxes
 from mindstage.world import Body, BodyId, Constraint, Physics, ShapeKind, World
 from mindstage.world.geometry import Array, compose, invert, pose_array, unit

@@ -1,0 +1,105 @@
+"""What cannot be written is refused, in a sentence that names it."""
+
+from __future__ import annotations
+
+import os
+import stat
+from pathlib import Path
+
+import pytest
+from msgspec.structs import replace
+
+from mindstage.errors import MapUnwritable
+from mindstage.knowledge import MapFormat, save_map, write_map
+from mindstage.world import Attachment, BodyId, Fact, Iri, Literal, Physics, Pose, Reference, World
+from tests.kitchenette import kitchenette
+from tests.knowledge.maps import knowing, m
+from tests.knowledge.test_round_trip import CUP, TABLE, world_of
+
+A = BodyId("a")
+REFUSED = {
+    "two things of one id": (world_of(CUP, replace(TABLE, id=CUP.id)), "'cup'"),
+    "two things of one name": (world_of(CUP, replace(TABLE, iri=CUP.iri)), "'table'.*'cup'"),
+    "a thing called like the map": (world_of(replace(CUP, iri=m("room"))), "'cup'.*map"),
+    "a child that is not there": (world_of(CUP, attachments=(Attachment(parent=CUP.id, child=A),)), "'a'"),
+    "an endless mass": (world_of(replace(CUP, physics=Physics(mass_kg=float("inf")))), "inf.*mass"),
+    "a negative mass": (world_of(replace(CUP, physics=Physics(mass_kg=-1.0))), "-1.0.*mass"),
+    "a place that is none": (world_of(replace(CUP, pose=Pose((float("nan"), 0.0, 0.0)))), "nan.*translation"),
+    "no rotation": (world_of(replace(CUP, pose=Pose(quaternion=(0.0, 0.0, 0.0, 0.0)))), "quaternion"),
+    "a name with a blank": (world_of(replace(CUP, iri=Iri("http://e/a cup"))), "a cup"),
+    "a class that is no name": (world_of(replace(CUP, cls=Iri("Cup"))), "<Cup>"),
+    "a language that is none": (world_of(facts=(Fact(m("a"), Literal("x", language="x y")),)), "'x y'"),
+    "a property without name": (world_of(facts=(Fact(Iri("_:a"), Literal("x")),)), "_:a"),
+}
+
+
+@pytest.mark.parametrize("format", MapFormat)
+@pytest.mark.parametrize("name", REFUSED)
+def test_a_world_that_is_none_is_refused(name: str, format: MapFormat) -> None:
+    world, said = REFUSED[name]
+    with pytest.raises(MapUnwritable, match=said):
+        write_map(world, format=format)
+
+
+ONLY_TURTLE = {
+    "a property that ends in digits": (Fact(Iri("http://e/123"), Literal("x")), "http://e/123"),
+    "a property that ends in nothing": (Fact(Iri("http://e/#"), Literal("x")), "http://e/#"),
+    "a property that RDF/XML needs itself": (
+        Fact(Iri("http://www.w3.org/1999/02/22-rdf-syntax-ns#about"), Reference(m("a"))),
+        "about",
+    ),
+    "a letter that XML forbids": (Fact(m("a"), Literal("bell: \x07")), "U\\+0007"),
+}
+
+
+@pytest.mark.parametrize("name", ONLY_TURTLE)
+def test_what_only_turtle_can_write_is_refused_in_xml_with_that_advice(name: str, tmp_path: Path) -> None:
+    told, said = ONLY_TURTLE[name]
+    world = world_of(facts=(told,))
+    with pytest.raises(MapUnwritable, match=f"{said}.*Turtle"):
+        write_map(world)
+    save_map(world, tmp_path / "map.ttl")
+    assert knowing(tmp_path / "map.ttl").world() == world
+
+
+@pytest.mark.parametrize("suffix", [".owl", ".rdf", ".xml", ".ttl", ".OWL"])
+def test_the_suffix_tells_the_format(suffix: str, tmp_path: Path) -> None:
+    path = tmp_path / f"map{suffix}"
+    save_map(kitchenette(), path)
+    assert path.read_text(encoding="utf-8").startswith("@prefix" if suffix == ".ttl" else "<?xml")
+    assert knowing(path).world().bodies == kitchenette().bodies
+
+
+def test_another_suffix_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(MapUnwritable, match=r"\.docx.*\.owl"):
+        save_map(kitchenette(), tmp_path / "map.docx")
+
+
+def test_a_folder_that_is_not_there_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(MapUnwritable, match="No such file"):
+        save_map(kitchenette(), tmp_path / "nowhere" / "map.owl")
+
+
+def test_half_a_letter_is_refused_and_leaves_nothing_behind(tmp_path: Path) -> None:
+    path = tmp_path / "map.ttl"
+    path.write_text("before", encoding="utf-8")
+    with pytest.raises(MapUnwritable, match=r"U\+D800"):
+        save_map(world_of(facts=(Fact(m("a"), Literal("\ud800")),)), path)
+    assert os.listdir(tmp_path) == ["map.ttl"]
+    assert path.read_text(encoding="utf-8") == "before"
+
+
+def test_a_file_is_replaced_and_has_the_usual_rights(tmp_path: Path) -> None:
+    path, usual = tmp_path / "map.owl", tmp_path / "usual"
+    usual.touch()
+    path.write_text("before", encoding="utf-8")
+    save_map(kitchenette(), path)
+    assert knowing(path).world().bodies == kitchenette().bodies
+    assert stat.S_IMODE(path.stat().st_mode) == stat.S_IMODE(usual.stat().st_mode)
+
+
+def test_a_name_cannot_end_its_comment() -> None:
+    text = write_map(replace(world_of(), name="--><evil/><!--"))
+    assert "<evil/>" in re.sub(r"<!--(?:(?!--).)*-->", "", text) or "<evil/>" not in text
+    assert ET.fromstring(text).find(".//evil") is None
+    assert "# a\n" not in write_map(replace(world_of(), name="x\n:a :b :c ."), format=MapFormat.TURTLE)

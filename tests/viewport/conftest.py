@@ -1,0 +1,48 @@
+"""A stage without physics, a page on it, and a browser to look at it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from tests.kitchenette import kitchenette
+from tests.viewport.visiting import Visit, visiting
+
+from mindstage import KnowledgeBase, NullEngine, Stage
+from mindstage.viewport import Viewport
+
+
+@pytest.fixture
+def stage() -> Iterator[Stage]:
+    """The small kitchen, standing still."""
+    with Stage(KnowledgeBase(), NullEngine()) as stage:
+        stage.spawn(kitchenette())
+        yield stage
+
+
+@pytest.fixture
+def viewport(stage: Stage) -> Iterator[Viewport]:
+    """A page on it, at a port that nobody else has."""
+    with Viewport(stage, port=0) as viewport:
+        yield viewport
+
+
+@pytest.fixture(scope="session")
+def browser(chromium: Path) -> Iterator[Any]:
+    """One headless browser for all tests."""
+    from playwright.sync_api import sync_playwright
+
+    arguments = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=chromium, args=arguments)
+        yield browser
+        browser.close()
+
+
+@pytest.fixture
+def visit(browser: Any) -> Iterator[Callable[[Viewport], Visit]]:
+    """Opens a page in the browser, and closes it in the end."""
+    with visiting(browser) as visit:
+        yield visit

@@ -1,0 +1,16 @@
+"""Waits for what happens in another thread: as long as it must, and not for ever."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+PATIENCE_S = 60.0
+"""A browser without a GPU on a busy machine is slow; a test that passes never waits so long."""
+
+
+def wait_until(condition: Callable[[], object], what: str, *, patience_s: float = PATIENCE_S) -> None:
+    end = time.monotonic() + patience_s
+    while not condition():
+        assert time.monotonic() < end, f"after {patience_s:g} s it is still not so: {what}"
+        time.sleep(0.02)
