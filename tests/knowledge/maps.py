@@ -7,7 +7,21 @@ from collections.abc import Callable
 from mindstage.knowledge import Finding, KnowledgeBase
 from mindstage.world import Iri, World, difference
 
-__all__ = ["KNOWROB", "M", "OWL", "RDFS", "XSD", "Read", "assert_same", "body", "constraint", "knowing", "knowrob", "m", "room"]
+__all__ = [
+    "KNOWROB",
+    "M",
+    "OWL",
+    "RDFS",
+    "XSD",
+    "Read",
+    "assert_same",
+    "body",
+    "constraint",
+    "knowing",
+    "knowrob",
+    "m",
+    "room",
+]
 
 M = "http://example.org/room.owl#"
 KNOWROB = "http://knowrob.org/kb/knowrob.owl#"

@@ -138,7 +138,10 @@ def test_other_encodings_are_read(encoding: str, tmp_path: Path) -> None:
         f'<!DOCTYPE rdf:RDF [ <!ENTITY e "http://e#"> ]>{DOCUMENT.replace("http://e#map", "&e;map")}',
         f"<!DOCTYPE rdf:RDF [ <!ENTITY e 'http://e#'> ]>{DOCUMENT.replace('http://e#map', '&e;map')}",
         f'<!DOCTYPE rdf:RDF SYSTEM "http://e/never-fetched.dtd">{DOCUMENT}',
-        MAP.replace(" rdf:about", f' xmlns:k="http://knowrob.org/kb/knowrob.owl#" xmlns:e="http://e#" xmlns:rdf="{RDF}" rdf:about'),
+        MAP.replace(
+            " rdf:about",
+            f' xmlns:k="http://knowrob.org/kb/knowrob.owl#" xmlns:e="http://e#" xmlns:rdf="{RDF}" rdf:about',
+        ),
     ],
 )
 def test_what_is_only_unusual_is_read(content: str, tmp_path: Path) -> None:

@@ -79,7 +79,10 @@ def test_a_file_that_is_loaded_already_is_the_package_that_is_wanted(packages: P
     assert knowledge.findings() == ()
 
 
-@pytest.mark.parametrize("way_out", ["package://../second/b.ttl", "package://second/../../x.ttl", "package://..", "package://second/%2e%2e/x.ttl"])
+@pytest.mark.parametrize(
+    "way_out",
+    ["package://../second/b.ttl", "package://second/../../x.ttl", "package://..", "package://second/%2e%2e/x.ttl"],
+)
 def test_a_package_is_not_left(way_out: str, packages: Path, tmp_path: Path) -> None:
     write(tmp_path / "x.ttl", "e:Leaf rdfs:subClassOf e:Stem .")
     map = write_map(tmp_path / "map.ttl", importing(way_out))
@@ -139,7 +142,9 @@ def test_the_bundled_ontology_meets_its_own_name(tmp_path: Path) -> None:
 
 
 def test_circles_end(tmp_path: Path) -> None:
-    write(tmp_path / "a.ttl", importing("file:b.ttl", "file:a.ttl", iri="http://e/a"), "e:Leaf rdfs:subClassOf e:Stem .")
+    write(
+        tmp_path / "a.ttl", importing("file:b.ttl", "file:a.ttl", iri="http://e/a"), "e:Leaf rdfs:subClassOf e:Stem ."
+    )
     write(tmp_path / "b.ttl", importing("file:a.ttl", iri="http://e/b"))
     knowledge = knowing(write_map(tmp_path / "map.ttl", importing("file:a.ttl", "file:map.ttl")))
     assert knows(knowledge)

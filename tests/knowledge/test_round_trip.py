@@ -142,7 +142,7 @@ UNUSUAL = {
     ),
     "no tags though a fact has some": world_of(replace(CUP, facts=(fact(knowrob("tagsData"), "A;k,v"),))),
     "one material twice": world_of(replace(CUP, materials=(Material(name="a", path="b"),) * 2)),
-    "letters that XML escapes": world_of(replace(CUP, label='<&>"\' ]]> \t\r\n\r\n  ')),
+    "letters that XML escapes": world_of(replace(CUP, label="<&>\"' ]]> \t\r\n\r\n  ")),
     "letters from far away": world_of(replace(CUP, label="Küche 名 😀", iri=m("Küche"), id=BodyId("Küche"))),
     "a property with strange letters": world_of(replace(CUP, facts=(fact("http://e/größe", "1"),))),
     "a shape": world_of(replace(CUP, shape=Shape())),
@@ -160,8 +160,10 @@ UNUSUAL = {
     ),
     "labels that no file can have": world_of(
         facts=(Fact(m("a"), Reference(Iri("_:1 2"))),),
-        resources=(Resource(Iri("_:1 2"), (Fact(m("b"), Reference(Iri("_:b1"))), Fact(m("c"), Reference(Iri("_:b1"))))),
-        Resource(Iri("_:b1"), (Fact(m("b"), Reference(Iri("_:1 2"))),))),
+        resources=(
+            Resource(Iri("_:1 2"), (Fact(m("b"), Reference(Iri("_:b1"))), Fact(m("c"), Reference(Iri("_:b1"))))),
+            Resource(Iri("_:b1"), (Fact(m("b"), Reference(Iri("_:1 2"))),)),
+        ),
     ),
     "names that Turtle would misread": world_of(
         facts=tuple(Fact(m(name), Reference(m(name))) for name in ("a.", "a-", "-a", "a%20b", "é.é", "_", "a..b"))

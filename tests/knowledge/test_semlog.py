@@ -155,7 +155,9 @@ def test_of_classes_that_tell_the_same_the_first_counts(read: Read) -> None:
 
 
 def test_a_body_without_class_is_a_thing_and_that_is_said(read: Read) -> None:
-    world, (finding,) = read(room(':x k:describedInMap :room ; k:pose [ k:translation "1 2 3"; k:quaternion "1 0 0 0" ].'))
+    world, (finding,) = read(
+        room(':x k:describedInMap :room ; k:pose [ k:translation "1 2 3"; k:quaternion "1 0 0 0" ].')
+    )
     assert world.bodies[0].cls == OWL + "Thing"
     assert world.bodies[0].facts == ()
     assert (finding.severity, finding.individual) == (Severity.WARNING, m("x"))
@@ -186,7 +188,10 @@ def test_statements_beyond_the_fields_are_facts(read: Read) -> None:
     )
     e = "http://example.org/terms#"
     boolean = Iri(XSD + "boolean")
-    handle = (Fact(Iri(e + "glued"), Literal("true", boolean)), Fact(Iri(e + "length"), Literal("0.040", Iri(XSD + "float"))))
+    handle = (
+        Fact(Iri(e + "glued"), Literal("true", boolean)),
+        Fact(Iri(e + "length"), Literal("0.040", Iri(XSD + "float"))),
+    )
     (cup,) = world.bodies
     assert cup.label == "cup"
     assert set(cup.facts) == {
@@ -247,7 +252,11 @@ def test_each_extent_comes_from_the_nearest_class_that_tells_it(read: Read) -> N
     above = "k:Cup rdfs:subClassOf k:Vessel . k:Vessel rdfs:subClassOf k:Thing ."
     world, _ = read(
         room(
-            body("cup"), above, sized("Cup", depth=1), sized("Vessel", depth=2, width=3), sized("Thing", width=4, height=5)
+            body("cup"),
+            above,
+            sized("Cup", depth=1),
+            sized("Vessel", depth=2, width=3),
+            sized("Thing", width=4, height=5),
         )
     )
     assert world.bodies[0].size == (1.0, 3.0, 5.0)
@@ -304,7 +313,9 @@ def test_superclasses_that_disagree_are_named(read: Read) -> None:
 # -- relations ---------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("told", [":table k:child :cup .", ":cup k:parent :table .", ":table k:child :cup . :cup k:parent :table ."])
+@pytest.mark.parametrize(
+    "told", [":table k:child :cup .", ":cup k:parent :table .", ":table k:child :cup . :cup k:parent :table ."]
+)
 def test_either_side_may_tell_a_relation(told: str, read: Read) -> None:
     world, findings = read(room(body("table"), body("cup"), told))
     assert [(each.parent, each.child) for each in world.attachments] == [("table", "cup")]
@@ -409,9 +420,7 @@ def test_a_constraint_whose_end_is_missing_is_left_out_and_named(end: str, read:
 
 
 def test_motions_that_are_not_told_are_locked_and_that_is_said(read: Read) -> None:
-    world, findings = read(
-        room(body("a"), body("b"), body("slide", "k:parent :a ; k:child :b", cls="k:Constraint"))
-    )
+    world, findings = read(room(body("a"), body("b"), body("slide", "k:parent :a ; k:child :b", cls="k:Constraint")))
     assert world.constraints[0].linear == LinearMotion()
     assert {finding.property for finding in findings} == {knowrob("linearConstraint"), knowrob("angularConstraint")}
 

@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.kitchenette import kitchenette
-from tests.viewport.visiting import Visit, visiting
 
 from mindstage import KnowledgeBase, NullEngine, Stage
 from mindstage.viewport import Viewport
+from tests.kitchenette import kitchenette
+from tests.viewport.visiting import Visit, visiting
 
 
 @pytest.fixture

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from msgspec.structs import replace
-from tests.kitchenette import kitchenette
-from tests.viewport.visiting import on_screen
 
 from mindstage.viewport.framing import View, first_view, ground_height
 from mindstage.viewport.looks import decide_looks
 from mindstage.world import Body, BodyId, Iri, Mobility, Physics, Pose, Vector, World
+from tests.kitchenette import kitchenette
+from tests.viewport.visiting import on_screen
 
 PICTURE = {"x": 0.0, "y": 0.0, "width": 960.0, "height": 800.0}
 

@@ -7,7 +7,6 @@ from math import pi
 import numpy as np
 import pytest
 from msgspec.structs import replace
-from tests.kitchenette import KNOWROB, kitchenette
 
 from mindstage import KnowledgeBase
 from mindstage.knowledge import bundled_kitchen
@@ -26,6 +25,7 @@ from mindstage.world import (
     Vector,
     World,
 )
+from tests.kitchenette import KNOWROB, kitchenette
 
 TURNED_LEFT = (np.cos(pi / 4), 0.0, 0.0, np.sin(pi / 4))
 
@@ -237,6 +237,6 @@ def test_every_door_and_drawer_of_the_bundled_kitchen_has_an_open_box_behind_it(
     looks = decide_looks(kitchen, knowledge.ancestors)
     by_id = {body.id: body for body in kitchen.bodies}
     for joint in kitchen.constraints:
-        ends = sorted((joint.parent, joint.child), key=lambda id: by_id[id].physics.simulates)
-        if not looks[ends[0]].building:
-            assert looks[ends[0]].openings == ((0, 1),), f"{ends[0]} behind {ends[1]}"
+        frame, front = sorted((joint.parent, joint.child), key=lambda end: by_id[end].physics.simulates)
+        if not looks[frame].building:
+            assert looks[frame].openings == ((0, 1),), f"{frame} behind {front}"

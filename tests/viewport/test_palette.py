@@ -7,10 +7,10 @@ from colorsys import rgb_to_hls
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from tests.kitchenette import KNOWROB
 
 from mindstage.viewport.palette import Paint, Surface, lit, local_name, nouns, paint, surface, words
 from mindstage.world import Iri, Material
+from tests.kitchenette import KNOWROB
 
 AFAR = "http://example.org/far#"
 

@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 from PIL import Image
-from tests.viewport.waiting import wait_until
 
 from mindstage.viewport import Viewport
 from mindstage.viewport.framing import View, first_view
 from mindstage.viewport.looks import decide_looks
 from mindstage.world import Vector, World
+from tests.viewport.waiting import wait_until
 
 SIZE = (1000, 700)
 

@@ -12,6 +12,7 @@ Every decision is a note in the spawn report; none is silent.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -227,6 +228,7 @@ def _keep_apart(
             collisions.ghosts.add(id)
             text = f"{id} overlaps more than {_CROWD} others, so it collides with nothing"
             notes.append(Note(NoteKind.OVERLAP, (id,), text))
+    told: list[tuple[int, int, float]] = []
     for i, j, deep in zip(a.tolist(), b.tolist(), depth.tolist(), strict=True):
         first, second = scene.ids[i], scene.ids[j]
         ghost = first in collisions.ghosts or second in collisions.ghosts
@@ -234,8 +236,23 @@ def _keep_apart(
             continue
         collisions.apart.add((first, second) if first < second else (second, first))
         if _pair(int(scene.assembly[i]), int(scene.assembly[j])) not in scene.joined:
-            text = f"{first} and {second} overlap by {deep * 1000:.0f} mm where they stand, so they do not collide"
-            notes.append(Note(NoteKind.OVERLAP, (first, second), text))
+            told.append((i, j, deep))
+    return notes + _overlap_notes(scene.ids, told)
+
+
+def _overlap_notes(ids: tuple[BodyId, ...], pairs: list[tuple[int, int, float]]) -> list[Note]:
+    """One note for each body that overlaps others; a pair is told once, by the one with more partners."""
+    partners = Counter(index for i, j, _ in pairs for index in (i, j))
+    by_hub: dict[int, list[tuple[int, float]]] = {}
+    for i, j, deep in pairs:
+        hub, other = (i, j) if (partners[i], -i) > (partners[j], -j) else (j, i)
+        by_hub.setdefault(hub, []).append((other, deep))
+    notes = []
+    for hub, others in by_hub.items():
+        names = tuple(ids[other] for other, _ in others)
+        deepest = max(deep for _, deep in others) * 1000
+        text = f"{ids[hub]} overlaps {', '.join(names)} by up to {deepest:.0f} mm where they stand: they do not collide"
+        notes.append(Note(NoteKind.OVERLAP, (ids[hub], *names), text))
     return notes
 
 

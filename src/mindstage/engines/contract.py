@@ -56,7 +56,7 @@ class NoteKind(Enum):
     HOLLOW = "hollow"
     """Has something inside that must rest on it, so it got an inside."""
     OVERLAP = "overlap"
-    """A pair stands in one another, so the two do not collide."""
+    """The first body and each of the others stand in one another, so they do not collide."""
     CONSTRAINT = "constraint"
     """A constraint is not taken literally."""
     ATTACHMENT = "attachment"

@@ -236,21 +236,31 @@ class _Onlooker:
         """Which side of a box a door or a drawer closes; None if it is elsewhere."""
         half = self.half[row]
         lows, highs = self._within(row, front)
-        # A handle tells where the front is, but how far it reaches to the sides says nothing.
-        handles = np.array([self.surfaces[other] is Surface.DARK_METAL for other in front], dtype=bool)[:, None]
-        middle = (lows + highs) / 2
-        low, high = np.where(handles, middle, lows).min(axis=0), np.where(handles, middle, highs).max(axis=0)
+        handles = np.array([self.surfaces[other] is Surface.DARK_METAL for other in front], dtype=bool)
+        handles[0] = False
+        low, high = lows[~handles].min(axis=0), highs[~handles].max(axis=0)
         if np.any(low > half + _TOUCH_M) or np.any(high < -half - _TOUCH_M):
             return None
+        if handles.any():
+            # Where the handle sticks out is where one pulls.
+            out = ((lows + highs)[handles].mean(axis=0) - (lows + highs)[0]) / np.maximum((highs - lows)[0], 1e-6)
+            axis = int(np.argmax(np.abs(out)))
+            side = (axis, 1 if out[axis] > 0 else -1)
+        else:
+            side = self._nearest_side(row, low, high, top)
+        across = [axis for axis in range(3) if axis != side[0]]
+        return side if np.all(np.abs(low + high)[across] / 2 < half[across]) else None
+
+    def _nearest_side(self, row: int, low: Array, high: Array, top: Side) -> Side:
+        """The side of a box to which something in its frame comes closest; the top only if it covers that."""
+        half = self.half[row]
         gaps = {(axis, 1): float(half[axis] - high[axis]) for axis in range(3)}
         gaps |= {(axis, -1): float(half[axis] + low[axis]) for axis in range(3)}
         del gaps[top[0], -top[1]]
         flat = [axis for axis in range(3) if axis != top[0]]
         if np.prod((high - low)[flat]) < _LID_SHARE * np.prod(2 * half[flat]):
             del gaps[top]
-        side = min(gaps, key=lambda side: gaps[side] + _DEPTH_COUNTS * float((high - low)[side[0]]))
-        across = [axis for axis in range(3) if axis != side[0]]
-        return side if np.all(np.abs(low + high)[across] / 2 < half[across]) else None
+        return min(gaps, key=lambda side: gaps[side] + _DEPTH_COUNTS * float((high - low)[side[0]]))
 
     def _holes(self, row: int) -> tuple[Hole, ...]:
         """Where sinks and the like are let into the top of a box."""

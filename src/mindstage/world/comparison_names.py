@@ -180,7 +180,8 @@ class _Matching:
 
         def colour(label: str) -> str:
             about = sorted(number(fact) for fact in labels.said_by[label])
-            around = sorted((names.get(owner, owner), number(fact)) for owner, fact in labels.said_with[label])
+            with_it = labels.said_with[label]
+            around = sorted((owner == label, names.get(owner, owner), number(fact)) for owner, fact in with_it)
             return table.setdefault((colours[label], *about, *around), f"colour {len(table)}")
 
         paired = self.taken if labels is self.a else self.names
