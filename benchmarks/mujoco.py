@@ -153,7 +153,7 @@ def _step_against_bare(world: World) -> Measure:
 
     mine, theirs = _timed(ours, bare)
     return Measure(
-        what="step the kitchen, nothing asleep", ours=1000 * mine / 240, unit="ms", peer="bare mj_step of the same model",
+        what="step the kitchen, nothing asleep", ours=1000 * mine / 240, unit="ms", peer="mj_step of the same model",
         theirs=1000 * theirs / 240, at_most=1.05,
     )  # fmt: skip
 
@@ -201,6 +201,6 @@ def _reading_poses() -> Measure:
 
     mine, theirs = _timed(ours, one_by_one)
     return Measure(
-        what="read all poses of 10,000 bodies", ours=1000 * mine / 20, unit="ms", peer="the 1,001 that MuJoCo has, by name",
+        what="read all poses of 10,000 bodies", ours=1000 * mine / 20, unit="ms", peer="MuJoCo's 1,001, one by one",
         theirs=1000 * theirs, at_most=1.0,
     )  # fmt: skip

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import itertools
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -201,7 +202,10 @@ def test_a_constraint_that_closes_a_loop_holds_what_it_locks(make: object) -> No
     assert np.isfinite(engine.poses()[1]).all()
 
 
-def test_a_body_that_goes_to_infinity_is_reported_by_name_and_the_engine_lives_on() -> None:
+def test_a_body_that_goes_to_infinity_is_reported_by_name_and_the_engine_lives_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
     engine = MujocoEngine()
     engine.spawn(room())
     state = engine.save()
@@ -211,6 +215,7 @@ def test_a_body_that_goes_to_infinity_is_reported_by_name_and_the_engine_lives_o
     engine.restore(state)
     engine.step(0.1)
     assert np.isfinite(engine.poses()[1]).all()
+    assert list(tmp_path.iterdir()) == [], "a log file was left behind"
 
 
 def test_a_dynamic_body_attached_without_constraint_moves_rigidly_and_it_is_said() -> None:

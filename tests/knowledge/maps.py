@@ -9,10 +9,10 @@ from mindstage.world import Iri, World, difference
 
 __all__ = [
     "KNOWROB",
-    "M",
     "OWL",
     "RDFS",
     "XSD",
+    "M",
     "Read",
     "assert_same",
     "body",

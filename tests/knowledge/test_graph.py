@@ -93,7 +93,7 @@ def test_a_label_stands_for_one_thing_in_all_graphs() -> None:
 def test_a_long_list_is_cut_into_pieces_that_nothing_chokes_on() -> None:
     items = " ".join(str(number) for number in range(3 * NESTING))
     told = graph(f"e:a e:b ({items}) .")
-    assert list(told) == [e("a"), "_:b1", "_:b2", "_:b3"] or len(told) == 4
+    assert len(told) == 4
     assert sum(_count(fact) for facts in told.values() for fact in facts) == 6 * NESTING + 1
 
 

@@ -47,7 +47,7 @@ def test_of_several_maps_one_must_be_named(tmp_path: Path) -> None:
     path = write(tmp_path, "maps.ttl", room(body("cup"), ":other a k:SemanticEnvironmentMap ."))
     knowledge = knowing(path)
     assert knowledge.maps() == (m("room"), m("other"))
-    with pytest.raises(MapAmbiguous, match="room.*other"):
+    with pytest.raises(MapAmbiguous, match=r"room.*other"):
         knowledge.world()
     assert [len(knowledge.world(name).bodies) for name in ("room", m("other"))] == [1, 0]
 

@@ -16,7 +16,7 @@ from mindstage.viewport.looks import decide_looks
 from mindstage.world import Vector, World
 from tests.viewport.waiting import wait_until
 
-SIZE = (1000, 700)
+SIZE = (800, 480)
 
 
 def opening_view(world: World, ancestors: Callable[[Any], Any]) -> View:
@@ -68,6 +68,9 @@ class Visit:
 
     def press(self, button: str) -> None:
         self.page.get_by_role("button", name=button, exact=True).click()
+
+    def field(self, label: str) -> Any:
+        return self.page.locator(f"xpath=//label[normalize-space()='{label}']/ancestor::div[.//input][1]//input").first
 
     def says(self, text: str) -> bool:
         return text in self.page.locator("body").inner_text()

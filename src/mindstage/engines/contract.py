@@ -61,6 +61,8 @@ class NoteKind(Enum):
     """A constraint is not taken literally."""
     ATTACHMENT = "attachment"
     """An attachment is not taken literally."""
+    SOLVER = "solver"
+    """The physics warned that it left something out."""
 
 
 class Note(msgspec.Struct, frozen=True):

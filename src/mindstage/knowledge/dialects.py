@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import NamedTuple
 
+from mindstage.knowledge.bulk import bulk_work
 from mindstage.knowledge.excerpt import Excerpt
 from mindstage.knowledge.semlog import read_semlog
 from mindstage.world import World
@@ -34,4 +35,6 @@ DIALECTS: tuple[Dialect, ...] = (Dialect("SemLog", _always, read_semlog),)
 
 def read_world(excerpt: Excerpt) -> World:
     """Reads a map, whatever its dialect."""
-    return next(dialect for dialect in DIALECTS if dialect.holds(excerpt)).read(excerpt)
+    dialect = next(dialect for dialect in DIALECTS if dialect.holds(excerpt))
+    with bulk_work():
+        return dialect.read(excerpt)

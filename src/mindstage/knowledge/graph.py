@@ -14,6 +14,7 @@ from itertools import count
 import msgspec
 import pyoxigraph as ox
 
+from mindstage.knowledge.bulk import bulk_work
 from mindstage.knowledge.vocabulary import DESCRIBED_IN_MAP, SEMANTIC_MAP, TYPE, XSD
 from mindstage.world import Anonymous, Fact, FactValue, Iri, Literal, Reference
 
@@ -40,9 +41,10 @@ def graph_of(quads: Iterable[ox.Quad], taken: set[str]) -> Graph:
         ValueError: a statement is about statements (RDF 1.2), which facts have no form for.
     """
     builder = _Builder()
-    for quad in dict.fromkeys(quads):
-        builder.add(quad)
-    return builder.finish(taken)
+    with bulk_work():
+        for quad in dict.fromkeys(quads):
+            builder.add(quad)
+        return builder.finish(taken)
 
 
 def sorted_facts(facts: Iterable[Fact]) -> tuple[Fact, ...]:

@@ -14,6 +14,7 @@ from tempfile import NamedTemporaryFile
 
 from mindstage.errors import MapUnwritable
 from mindstage.knowledge.blocks import sections_of
+from mindstage.knowledge.bulk import bulk_work
 from mindstage.knowledge.prefixes import Names
 from mindstage.knowledge.rdfxml import rdf_xml
 from mindstage.knowledge.turtle import turtle
@@ -44,9 +45,10 @@ def write_map(world: World, *, format: MapFormat = MapFormat.RDF_XML) -> str:
     Raises:
         MapUnwritable: the world holds something that the format cannot, and the error says what.
     """
-    sections = sections_of(world)
-    names = Names(world.iri, sections)
-    return rdf_xml(sections, names) if format is MapFormat.RDF_XML else turtle(sections, names)
+    with bulk_work():
+        sections = sections_of(world)
+        names = Names(world.iri, sections)
+        return rdf_xml(sections, names) if format is MapFormat.RDF_XML else turtle(sections, names)
 
 
 def save_map(world: World, path: str | os.PathLike[str]) -> None:

@@ -69,6 +69,8 @@ class Heard:
             word: what is looked for.
             keep: whether a value stays a fact all the same.
         """
+        if word.property not in self._at:
+            return None
         found: T | None = None
         for index in self.at(word.property):
             told = self.facts[index].value
@@ -138,7 +140,9 @@ class Said:
         Raises:
             MapUnwritable: no reader would understand the value, such as an infinite mass.
         """
-        told = self.told(word) if self._facts else None
+        if value is None and not self._facts:
+            return
+        told = self.told(word)
         if told is not None and value is None:
             self.add(UNTOLD, word.property)
         elif value is not None and told != value:

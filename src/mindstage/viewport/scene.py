@@ -30,8 +30,6 @@ _OUTLINE = (205, 208, 211)
 _SKY = ((247, 248, 249), (222, 226, 230))
 """The background, from the upper to the lower edge."""
 
-Node = viser.MeshHandle | viser.LineSegmentsHandle
-
 
 class Prepare(Protocol):
     """Called with each body that can be clicked, whenever it is drawn anew."""
@@ -56,7 +54,8 @@ class Scene:
         """
         self._server = server
         self._prepare = prepare
-        self._nodes: dict[BodyId, Node] = {}
+        self._solids: dict[BodyId, viser.MeshHandle] = {}
+        self._outlines: dict[BodyId, viser.LineSegmentsHandle] = {}
         self._looks: dict[BodyId, Look] = {}
         self._holdable: dict[BodyId, bool] = {}
         self._lit: dict[BodyId, Colour] = {}
@@ -100,7 +99,7 @@ class Scene:
 
     def light_up(self, highlights: Mapping[BodyId, Colour]) -> None:
         """Paints lit bodies in their highlight, and all others as they are."""
-        changed = [id for id in self._nodes if highlights.get(id) != self._lit.get(id)]
+        changed = [id for id in self._looks if highlights.get(id) != self._lit.get(id)]
         self._lit = dict(highlights)
         with self._server.atomic():
             for id in changed:
@@ -110,9 +109,8 @@ class Scene:
         """Draws the outlines of what encloses the place, or not."""
         if shown != self._shells_shown:
             self._shells_shown = shown
-            for node in self._nodes.values():
-                if isinstance(node, viser.LineSegmentsHandle):
-                    node.visible = shown
+            for node in self._outlines.values():
+                node.visible = shown
 
     # -- marks -----------------------------------------------------------------------------------------------
 
@@ -123,7 +121,7 @@ class Scene:
         if self._selected is not None:
             self._selected[1].remove()
             self._selected = None
-        if id is not None and id in self._nodes:
+        if id is not None and id in self._looks:
             around = edges(self._looks[id].size, margin=0.004)
             frame = self._server.scene.add_line_segments(
                 f"{_name(id)}/selected", around, _ACCENT, thickness=2.5, thickness_units="screen"
@@ -162,15 +160,19 @@ class Scene:
     # -- nodes -----------------------------------------------------------------------------------------------
 
     def _draw(self, id: BodyId, look: Look, *, holdable: bool) -> None:
-        node = self._outline(id, look) if look.form is Form.OUTLINE else self._solid(id, look)
-        # A floor that answers to the mouse would be outlined whenever somebody looks round.
-        if isinstance(node, viser.MeshHandle) and (holdable or not look.building):
-            self._prepare(id, node, holdable=holdable)
-        self._nodes[id], self._looks[id], self._holdable[id] = node, look, holdable
+        if look.form is Form.OUTLINE:
+            self._outlines[id] = self._outline(id, look)
+        else:
+            self._solids[id] = self._solid(id, look)
+            # A floor that answers to the mouse would be outlined whenever somebody looks round.
+            if holdable or not look.building:
+                self._prepare(id, self._solids[id], holdable=holdable)
+        self._looks[id], self._holdable[id] = look, holdable
 
     def _outline(self, id: BodyId, look: Look) -> viser.LineSegmentsHandle:
+        colour = _bytes(self._lit[id]) if id in self._lit else _OUTLINE
         return self._server.scene.add_line_segments(
-            _name(id), edges(look.size), _OUTLINE, thickness=1.0, thickness_units="screen", visible=self._shells_shown
+            _name(id), edges(look.size), colour, thickness=1.0, thickness_units="screen", visible=self._shells_shown
         )
 
     def _solid(self, id: BodyId, look: Look) -> viser.MeshHandle:
@@ -188,19 +190,22 @@ class Scene:
         if self._selected is not None and self._selected[0] == id:
             self.select(None)
         del self._looks[id], self._holdable[id]
-        self._nodes.pop(id).remove()
+        node = self._solids.pop(id, None) or self._outlines.pop(id)
+        node.remove()
 
     def _paint(self, id: BodyId) -> None:
-        node, paint = self._nodes[id], lit(self._looks[id].paint, self._lit.get(id))
-        if isinstance(node, viser.MeshHandle):
-            node.color, node.opacity = _bytes(paint.colour), _opacity(paint)
+        if id in self._solids:
+            paint = lit(self._looks[id].paint, self._lit.get(id))
+            self._solids[id].color, self._solids[id].opacity = _bytes(paint.colour), _opacity(paint)
         else:
-            node.colors = np.array(_bytes(paint.colour) if id in self._lit else _OUTLINE, dtype=np.uint8)
+            colour = _bytes(self._lit[id]) if id in self._lit else _OUTLINE
+            self._outlines[id].colors = np.array(colour, dtype=np.uint8)
 
     def _place(self, rows: NDArray[np.intp]) -> None:
         quaternions = unit(self._sent[rows, 3:])
         for row, quaternion in zip(rows.tolist(), quaternions, strict=True):
-            node = self._nodes.get(self._ids[row])
+            id = self._ids[row]
+            node = self._solids.get(id) or self._outlines.get(id)
             if node is not None:
                 node.position, node.wxyz = self._sent[row, :3], quaternion
 

@@ -13,7 +13,7 @@ from types import MappingProxyType
 import mujoco
 import numpy as np
 
-from mindstage.engines.contract import Ability, Note, Poses, SpawnReport, State
+from mindstage.engines.contract import Ability, Note, NoteKind, Poses, SpawnReport, State
 from mindstage.engines.inventory import placeable
 from mindstage.engines.mujoco.carry import coordinates, put, wake
 from mindstage.engines.mujoco.joints import place_from, place_of
@@ -117,7 +117,7 @@ class MujocoEngine:
         if self._pushes:
             live.data.xfrc_applied[:] = 0.0
             self._pushes.clear()
-        _check(live)
+        keeper.late_notes += _check(live)
 
     def poses(self) -> tuple[tuple[BodyId, ...], Poses]:
         keeper = self._open()
@@ -162,7 +162,7 @@ class MujocoEngine:
 
     @property
     def notes(self) -> tuple[Note, ...]:
-        """What had to be decided because of edits since the last spawn (the spawn's own are in its report)."""
+        """What had to be decided because of edits, and what the physics warned of (a spawn's own are in its report)."""
         return tuple(self._open().late_notes)
 
     def _open(self) -> SceneKeeper:
@@ -239,14 +239,32 @@ def _unit_pose(pose: Pose) -> Array:
     return np.asarray(row)
 
 
-def _check(live: Live) -> None:
-    """Raises if MuJoCo saw numbers that mean nothing."""
-    bad = (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, mujoco.mjtWarning.mjWARN_BADQACC)
-    for warning in bad:
-        entry = live.data.warning[warning]
-        if entry.number:
+_BROKEN = (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, mujoco.mjtWarning.mjWARN_BADQACC)
+
+
+def _check(live: Live) -> list[Note]:
+    """What MuJoCo warned of since the last call.
+
+    Raises:
+        SimulationUnstable: it saw numbers that mean nothing.
+    """
+    notes = []
+    for kind in range(int(mujoco.mjtWarning.mjNWARNING)):
+        entry = live.data.warning[kind]
+        if not entry.number:
+            continue
+        entry.number = 0
+        warning = mujoco.mjtWarning(kind)
+        if warning in _BROKEN:
             body = live.model.body(int(live.model.dof_bodyid[entry.lastinfo])).name.removeprefix("body:")
-            entry.number = 0
             quantity = warning.name.removeprefix("mjWARN_BAD").lower()
             what = f"the {quantity} of {body!r} is not a number or far too large"
             raise SimulationUnstable(time_s=float(live.data.time), what=what)
+        text = f"at {live.data.time:.3f} s MuJoCo warned: {mujoco.mju_warningText(kind, entry.lastinfo)}"
+        notes.append(Note(NoteKind.SOLVER, (), text))
+    return notes
+
+
+# MuJoCo counts its warnings, and `_check` tells them; the file that it would write them to as well has no place in
+# the folder from which somebody happens to work.
+mujoco.set_mju_user_warning(lambda text: None)

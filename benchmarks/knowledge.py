@@ -1,0 +1,182 @@
+"""The knowledge base against rdflib and SWI-Prolog: loading a map with its ontologies; reading and writing worlds.
+
+Every load is a process of its own that times the load alone, not its start or its imports, and prints the seconds.
+All three read the same files and end with the same number of statements, which is checked.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator, Sequence
+from importlib.metadata import version
+from pathlib import Path
+from statistics import median
+from tempfile import TemporaryDirectory
+from typing import NamedTuple
+
+import mindstage
+from benchmarks import REPEATS, Measure
+
+# Nothing heavy is imported here: a process begins with the peak memory of the one that started it.
+
+SHARED = Path(os.environ.get("MINDSTAGE_DATA") or Path(__file__).resolve().parents[2] / "shared" / "data")
+BUNDLED = Path(mindstage.__file__).parent / "knowledge" / "bundled"
+
+LOAD_OURS = """
+import sys, time
+from mindstage.knowledge import KnowledgeBase
+knowledge = KnowledgeBase(bundled_ontology=False)
+start = time.perf_counter()
+knowledge.load(sys.argv[1:2], ontologies=sys.argv[2:])
+print(time.perf_counter() - start, len(knowledge._store))
+"""
+LOAD_RDFLIB = """
+import sys, time, logging
+from rdflib import Graph
+logging.disable(logging.WARNING)
+graph = Graph()
+start = time.perf_counter()
+for path in sys.argv[1:]:
+    graph.parse(path, format="turtle" if path.endswith(".ttl") else "xml")
+print(time.perf_counter() - start, len(graph))
+"""
+LOAD_PROLOG = """
+:- use_module(library(semweb/rdf11)).
+:- use_module(library(semweb/turtle)).
+load(Path) :- file_name_extension(_, ttl, Path), !, rdf_load(Path, [format(turtle), silent(true)]).
+load(Path) :- rdf_load(Path, [format(xml), silent(true)]).
+main :- current_prolog_flag(argv, Paths), get_time(Start), forall(member(Path, Paths), load(Path)), get_time(End),
+    Seconds is End - Start, aggregate_all(count, rdf(_, _, _), Count), format('~w ~w~n', [Seconds, Count]).
+:- initialization((main, halt)).
+"""
+READ = """
+import sys, time
+from mindstage.knowledge import KnowledgeBase
+start = time.perf_counter()
+knowledge = KnowledgeBase(bundled_ontology=False)
+knowledge.load(sys.argv[1:])
+world = knowledge.world()
+print(time.perf_counter() - start, len(world.bodies) + len(world.constraints))
+"""
+WRITE = """
+import sys, time
+from mindstage.knowledge import KnowledgeBase, write_map
+knowledge = KnowledgeBase(bundled_ontology=False)
+knowledge.load(sys.argv[1:])
+world = knowledge.world()
+start = time.perf_counter()
+write_map(world)
+print(time.perf_counter() - start, len(world.bodies) + len(world.constraints))
+"""
+MULTIPLY = """
+import sys
+from msgspec.structs import replace
+from mindstage.knowledge import KnowledgeBase, save_map
+from mindstage.world import Attachment, BodyId, Iri
+small, large, count = sys.argv[1:]
+knowledge = KnowledgeBase(bundled_ontology=False)
+knowledge.load([small])
+world = knowledge.world()
+ids = [BodyId(f"body{number}") for number in range(int(count))]
+bodies = tuple(
+    replace(world.bodies[number % len(world.bodies)], id=id, iri=Iri(f"http://example.org/large.owl#{id}"), facts=())
+    for number, id in enumerate(ids)
+)
+attachments = tuple(Attachment(parent=parent, child=child) for parent, child in zip(ids[::2], ids[1::2]))
+save_map(replace(world, bodies=bodies, constraints=(), attachments=attachments), large)
+"""
+
+
+class Timed(NamedTuple):
+    """The median of several processes."""
+
+    seconds: float
+    memory_mb: float
+    count: int
+    """What the process says that it has in the end."""
+
+
+def measure() -> Iterator[Measure]:
+    yield from _loading()
+    with TemporaryDirectory(prefix="mindstage-") as folder:
+        large = Path(folder, "10,000 bodies.owl")
+        subprocess.run([sys.executable, "-c", MULTIPLY, _small_map(), large, "10000"], check=True)
+        for path, most in ((_small_map(), None), (large, 2.0)):
+            for verb, script in (("read", READ), ("write", WRITE)):
+                (timed,) = _timed([sys.executable, "-c", script, path])
+                what = f"{verb} {path.stem} ({timed.count:,} individuals)"
+                yield Measure(what=what, ours=timed.seconds, at_most=most, memory_mb=timed.memory_mb)
+
+
+def _loading() -> Iterator[Measure]:
+    map, *ontologies = files = _sources()
+    with TemporaryDirectory(prefix="mindstage-") as folder:
+        script = Path(folder, "load.pl")
+        script.write_text(LOAD_PROLOG, encoding="utf-8")
+        commands: dict[str, Sequence[str | Path]] = {
+            "ours": [sys.executable, "-c", LOAD_OURS, *files],
+            f"rdflib {version('rdflib')}": [sys.executable, "-c", LOAD_RDFLIB, *files],
+        }
+        if swipl := shutil.which("swipl"):
+            name = subprocess.run([swipl, "--version"], capture_output=True, text=True, check=True).stdout.split()[2]
+            commands[f"SWI-Prolog {name}"] = [swipl, script, "--", *files]
+        else:
+            sys.stderr.write("SWI-Prolog is not installed (Debian's package swi-prolog-nox): no ratio to it\n")
+        ours, *others = _timed(*commands.values())
+    what = f"load {map.stem} with {len(ontologies)} ontologies ({ours.count:,} statements)"
+    for peer, theirs, at_least in zip([*commands][1:], others, (15.0, 3.0), strict=False):
+        yield _against(what, ours, theirs, peer, at_least=at_least)
+
+
+def _against(what: str, ours: Timed, theirs: Timed, peer: str, *, at_least: float) -> Measure:
+    # Ours keeps files apart, so that a statement of two files counts twice there.
+    if not 0.9 * ours.count <= theirs.count <= ours.count:
+        raise AssertionError(f"{peer} has {theirs.count} statements and we have {ours.count}")
+    return Measure(
+        what=what,
+        ours=ours.seconds,
+        peer=peer,
+        theirs=theirs.seconds,
+        at_least=at_least,
+        memory_mb=ours.memory_mb,
+        their_memory_mb=theirs.memory_mb,
+    )
+
+
+def _sources() -> Sequence[Path]:
+    if (SHARED / "maps").is_dir():
+        return _small_map(), *sorted((SHARED / "ontology").glob("*/owl/*.owl"))
+    return _small_map(), BUNDLED / "household.ttl"
+
+
+def _small_map() -> Path:
+    path = SHARED / "maps" / "iai-kitchen-original.owl"
+    return path if path.is_file() else BUNDLED / "kitchen.owl"
+
+
+def _timed(*commands: Sequence[str | Path]) -> list[Timed]:
+    """The medians of several commands, which take turns, so that whatever else the machine does hits all of them."""
+    for command in commands:
+        _once(command)  # warms the disk's cache
+    rounds = [[_once(command) for command in commands] for _ in range(REPEATS)]
+    return [
+        Timed(median(run.seconds for run in runs), median(run.memory_mb for run in runs), runs[0].count)
+        for runs in zip(*rounds, strict=True)
+    ]
+
+
+def _once(command: Sequence[str | Path]) -> Timed:
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
+    assert process.stdout is not None
+    told = process.stdout.read()
+    # wait4 alone tells the peak memory of just this child.
+    _, status, usage = os.wait4(process.pid, 0)
+    process.returncode = os.waitstatus_to_exitcode(status)
+    process.stdout.close()
+    if process.returncode:
+        raise subprocess.CalledProcessError(process.returncode, list(map(str, command)))
+    seconds, count = told.split()
+    return Timed(float(seconds), usage.ru_maxrss / 1024, int(count))

@@ -1,0 +1,119 @@
+"""What cannot be taken as it is told is named, and none of it is lost."""
+
+from __future__ import annotations
+
+import pytest
+
+from mindstage.knowledge import Severity
+from mindstage.world import (
+    Fact,
+    Iri,
+    Literal,
+    Physics,
+    Reference,
+)
+from tests.knowledge.maps import XSD, Read, body, knowrob, m, room
+
+
+def float_fact(property: str, text: str) -> Fact:
+    return Fact(knowrob(property), Literal(text, Iri(XSD + "float")))
+
+
+@pytest.mark.parametrize(
+    ("at", "turned"),
+    [
+        ("1,5 2 3", "1 0 0 0"),
+        ("nan 2 3", "1 0 0 0"),
+        ("inf 2 3", "1 0 0 0"),
+        ("1e999 2 3", "1 0 0 0"),
+        ("1_0 2 3", "1 0 0 0"),
+        ("1 2", "1 0 0 0"),
+        ("1 2 3 4", "1 0 0 0"),
+        ("", "1 0 0 0"),
+        ("1 2 3", "0 0 0 0"),
+        ("1 2 3", "nan 0 0 1"),
+        ("1 2 3", "one 0 0 0"),
+    ],
+)
+def test_a_pose_that_is_none_leaves_its_body_out_and_names_it(at: str, turned: str, read: Read) -> None:
+    world, findings = read(room(body("cup", at=at, turned=turned), body("mug", "k:parent :cup")))
+    assert [thing.id for thing in world.bodies] == ["mug"]
+    assert {resource.iri for resource in world.resources} == {m("cup"), m("cup-pose")}
+    (error,) = (finding for finding in findings if finding.severity is Severity.ERROR)
+    assert error.individual == m("cup")
+    assert any(finding.individual == m("cup-pose") for finding in findings)
+    assert any(finding.individual == m("mug") and m("cup") in finding.what for finding in findings)
+
+
+@pytest.mark.parametrize("pose", ["", "k:pose :nowhere ;", 'k:pose "1 2 3" ;', "k:pose :cup ;", "k:pose :room ;"])
+def test_no_pose_leaves_its_body_out_and_names_it(pose: str, read: Read) -> None:
+    world, findings = read(room(f':cup a k:Cup ; {pose} k:describedInMap :room ; k:translation "1 2 3" .'))
+    assert world.bodies == ()
+    assert world.resources[0].iri == m("cup")
+    assert [finding.individual for finding in findings if finding.severity is Severity.ERROR] == [m("cup")]
+
+
+def test_of_two_poses_the_first_counts(read: Read) -> None:
+    world, (finding,) = read(
+        room(body("cup"), ':cup k:pose :other . :other k:translation "4 5 6" ; k:quaternion "1 0 0 0" .')
+    )
+    (cup,) = world.bodies
+    assert cup.pose.position == (1.0, 2.0, 3.0)
+    assert cup.facts == tuple(Fact(knowrob("pose"), Reference(m(name))) for name in ("cup-pose", "other"))
+    assert [resource.iri for resource in world.resources] == [m("other")]
+    assert finding.individual == m("cup")
+
+
+def test_a_pose_that_is_one_counts_before_a_pose_that_is_none(read: Read) -> None:
+    world, _ = read(
+        room(
+            ":cup a k:Cup ; k:describedInMap :room ; k:pose :bad, :good .",
+            ':bad k:translation "a b c" . :good k:translation "4 5 6" ; k:quaternion "1 0 0 0" .',
+        )
+    )
+    (cup,) = world.bodies
+    assert cup.pose.position == (4.0, 5.0, 6.0)
+    # The one that counts comes first, so that the writer gives its name to it.
+    assert cup.facts == tuple(Fact(knowrob("pose"), Reference(m(name))) for name in ("good", "bad"))
+
+
+@pytest.mark.parametrize(
+    ("property", "text"),
+    [
+        ("mobility", "flying"),
+        ("mass", "1,5"),
+        ("mass", "nan"),
+        ("mass", "-1.0"),
+        ("gravity", "perhaps"),
+        ("depthOfObject", "-0.5"),
+        ("heightOfObject", "inf"),
+    ],
+)
+def test_a_value_that_cannot_be_understood_is_a_fact_and_named(property: str, text: str, read: Read) -> None:
+    world, (finding,) = read(room(body("cup", f'k:{property} "{text}"')))
+    (cup,) = world.bodies
+    assert (cup.physics, cup.size) == (Physics(), None)
+    assert cup.facts == (Fact(knowrob(property), Literal(text)),)
+    assert (finding.individual, finding.property) == (m("cup"), knowrob(property))
+    assert text in finding.what
+
+
+def test_of_two_masses_the_first_counts(read: Read) -> None:
+    world, (finding,) = read(room(body("cup", 'k:mass "2.0"^^xsd:float, "3.0"^^xsd:float')))
+    assert world.bodies[0].physics.mass_kg == 2.0
+    assert world.bodies[0].facts == (float_fact("mass", "3.0"),)
+    assert finding.property == knowrob("mass")
+
+
+def test_materials_that_are_not_whole_stay_facts(read: Read) -> None:
+    world, (finding,) = read(room(body("cup", "ms:material [ ms:index 0 ]")))
+    assert world.bodies[0].materials == ()
+    assert len(world.bodies[0].facts) == 1
+    assert finding.individual == m("cup")
+
+
+def test_a_map_that_nobody_calls_one_is_a_map_and_that_is_said(read: Read) -> None:
+    text = room(body("cup")).replace("a owl:NamedIndividual, k:SemanticEnvironmentMap", "a owl:NamedIndividual")
+    world, (finding,) = read(text)
+    assert [thing.id for thing in world.bodies] == ["cup"]
+    assert finding.individual == m("room")
