@@ -5,13 +5,7 @@ from __future__ import annotations
 import pytest
 
 from mindstage.knowledge import Severity
-from mindstage.world import (
-    Fact,
-    Iri,
-    Literal,
-    Physics,
-    Reference,
-)
+from mindstage.world import Fact, Iri, Literal, Physics, Reference
 from tests.knowledge.maps import XSD, Read, body, knowrob, m, room
 
 
@@ -117,3 +111,25 @@ def test_a_map_that_nobody_calls_one_is_a_map_and_that_is_said(read: Read) -> No
     world, (finding,) = read(text)
     assert [thing.id for thing in world.bodies] == ["cup"]
     assert finding.individual == m("room")
+
+
+def test_a_finding_is_a_sentence(read: Read) -> None:
+    _, (finding,) = read(room(body("cup", 'k:mass "heavy"')))
+    assert str(finding) == (
+        f"warning: {m('cup')}, {knowrob('mass')}: 'heavy' is not a finite number of 0 or more; "
+        "it stays a fact without meaning"
+    )
+
+
+@pytest.mark.parametrize("tags", ['"{"', '"[1]"', f'"{"[" * 10_000}"', "e:Jo"])
+def test_tags_of_ours_that_are_no_json_are_a_fact_and_named(tags: str, read: Read) -> None:
+    world, (finding,) = read(room(body("cup", f"ms:tags {tags}")))
+    assert (world.bodies[0].tags, len(world.bodies[0].facts)) == ((), 1)
+    assert finding.individual == m("cup")
+
+
+@pytest.mark.parametrize("material", ["e:Steel", '"steel"', '[ ms:index 0 ; ms:name "a" ; e:shiny true ]'])
+def test_materials_that_are_something_else_stay_facts(material: str, read: Read) -> None:
+    world, (finding,) = read(room(body("cup", f"ms:material {material}")))
+    assert (world.bodies[0].materials, len(world.bodies[0].facts)) == ((), 1)
+    assert finding.individual == m("cup")

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from mindstage.knowledge import KnowledgeBase
 from mindstage.knowledge.hierarchy import ClassHierarchy
 from mindstage.world import Iri
 from tests.knowledge.maps import knowing, knowrob, room
@@ -56,6 +57,12 @@ def test_equal_classes_are_below_one_another(tmp_path: Path) -> None:
     knowledge = knowing(path)
     assert knowledge.ancestors(knowrob("Mug")) == (knowrob("Cup"), knowrob("Vessel"))
     assert knowledge.descendants(knowrob("Vessel")) == {knowrob("Cup"), knowrob("Mug")}
+
+
+def test_the_bundled_household_is_known_from_the_start() -> None:
+    latch, handle = Iri("http://mindstage.org/ontology#DoorLatch"), knowrob("Handle")
+    assert handle in KnowledgeBase().ancestors(latch)
+    assert KnowledgeBase(bundled_ontology=False).ancestors(latch) == ()
 
 
 def test_more_is_known_after_more_was_loaded(tmp_path: Path) -> None:

@@ -109,6 +109,14 @@ def test_a_file_that_tells_of_no_map_adds_to_all(tmp_path: Path) -> None:
     assert knowing(map, ontologies=(more,)).world() == knowing(map).world()
 
 
+def test_one_path_needs_no_list(tmp_path: Path) -> None:
+    path = write(tmp_path, "map.ttl", room(body("cup")))
+    for given in (path, str(path)):
+        knowledge = KnowledgeBase(bundled_ontology=False)
+        knowledge.load(given, ontologies=given)
+        assert knowledge.maps() == (m("room"),)
+
+
 def test_the_same_file_twice_is_one(tmp_path: Path) -> None:
     path = write(tmp_path, "map.ttl", room(body("cup"), "k:Cup rdfs:subClassOf [ e:a 1 ] ."))
     knowledge = knowing(path, path)

@@ -136,6 +136,27 @@ def test_motions_that_are_not_told_are_locked_and_that_is_said(read: Read) -> No
     assert {finding.property for finding in findings} == {knowrob("linearConstraint"), knowrob("angularConstraint")}
 
 
+def test_a_limit_that_is_not_told_is_nought_and_that_is_said(read: Read) -> None:
+    joint = constraint("slide", "a", "b").replace('k:limit "0.45"^^xsd:float ;', "")
+    world, (finding,) = read(room(body("a"), body("b"), joint))
+    assert world.constraints[0].linear == LinearMotion(x=Motion.LIMITED)
+    assert (finding.individual, finding.property) == (m("slide-linear"), knowrob("limit"))
+
+
+def test_a_constraint_without_pose_is_left_out_and_named(read: Read) -> None:
+    joint = constraint("slide", "a", "b").replace(" ; k:pose :slide-pose", "")
+    world, (error,) = read(room(body("a"), body("b"), joint))
+    assert world.constraints == ()
+    assert (error.severity, error.individual, error.property) == (Severity.ERROR, m("slide"), knowrob("pose"))
+
+
+def test_of_two_ends_the_first_counts(read: Read) -> None:
+    world, (finding,) = read(room(body("a"), body("b"), body("c"), constraint("slide", "a", "b", "k:child :c")))
+    assert world.constraints[0].child == "b"
+    assert world.constraints[0].facts == (Fact(knowrob("child"), Reference(m("c"))),)
+    assert finding.individual == m("slide")
+
+
 def test_one_motion_that_cannot_be_understood_is_locked_and_stays_a_fact(read: Read) -> None:
     joint = constraint("slide", "a", "b").replace("k:xMotion 1", "k:xMotion 7")
     world, findings = read(room(body("a"), body("b"), joint))

@@ -145,6 +145,7 @@ UNUSUAL = {
     "letters that XML escapes": world_of(replace(CUP, label="<&>\"' ]]> \t\r\n\r\n  ")),
     "letters from far away": world_of(replace(CUP, label="Küche 名 😀", iri=m("Küche"), id=BodyId("Küche"))),
     "a property with strange letters": world_of(replace(CUP, facts=(fact("http://e/größe", "1"),))),
+    "a name of which no prefix can be made": world_of(facts=(fact("http://e/_x#a", "1"), fact("http://e/xml#a", "1"))),
     "a shape": world_of(replace(CUP, shape=Shape())),
     "attached and joined": world_of(
         CUP,
@@ -281,6 +282,29 @@ def test_what_is_wrong_in_a_map_comes_back_wrong(name: str, read: Read, tmp_path
     assert_same(world, again.world("room"))
     assert again.world("room") == world
     assert set(again.findings()) == set(findings)
+
+
+def test_a_body_that_moved_away_from_a_shared_pose_gets_a_pose_of_its_own(read: Read, tmp_path: Path) -> None:
+    world, _ = read(room(body("x"), ":y a k:Cup ; k:describedInMap :room ; k:pose :x-pose ."))
+    x, y = world.bodies
+    moved = replace(world, bodies=(x, replace(y, pose=Pose((7.0, 8.0, 9.0)))))
+    save_map(moved, tmp_path / "out.ttl")
+    assert [thing.pose for thing in knowing(tmp_path / "out.ttl").world().bodies] == [
+        thing.pose for thing in moved.bodies
+    ]
+
+
+@pytest.mark.parametrize("position", [(1.0, 2.0, 3.0), (7.0, 8.0, 9.0)])
+def test_a_pose_without_name_of_which_more_is_told(
+    position: tuple[float, float, float], read: Read, tmp_path: Path
+) -> None:
+    pose = '[ k:translation "1 2 3" ; k:quaternion "1 0 0 0" ; e:measured true ]'
+    world, _ = read(room(f":x a k:Cup ; k:describedInMap :room ; k:pose {pose} ."))
+    moved = replace(world, bodies=(replace(world.bodies[0], pose=Pose(position)),))
+    save_map(moved, tmp_path / "out.ttl")
+    again = knowing(tmp_path / "out.ttl").world()
+    assert again.bodies[0].pose == Pose(position)
+    assert "measured" in str(again.bodies[0].facts)
 
 
 def test_ids_that_had_to_be_made_up_are_told_from_then_on(read: Read, tmp_path: Path) -> None:

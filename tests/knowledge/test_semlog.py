@@ -167,7 +167,7 @@ def test_a_body_without_name_is_a_body(read: Read) -> None:
 
 
 def test_statements_beyond_the_fields_are_facts(read: Read) -> None:
-    world, _ = read(
+    world, findings = read(
         room(
             body(
                 "cup",
@@ -184,7 +184,7 @@ def test_statements_beyond_the_fields_are_facts(read: Read) -> None:
         Fact(Iri(e + "length"), Literal("0.040", Iri(XSD + "float"))),
     )
     (cup,) = world.bodies
-    assert cup.label == "cup"
+    assert (cup.label, findings) == ("cup", ())
     assert set(cup.facts) == {
         Fact(Iri(RDFS + "label"), Literal("cup", language="en")),
         Fact(Iri(RDFS + "label"), Literal("Tasse", language="de")),

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-from mindstage.world import (
-    Fact,
-    Iri,
-    Literal,
-)
+from mindstage.knowledge import write_map
+from mindstage.world import Fact, Iri, Literal
 from tests.knowledge.maps import XSD, Read, body, knowrob, m, room
 
 
@@ -88,3 +85,18 @@ def test_superclasses_that_disagree_are_named(read: Read) -> None:
     )
     assert world.bodies[0].size == (1.0, 2.0, 3.0)
     assert any(knowrob("A") in finding.what and knowrob("B") in finding.what for finding in findings)
+
+
+def test_a_class_whose_extent_is_no_number_is_named(read: Read) -> None:
+    world, findings = read(room(body("cup"), sized("Cup", depth="wide", width=2, height=3)))
+    assert world.bodies[0].size is None
+    assert knowrob("Cup") in {finding.individual for finding in findings}
+
+
+def test_equal_classes_have_equal_sizes(read: Read) -> None:
+    text = room(body("cup"), "k:Mug owl:equivalentClass k:Cup .", sized("Mug", depth=1, width=2, height=3))
+    world, _ = read(text)
+    assert world.bodies[0].size == (1.0, 2.0, 3.0)
+    # Nothing needs to be said of the body itself, since the class goes into the same file.
+    assert "depthOfObject" in write_map(world)
+    assert write_map(world).count("depthOfObject") == 1

@@ -48,6 +48,7 @@ ONLY_TURTLE = {
         Fact(Iri("http://www.w3.org/1999/02/22-rdf-syntax-ns#about"), Reference(m("a"))),
         "about",
     ),
+    "a property of XML itself": (Fact(Iri("http://www.w3.org/2000/xmlns/a"), Literal("x")), "xmlns"),
     "a letter that XML forbids": (Fact(m("a"), Literal("bell: \x07")), "U\\+0007"),
 }
 
@@ -78,6 +79,13 @@ def test_another_suffix_is_refused(tmp_path: Path) -> None:
 def test_a_folder_that_is_not_there_is_refused(tmp_path: Path) -> None:
     with pytest.raises(MapUnwritable, match="No such file"):
         save_map(kitchenette(), tmp_path / "nowhere" / "map.owl")
+
+
+def test_a_folder_is_not_replaced(tmp_path: Path) -> None:
+    (tmp_path / "map.owl").mkdir()
+    with pytest.raises(MapUnwritable, match="directory"):
+        save_map(kitchenette(), tmp_path / "map.owl")
+    assert os.listdir(tmp_path) == ["map.owl"]
 
 
 def test_half_a_letter_is_refused_and_leaves_nothing_behind(tmp_path: Path) -> None:

@@ -52,7 +52,7 @@ def print_difference(found: Difference, delta: float, *, about: World) -> None:
         ],
     )
     for title, lines in (("Facts and tags only in A", found.lost), ("Facts and tags only in B", found.gained)):
-        _cut(title, ("id", "what is said"), [(line.id, _shown(line)) for line in lines])
+        _cut(title, ("id", "what is said"), [(_local(line.id), _shown(_brief(str(line)))) for line in lines])
     say(_verdict(found, delta))
 
 
@@ -61,6 +61,16 @@ def _cut(title: str, columns: Sequence[str], rows: Sequence[Sequence[Cell]]) -> 
     if rows:
         more = f" (the first {_MANY} of {len(rows)}; --json has all)" if len(rows) > _MANY else ""
         print_table(f"{title}{more}", columns, rows[:_MANY])
+
+
+def _local(iri: str) -> str:
+    return re.split("[#/]", iri.rstrip("#/"))[-1] if "://" in iri else iri
+
+
+def _brief(statement: str) -> str:
+    """A statement with the names of things cut down to their last part, as people say them."""
+    named = re.sub(r"<([^<>]*)>", lambda iri: iri[1] if iri[1].startswith("package:") else _local(iri[1]), statement)
+    return re.sub(r"\^\^\w+|\btype Restriction[;,. ]*", "", named)
 
 
 def _shown(value: object) -> str:

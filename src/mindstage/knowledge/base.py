@@ -10,7 +10,7 @@ from pathlib import Path
 import pyoxigraph as ox
 
 from mindstage.errors import MapAmbiguous, MapMissing, SourceUnreadable
-from mindstage.knowledge.bundled import bundled_ontology
+from mindstage.knowledge import bundled
 from mindstage.knowledge.census import Analysis, Census, analyse, census_of
 from mindstage.knowledge.dialects import read_world
 from mindstage.knowledge.excerpt import Excerpt
@@ -33,41 +33,40 @@ class KnowledgeBase:
 
     >>> from mindstage.knowledge import KnowledgeBase, bundled_kitchen
     >>> knowledge = KnowledgeBase()
-    >>> knowledge.load([bundled_kitchen()])
+    >>> knowledge.load(bundled_kitchen())
     >>> world = knowledge.world()
     """
 
     def __init__(self, *, bundled_ontology: bool = True) -> None:
         """Makes a knowledge base that knows nothing but, unless told otherwise, the bundled household ontology."""
         self._store = ox.Store()
-        self._bundled = bundled_ontology
         self._packages = Packages()
         self._sources: dict[Path, Source] = {}
         self._findings: dict[Finding, None] = {}
         self._told: dict[Path, tuple[Graph, Census]] = {}
         self._labels: set[str] = set()
         self._worlds: dict[Iri, World] = {}
+        if bundled_ontology:
+            self.load((), ontologies=bundled.bundled_ontology())
 
-    def load(self, paths: Iterable[StrPath], *, ontologies: Iterable[StrPath] = ()) -> None:
+    def load(self, paths: StrPath | Iterable[StrPath], *, ontologies: StrPath | Iterable[StrPath] = ()) -> None:
         """Reads files and all that they import, transitively and each once.
 
         An import that is not there, or cannot be read, is a finding; the rest is loaded. Nothing is ever fetched.
 
         Args:
-            paths: maps; several may be loaded, at once or one after the other, and stay apart.
+            paths: a map or several; more may follow later, and they stay apart.
             ontologies: files, `package://NAME/rest`, or folders of ROS packages that such names are looked up in.
 
         Raises:
             SourceUnreadable: one of the files cannot be read, for the reason it gives; nothing has changed then.
         """
-        entries = [os.fspath(entry) for entry in ontologies]
+        entries = _listed(ontologies)
         folders = [Path(entry) for entry in entries if not entry.startswith("package:") and Path(entry).is_dir()]
         packages = Packages([*self._packages.folders, *folders])
         files = [_found(entry, packages) for entry in entries if Path(entry) not in folders]
-        if self._bundled:
-            files.insert(0, bundled_ontology())
         loading = Loading(self._store, packages, dict(self._sources))
-        loading.run([_found(os.fspath(path), packages) for path in paths], files)
+        loading.run([_found(path, packages) for path in _listed(paths)], files)
         self._packages, self._sources = packages, loading.sources
         self._findings.update(dict.fromkeys(loading.findings))
         self._worlds.clear()
@@ -187,6 +186,10 @@ class KnowledgeBase:
 
     def _report(self, severity: Severity, individual: str, property: str, what: str, did: str) -> None:
         self._findings[Finding(severity, individual, property, what, did)] = None
+
+
+def _listed(paths: StrPath | Iterable[StrPath]) -> list[str]:
+    return [os.fspath(path) for path in ([paths] if isinstance(paths, str | os.PathLike) else paths)]
 
 
 def _found(entry: str, packages: Packages) -> Path:

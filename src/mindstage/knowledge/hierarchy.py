@@ -60,8 +60,6 @@ class ClassHierarchy:
 
     def most_specific(self, classes: Sequence[Iri]) -> Iri:
         """The first of the classes that has none of the others below it; in a circle, the first of all."""
-        for cls in classes:
-            others = (other for other in classes if other != cls)
-            if not any(self.is_a(other, cls) and not self.is_a(cls, other) for other in others):
-                return cls
-        return classes[0]
+        return next(
+            cls for cls in classes if not any(self.is_a(other, cls) and not self.is_a(cls, other) for other in classes)
+        )

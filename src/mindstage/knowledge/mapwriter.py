@@ -7,10 +7,9 @@ word stands under a name of our own (see `vocabulary`), and facts and resources 
 from __future__ import annotations
 
 import os
-from contextlib import suppress
 from enum import Enum
 from pathlib import Path
-from tempfile import NamedTemporaryFile
+from uuid import uuid4
 
 from mindstage.errors import MapUnwritable
 from mindstage.knowledge.blocks import sections_of
@@ -75,19 +74,10 @@ def save_map(world: World, path: str | os.PathLike[str]) -> None:
 
 def _replace(path: Path, content: bytes) -> None:
     # Beside the file, since only within one file system a file can take another's place at once.
-    with NamedTemporaryFile(dir=path.parent, prefix=f".{path.name}-", delete=False) as file:
-        try:
-            file.write(content)
-            file.close()
-            os.chmod(file.name, 0o666 & ~_umask())
-            os.replace(file.name, path)
-        except BaseException:
-            with suppress(OSError):
-                os.unlink(file.name)
-            raise
-
-
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask
+    beside = path.with_name(f".{path.name}-{uuid4().hex}")
+    try:
+        beside.write_bytes(content)
+        os.replace(beside, path)
+    except BaseException:
+        beside.unlink(missing_ok=True)
+        raise

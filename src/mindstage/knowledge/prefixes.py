@@ -19,6 +19,8 @@ __all__ = ["Names", "plain_name"]
 plain_name = re.compile(r"[A-Za-z_][A-Za-z0-9_-]*").fullmatch
 """Matches what may follow a prefix, or be a label, in XML and Turtle alike."""
 
+_XMLNS = "http://www.w3.org/2000/xmlns/"
+"""The one namespace that no prefix may stand for."""
 _START = (
     "A-Z_a-z\u00c0-\u00d6\u00d8-\u00f6\u00f8-\u02ff\u0370-\u037d\u037f-\u1fff\u200c-\u200d\u2070-\u218f"
     "\u2c00-\u2fef\u3001-\ud7ff\uf900-\ufdcf\ufdf0-\ufffd\U00010000-\U000effff"
@@ -64,7 +66,7 @@ class Names:
         self._prefix(map)
         for property in self._properties:
             match = _LAST_NAME.search(property)
-            if match and match.start():
+            if match and match.start() and property[: match.start()] != _XMLNS:
                 self._properties[property] = property[: match.start()], match[0]
                 self._prefix_namespace(property[: match.start()])
 
@@ -88,7 +90,7 @@ class Names:
             return
         last = re.split(r"[/:]", namespace.rstrip("#/:"))[-1].lower()
         name = "ms" if namespace == MS else re.sub(r"\.\w+$", "", last)
-        if not plain_name(name) or name.startswith("xml"):
+        if not plain_name(name) or name.startswith(("_", "xml")):
             name = "ns"
         taken = set(self.prefixes.values())
         candidates = (f"{name}{number}" for number in count(2))

@@ -82,6 +82,8 @@ class Heard:
             if found is None:
                 found = value
             elif value != found:
+                if word.often:
+                    continue
                 self.warn(word.property, "it is told twice, differently", "the first counts, the others stay facts")
                 continue
             if word.repeats(value, told) and not (keep and keep(value)):

@@ -82,6 +82,8 @@ class Word(Generic[T]):
     by_value: bool = False
     """Whether texts of its datatype that mean the same are the same statement."""
     datatype: Iri | None = None
+    often: bool = False
+    """Whether it is usual to tell it more than once, such as a label in each language."""
 
     def repeats(self, value: T, told: FactValue) -> bool:
         """Whether saying the value gives back what was told."""
@@ -108,7 +110,10 @@ def _text(property: Iri) -> Word[str]:
 
 
 def _label(property: Iri) -> Word[str]:
-    return Word(property, "a text", lambda value: value.text if isinstance(value, Literal) else None, Literal)
+    def understand(value: FactValue) -> str | None:
+        return value.text if isinstance(value, Literal) else None
+
+    return Word(property, "a text", understand, Literal, often=True)
 
 
 def _path(property: Iri) -> Word[str]:

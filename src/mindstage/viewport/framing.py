@@ -96,15 +96,13 @@ def frame_view(poses: Array, sizes: Array, things: NDArray[np.bool_], blockers: 
     seen = rows[np.linspace(0, len(rows) - 1, min(len(rows), _SEEN)).astype(int)]
     hiding = np.flatnonzero(blockers)
     hiding = hiding[np.argsort(-np.prod(sizes[hiding], axis=1))[:_BLOCKERS]]
-    best, best_score = None, -np.inf
-    for azimuth in np.arange(_DIRECTIONS) * 2 * np.pi / _DIRECTIONS:
-        away = _away(azimuth)
-        eye = middle + away * _distance(corners, away)
-        score = _visible(eye, poses, sizes, turn, seen, hiding)
-        score *= 1.0 + _SLANT_COUNTS * float(np.abs(np.sin(2 * (azimuth - _grain(turn[rows])))))
-        if score > best_score + 1e-9:
-            best, best_score = eye, score
-    return View(_vector(best), _vector(middle), _FIELD_OF_VIEW_RAD)
+    azimuths = np.arange(_DIRECTIONS) * 2 * np.pi / _DIRECTIONS
+    eyes = [middle + away * _distance(corners, away) for away in map(_away, azimuths)]
+    visible = np.array([_visible(eye, poses, sizes, turn, seen, hiding) for eye in eyes])
+    slant = np.abs(np.sin(2 * (azimuths - _grain(turn[rows]))))
+    # Rounded, so that of two views that are equally good it is always the first.
+    best = int(np.argmax(np.round(visible * (1.0 + _SLANT_COUNTS * slant), 6)))
+    return View(_vector(eyes[best]), _vector(middle), _FIELD_OF_VIEW_RAD)
 
 
 def _crowd(centres: Array, rows: NDArray[np.intp]) -> NDArray[np.intp]:
@@ -154,7 +152,6 @@ def _visible(
     return float(np.exp(-through / _MURK_M).sum())
 
 
-def _vector(array: Array | None) -> Vector:
-    assert array is not None
+def _vector(array: Array) -> Vector:
     x, y, z = array.tolist()
     return x, y, z

@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import io
 import socket
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stdout
 
@@ -17,6 +18,7 @@ __all__ = ["address", "serve", "shut_down"]
 _TRIES = 200
 """So many ports are tried, one after the other."""
 _PANEL_WIDTH_PX = 320.0
+_hushing = threading.Lock()
 
 
 class _Server(viser.ViserServer):
@@ -69,6 +71,7 @@ def _free_port(host: str, port: int) -> int:
 
 @contextmanager
 def _hushed() -> Iterator[None]:
-    # viser greets and says goodbye on stdout, where a program's own output belongs.
-    with redirect_stdout(io.StringIO()):
+    # viser greets and says goodbye on stdout, where a program's own output belongs. One at a time: two that overlap
+    # would put back each other's stdout.
+    with _hushing, redirect_stdout(io.StringIO()):
         yield

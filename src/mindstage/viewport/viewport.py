@@ -112,7 +112,7 @@ class Viewport:
             try:
                 self._follow()
             except Exception as error:  # whatever it is, the page goes on and says so
-                self._report(error)
+                self._panel.show_fault(self._report(error))
                 pause = _RETRY_S
             else:
                 self._panel.show_fault("")
@@ -143,6 +143,8 @@ class Viewport:
         notes = [note for report in self._stage.reports for note in report.notes]
         shells = {BodyId(id) for note in notes if note.kind is NoteKind.SHELL for id in note.ids}
         looks = decide_looks(described, self._stage.knowledge.ancestors, shells=shells)
+        # What came after this frame has no pose in it yet; the next frame will bring it.
+        looks = {id: looks[id] for id in frame.ids if id in looks}
         self._hands.learn(described)
         self._bodies = {body.id: body for body in described.bodies}
         self._holders = {hold.child: hold.parent for hold in described.attachments}
@@ -209,21 +211,24 @@ class Viewport:
         def run(event: Any) -> None:
             try:
                 react(event)
+            except MindstageError as error:
+                text = str(error)
             except Exception as error:
-                if not isinstance(error, MindstageError):
-                    self._report(error)
-                if event.client is not None:
-                    _toast(event.client, type(error).__name__, str(error))
+                text = self._report(error)
+            else:
+                return
+            if event.client is not None:
+                _toast(event.client, "That did not work", text)
 
         return run
 
-    def _report(self, error: Exception) -> None:
-        """Says on the page what is wrong, and once on stderr."""
-        text = f"{type(error).__name__}: {error}" if not isinstance(error, MindstageError) else str(error)
+    def _report(self, error: Exception) -> str:
+        """Says once on stderr what is wrong, and gives it in words."""
+        text = str(error) if isinstance(error, MindstageError) else f"{type(error).__name__}: {error}"
         if text not in self._reported:
             self._reported.add(text)
             _log.error("the viewport has a fault: %s", text, exc_info=error)
-        self._panel.show_fault(text)
+        return text
 
 
 def _as_described(now: World, worlds: Iterable[World]) -> World:

@@ -1,9 +1,10 @@
 """Names of one world found again in another: what a thing is called there does not matter, what it is does.
 
-Most things keep their name. A map that was written anew has a new name, and a label (`_:…`) means something only
-inside its own world. Labels are matched one to one: first by the place that they are mentioned at, then by
-everything that is said about them and with them. A match that is wrong can only show differences that are none; it
-cannot hide any, since all that is said is still compared under the names that were found.
+Most things keep their name. A map that was written anew has a new name, and so have the parts that it describes its
+things by, such as their poses. A label (`_:…`) means something only inside its own world. Labels are matched one to
+one: first by the place that they are mentioned at, then by everything that is said about them and with them. A match
+that is wrong can only show differences that are none; it cannot hide any, since all that is said is still compared
+under the names that were found.
 """
 
 from __future__ import annotations
@@ -15,7 +16,11 @@ from mindstage.world.comparison_facts import Forms
 from mindstage.world.facts import Anonymous, Fact, Iri, Reference, Resource
 from mindstage.world.values import Body, Constraint, Light, World
 
-__all__ = ["is_label", "same_names"]
+__all__ = ["is_label", "part_names", "same_names"]
+
+KNOWROB = "http://knowrob.org/kb/knowrob.owl#"
+PARTS = frozenset(KNOWROB + name for name in ("pose", "linearConstraint", "angularConstraint"))
+"""Who writes a map makes up a name for each of these; what they say stands in fields, and those are compared."""
 
 ROUNDS = 8
 """How far around a label one looks at most to tell it from others."""
@@ -39,16 +44,37 @@ def same_names(a: World, b: World, known: Iterable[tuple[str, str]], forms: Form
     Args:
         a: one world.
         b: the other.
-        known: names in a and b of the same thing.
+        known: names in a and b of the same thing; one that was given before is not given again.
         forms: the table that the statements of both are compared with.
     """
-    names = {theirs: mine for mine, theirs in known}
-    mine, theirs = _Labels(a), _Labels(b)
-    if mine.all or theirs.all:
-        _Matching(mine, theirs, names, forms).run()
-    for taken in set(names.values()).difference(names):
-        names[taken] = f"{taken} of b"  # no name holds a blank, so this one stands for nothing in a
+    names: dict[str, str] = {}
+    taken: set[str] = set()
+    for mine, theirs in known:
+        if mine not in taken and theirs not in names:
+            names[theirs] = mine
+            taken.add(mine)
+    labels_a, labels_b = _Labels(a), _Labels(b)
+    if labels_a.all or labels_b.all:
+        _Matching(labels_a, labels_b, names, forms).run()
+    for other in set(names.values()).difference(names):
+        names[other] = f"{other} of b"  # no name holds a blank, so this one stands for nothing in a
     return {theirs: mine for theirs, mine in names.items() if theirs != mine}
+
+
+def part_names(a: Iterable[Fact], b: Iterable[Fact]) -> Iterator[tuple[str, str]]:
+    """The names in a and b of the parts of one thing, where those are not the same."""
+    mine, theirs = _parts(a), _parts(b)
+    for property in sorted(mine.keys() & theirs.keys()):
+        if len(mine[property]) == len(theirs[property]) == 1 and mine[property] != theirs[property]:
+            yield mine[property][0], theirs[property][0]
+
+
+def _parts(facts: Iterable[Fact]) -> Mapping[str, list[str]]:
+    parts: dict[str, list[str]] = defaultdict(list)
+    for fact in facts:
+        if fact.property in PARTS and isinstance(fact.value, Reference):
+            parts[fact.property].append(fact.value.iri)
+    return parts
 
 
 def _statements(world: World) -> Iterator[tuple[Iri, Fact]]:

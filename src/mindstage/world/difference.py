@@ -28,7 +28,7 @@ from mindstage.world.comparison_fields import (
     columns,
     material_columns,
 )
-from mindstage.world.comparison_names import is_label, same_names
+from mindstage.world.comparison_names import is_label, part_names, same_names
 from mindstage.world.comparison_pairs import Pairs, pair_bodies, pair_constraints, pair_lights
 from mindstage.world.comparison_statements import Statements
 from mindstage.world.facts import Fact
@@ -173,6 +173,9 @@ class _Comparison:
         yield self.a.iri, self.b.iri
         for pairs in self.things:
             yield from ((x.iri, y.iri) for x, y in pairs.same() if x.iri != y.iri or is_label(x.iri))
+        for pairs in self.things:
+            for x, y in pairs.same():
+                yield from part_names(x.facts, y.facts)
 
     def _fields(self) -> Iterator[Change]:
         bodies, constraints, lights = self.bodies, self.constraints, self.lights
