@@ -39,7 +39,7 @@ def position(stage: Stage, id: str) -> np.ndarray:
 
 def test_the_kitchen_is_drawn_and_described(viewport: Viewport, visit: Visiting) -> None:
     visitor = visit(viewport)
-    assert visitor.colours() > 200
+    wait_until(lambda: visitor.colours() > 200, "there is much to see")
     assert visitor.says("8 bodies")
     assert visitor.says("null")
     assert visitor.says("paused")

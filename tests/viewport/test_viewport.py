@@ -209,6 +209,25 @@ def test_a_fault_is_said_on_the_page_and_once_on_stderr_and_is_got_over(
     assert told[0].exc_info is not None
 
 
+def test_a_defect_in_a_reaction_is_told_to_the_visitor_and_once_on_stderr(
+    viewport: Viewport, caplog: pytest.LogCaptureFixture
+) -> None:
+    toasts: list[tuple[str, ...]] = []
+
+    class Event:
+        class client:  # noqa: N801
+            add_notification = staticmethod(lambda title, text, **_: toasts.append((title, text)))
+
+    def break_down(event: object) -> None:
+        raise KeyError("Cupp")
+
+    with caplog.at_level(logging.ERROR):
+        for _ in range(2):
+            viewport._guarded(break_down)(Event())
+    assert toasts == [("That did not work", "KeyError: 'Cupp'")] * 2
+    assert len(caplog.records) == 1
+
+
 def test_a_stage_that_closes_first_is_said_on_the_page(stage: Stage, viewport: Viewport) -> None:
     wait_until(lambda: shown(viewport, "Mug"), "the kitchen is shown")
     stage.close()
