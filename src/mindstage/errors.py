@@ -10,7 +10,13 @@
     │   ├── SourceUnreadable    no such file, or not what its format promises
     │   ├── MapMissing          no semantic map where one was asked for
     │   ├── MapAmbiguous        several maps, and nobody said which
-    │   └── MapUnwritable       a world holds what no map file can, or the file cannot be written
+    │   ├── MapUnwritable       a world holds what no map file can, or the file cannot be written
+    │   ├── NameUnknown         nothing of that kind has the name
+    │   ├── NameAmbiguous       several things have the name
+    │   ├── QuestionUnknown     no question is called so
+    │   ├── ArgumentRefused     a question, or what it is told, has no such form
+    │   ├── QueryRefused        it is no SPARQL query
+    │   └── QueryTimedOut       a SPARQL query did not end in time
     ├── EngineError             the engine itself broke (exit code 2)
     │   ├── EngineUnavailable   it is not installed, or cannot be reached
     │   ├── EngineClosed        it was closed before the call
@@ -28,6 +34,7 @@ from collections.abc import Iterable, Sequence
 from difflib import get_close_matches
 
 __all__ = [
+    "ArgumentRefused",
     "AttachmentRefused",
     "BodyExists",
     "BodyUnknown",
@@ -39,7 +46,12 @@ __all__ = [
     "MapMissing",
     "MapUnwritable",
     "MindstageError",
+    "NameAmbiguous",
+    "NameUnknown",
     "PoseUnreachable",
+    "QueryRefused",
+    "QueryTimedOut",
+    "QuestionUnknown",
     "SimulationUnstable",
     "SourceUnreadable",
     "StageError",
@@ -166,6 +178,84 @@ class MapUnwritable(KnowledgeError):
         return f"cannot write {self.what}: {self.cause}{remedy}"
 
 
+class NameUnknown(KnowledgeError):
+    """Nothing of that kind is called so."""
+
+    def __init__(self, name: str, *, kind: str, known: Iterable[str] = ()) -> None:
+        self.name = name
+        self.kind = kind
+        self.near = _near(name.rpartition("#")[2].rpartition(":")[2], known)
+        super().__init__(name)
+
+    def __str__(self) -> str:
+        near = f"; near: {', '.join(map(repr, self.near))}" if self.near else ""
+        return f"no {self.kind} {self.name!r} is known{near}"
+
+
+class NameAmbiguous(KnowledgeError):
+    """Several things are called so, or are of the class that stands for its only individual."""
+
+    def __init__(self, name: str, *, kind: str, known: Sequence[str]) -> None:
+        self.name = name
+        self.kind = kind
+        self.known = tuple(known)
+        super().__init__(name)
+
+    def __str__(self) -> str:
+        shown = ", ".join(self.known[:5]) + (" …" if len(self.known) > 5 else "")
+        return f"{self.name!r} may be any of {len(self.known)} {self.kind} names: {shown}; give one of them whole"
+
+
+class QuestionUnknown(KnowledgeError):
+    """There is no question of that name."""
+
+    def __init__(self, question: str, *, known: Iterable[str]) -> None:
+        self.question = question
+        self.known = tuple(known)
+        self.near = _near(question, self.known)
+        super().__init__(question)
+
+    def __str__(self) -> str:
+        hint = f"near: {', '.join(map(repr, self.near))}" if self.near else f"there is {', '.join(self.known)}"
+        return f"no question {self.question!r}; {hint}"
+
+
+class ArgumentRefused(KnowledgeError):
+    """A question has no such argument, or cannot take that value; or what was to be told makes no statement."""
+
+    def __init__(self, what: str, *, cause: str, remedy: str = "") -> None:
+        self.what = what
+        self.cause = cause
+        self.remedy = remedy
+        super().__init__(what)
+
+    def __str__(self) -> str:
+        remedy = f"; {self.remedy}" if self.remedy else ""
+        return f"{self.what}: {self.cause}{remedy}"
+
+
+class QueryRefused(KnowledgeError):
+    """The text is no SPARQL 1.1 query, or asks for what is not there, such as another server."""
+
+    def __init__(self, cause: str) -> None:
+        self.cause = cause
+        super().__init__(cause)
+
+    def __str__(self) -> str:
+        return f"the query cannot be answered: {self.cause}; it must be a SELECT, ASK, CONSTRUCT or DESCRIBE of SPARQL 1.1"
+
+
+class QueryTimedOut(KnowledgeError):
+    """A SPARQL query did not end in time."""
+
+    def __init__(self, *, timeout_s: float) -> None:
+        self.timeout_s = timeout_s
+        super().__init__(timeout_s)
+
+    def __str__(self) -> str:
+        return f"the query did not end within {self.timeout_s:g} s; ask for less (LIMIT), or give it more time"
+
+
 class EngineError(MindstageError):
     """The reason lies in the engine, not in the world it runs."""
 
@@ -235,3 +325,8 @@ class ViewportUnavailable(MindstageError):
     def __str__(self) -> str:
         where = f"{self.host}, port {self.port}"
         return f"the page cannot be served at {where}: {self.cause}; try 127.0.0.1 or another port"
+
+
+def _near(name: str, known: Iterable[str]) -> tuple[str, ...]:
+    by_small = {each.lower(): each for each in known}
+    return tuple(by_small[small] for small in get_close_matches(name.lower(), list(by_small), n=3, cutoff=0.6))

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mindstage.engines.hollow import Content, hollow_out
+from mindstage.engines.hollow import hollow_out
 from mindstage.engines.overlap import Boxes, contains, depths, neighbours
 from mindstage.world.geometry import compose, unit
 
@@ -86,13 +86,13 @@ def inside(plates: list[tuple[np.ndarray, np.ndarray]], low: np.ndarray, high: n
 
 @pytest.mark.parametrize("turn", [(1.0, 0, 0, 0), (0.0, 0, 0, 1.0), (0.7071067811865476, 0, 0, 0.7071067811865476)])
 def test_contents_get_walls_around_and_a_floor_under_each_level(turn: tuple[float, ...]) -> None:
-    fridge = np.array([3.0, 2.0, 0.9, *turn])
-    size = np.array([0.6, 0.6, 1.8])
+    fridge, size = np.array([3.0, 2.0, 0.9, *turn]), np.array([0.6, 0.6, 1.8])
     local = [np.array([0.1, 0.1, -0.7, 1, 0, 0, 0]), np.array([0.0, -0.1, 0.2, 1, 0, 0, 0])]
     sizes = [np.array([0.1, 0.1, 0.2]), np.array([0.08, 0.08, 0.3])]
-    contents = [Content(compose(fridge, place), extent) for place, extent in zip(local, sizes, strict=True)]
+    placed = [compose(fridge, place) for place in local]
+    boxes = Boxes.of(np.array([fridge, *placed]), np.array([size, *sizes]))
     front = compose(fridge, np.array([0.32, 0, 0, 1, 0, 0, 0]))[:3]
-    hollow = hollow_out(fridge, size, contents, [front])
+    hollow = hollow_out(boxes, 0, [1, 2], [front])
     plates = [(np.array(plate.centre), np.array(plate.size)) for plate in hollow.plates]
     assert hollow.opening == "to the front"
     for place, extent in zip(local, sizes, strict=True):
@@ -106,15 +106,13 @@ def test_contents_get_walls_around_and_a_floor_under_each_level(turn: tuple[floa
 
 
 def test_without_a_door_the_top_is_open() -> None:
-    bowl = np.array([0, 0, 0.05, 1.0, 0, 0, 0])
-    apple = Content(np.array([0, 0, 0.05, 1.0, 0, 0, 0]), np.array([0.07, 0.07, 0.07]))
-    assert hollow_out(bowl, np.array([0.3, 0.3, 0.1]), [apple], []).opening == "to the top"
+    bowl_and_apple = boxes_of((0, 0, 0.05, *UPRIGHT, 0.3, 0.3, 0.1), (0, 0, 0.05, *UPRIGHT, 0.07, 0.07, 0.07))
+    assert hollow_out(bowl_and_apple, 0, [1], []).opening == "to the top"
 
 
 def test_what_stands_on_other_contents_gets_no_floor_of_its_own() -> None:
-    drawer = np.array([0, 0, 0, 1.0, 0, 0, 0])
-    plate = Content(np.array([0, 0, -0.06, 1.0, 0, 0, 0]), np.array([0.2, 0.2, 0.02]))
-    cup = Content(np.array([0, 0, 0.0, 1.0, 0, 0, 0]), np.array([0.08, 0.08, 0.1]))
-    hollow = hollow_out(drawer, np.array([0.5, 0.5, 0.2]), [plate, cup], [])
+    drawer, plate = (0, 0, 0, *UPRIGHT, 0.5, 0.5, 0.2), (0, 0, -0.06, *UPRIGHT, 0.2, 0.2, 0.02)
+    cup = (0, 0, 0.0, *UPRIGHT, 0.08, 0.08, 0.1)
+    hollow = hollow_out(boxes_of(drawer, plate, cup), 0, [1, 2], [])
     floors = [p for p in hollow.plates if p.size[0] > 0.4 and p.size[1] > 0.4]
     assert len(floors) == 1

@@ -193,6 +193,7 @@ def test_a_list_of_a_thousand_items_comes_back_in_pieces(format: MapFormat, fold
 # -- maps --------------------------------------------------------------------------------------------------------------
 
 RDF_TYPE = "http://www.w3.org/1999/02/22-rdf-syntax-ns#type"
+OF_NUMBERS = {knowrob("translation"), knowrob("quaternion"), "http://mindstage.org/ontology#colour"}
 NUMERIC = {XSD + name for name in ("float", "double", "decimal", "integer")}
 
 
@@ -206,9 +207,7 @@ def statements(path: Path) -> ox.Dataset:
     said = ox.Dataset()
     for quad in quads(path):
         term = quad.object
-        if isinstance(term, ox.Literal) and (
-            term.datatype.value in NUMERIC or quad.predicate.value in (knowrob("translation"), knowrob("quaternion"))
-        ):
+        if isinstance(term, ox.Literal) and (term.datatype.value in NUMERIC or quad.predicate.value in OF_NUMBERS):
             with suppress(ValueError):
                 numbers = " ".join(repr(float(number)) for number in term.value.split())
                 term = ox.Literal(numbers, datatype=term.datatype)

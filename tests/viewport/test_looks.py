@@ -176,13 +176,16 @@ def test_a_lamp_up_there_is_drawn_from_below_only() -> None:
     assert look_of(replace(lamp, pose=Pose((0.0, 0.0, 0.3))), *things).form is Form.BOX
 
 
-def test_the_door_of_a_room_is_seen_through_and_that_of_a_cupboard_is_not() -> None:
+def test_the_door_of_a_room_is_drawn_like_its_wall_and_that_of_a_cupboard_is_not() -> None:
     wall = body("wall", "Wall", (0.0, 0.0, 1.2), (0.1, 1.0, 2.4))
     door = body("door", "Door", (0.0, 1.0, 1.0), (0.04, 0.9, 2.0), loose=True)
-    look = looks_of(wall, door, joints=(("wall", "door"),))[BodyId("door")]
-    assert look.building
-    assert look.paint.opacity < 0.5
-    assert not look_of(door).building
+    latch = body("latch", "Handle", (0.0, 1.4, 1.0), (0.1, 0.12, 0.02))
+    table = body("table", "Table", (2.0, 0.0, 0.4), (1.0, 1.0, 0.8))
+    looks = looks_of(wall, door, latch, table, joints=(("wall", "door"),), holds=(("door", "latch"),))
+    look = looks[BodyId("door")]
+    assert (look.form, look.openings, look.building) == (Form.INSIDE, ((0, 1),), True)
+    assert (look_of(door).form, look_of(door).building) == (Form.BOX, False)
+    assert looks[BodyId("latch")].form is Form.BOX, "by its handle it can be opened from outside, too"
 
 
 def test_what_the_engine_calls_a_shell_is_an_outline() -> None:

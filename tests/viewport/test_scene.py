@@ -11,7 +11,7 @@ import pytest
 from msgspec.structs import replace
 
 from mindstage.viewport.framing import View
-from mindstage.viewport.looks import Look, decide_looks
+from mindstage.viewport.looks import Form, Look, decide_looks
 from mindstage.viewport.palette import Paint
 from mindstage.viewport.scene import Scene, moved
 from mindstage.world import BodyId, World
@@ -130,6 +130,15 @@ def test_every_body_is_drawn_once_where_it_is(server: Server, scene: Scene) -> N
 
 def test_everything_but_the_building_answers_to_the_mouse(scene: Scene, prepared: list[tuple[str, bool]]) -> None:
     assert dict(prepared) == {id: id in ("Mug", "Drawer") for id in IDS if id != "Floor"}
+
+
+def test_what_is_drawn_from_one_side_only_does_not_catch_the_mouse(
+    scene: Scene, prepared: list[tuple[str, bool]]
+) -> None:
+    prepared.clear()
+    one_sided = replace(LOOKS[BodyId("Mug")], form=Form.INSIDE, openings=((0, 1),))
+    show(scene, looks={**LOOKS, BodyId("Mug"): one_sided})
+    assert prepared == []
 
 
 def test_only_what_moved_is_sent(server: Server, scene: Scene) -> None:

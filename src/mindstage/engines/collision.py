@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mindstage.engines.contract import Note, NoteKind
-from mindstage.engines.hollow import Content, Plate, hollow_out
+from mindstage.engines.hollow import Plate, hollow_out
 from mindstage.engines.overlap import Boxes, contains, depths, neighbours
 from mindstage.world import BodyId
 from mindstage.world.geometry import Array
@@ -200,9 +200,7 @@ def _hollow(
     old = np.array([i for i, other in enumerate(scene.ids) if other in before], dtype=np.intp) if before else inner[:0]
     still = [int(i) for i in old if contains(boxes, np.array([outer]), np.array([i]), share=0.8)[0]]
     inside = sorted({*inner, *still})
-    hollow = hollow_out(
-        scene.poses[outer], scene.sizes[outer], [Content(scene.poses[i], scene.sizes[i]) for i in inside], fronts
-    )
+    hollow = hollow_out(boxes, outer, inside, fronts)
     names = tuple(scene.ids[i] for i in inside)
     collisions.hollows[id] = hollow.plates
     collisions.contents[id] = names

@@ -11,10 +11,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mindstage.engines.overlap import Boxes
 from mindstage.world import Vector
-from mindstage.world.geometry import Array, conjugate, rotate, rotation_matrix
+from mindstage.world.geometry import Array
 
-__all__ = ["Content", "Hollow", "Plate", "hollow_out"]
+__all__ = ["Hollow", "Plate", "hollow_out"]
 
 _WALL_M = 0.015
 _THINNEST_M = 0.001
@@ -24,16 +25,6 @@ _LEVEL_M = 0.004
 """Contents whose undersides differ by less stand on one level."""
 _SIDES = ("to the back", "to the front", "to the right", "to the left", "to the bottom", "to the top")
 """Of the body's own axes: x backwards and forwards, y, z."""
-
-
-@dataclass(frozen=True, slots=True)
-class Content:
-    """Something inside."""
-
-    pose: Array
-    """Seven numbers, in the world."""
-    size: Array
-    """Three numbers [m]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,45 +46,41 @@ class Hollow:
     """Where one reaches in, in words."""
 
 
-def hollow_out(pose: Array, size: Array, contents: Sequence[Content], fronts: Sequence[Array]) -> Hollow:
+def hollow_out(boxes: Boxes, outer: int, inner: Sequence[int], fronts: Sequence[Array]) -> Hollow:
     """Walls, an opening and floors for a box with contents.
 
     Args:
-        pose: of the box, seven numbers, unit quaternion.
-        size: its extents [m].
-        contents: what is inside.
+        boxes: all boxes there are.
+        outer: the one to be made hollow.
+        inner: those inside.
         fronts: centres, in the world, of what closes it (doors): each opens the side that it is nearest to.
             Without any, the top is open.
     """
-    half = size / 2
-    back = conjugate(pose[3:])
-    low, high = _extents(pose, contents)
-    up = rotate(back, [0.0, 0.0, 1.0])
+    half, turn = boxes.half[outer], boxes.rotation[outer]
+    low, high = _extents(boxes, outer, inner)
+    up = turn[2]
     vertical = int(np.argmax(np.abs(up)))
     top = 2 * vertical + (1 if up[vertical] > 0 else 0)
-    sides = {_side_towards(rotate(back, front - pose[:3]), half) for front in fronts} - {top ^ 1}
+    sides = {_side_towards((front - boxes.centre[outer]) @ turn, half) for front in fronts} - {top ^ 1}
     opening = sides or {top}
-    inner = _inner(half, low, high)
+    room = _room(half, low, high)
     plates = [
-        _plate(half, side // 2, *_wall_range(side, half, inner))
+        _plate(half, side // 2, *_wall_range(side, half, room))
         for side in range(6)
         if side not in opening and side // 2 != vertical
     ]
     if top not in opening:
-        plates.append(_plate(half, vertical, *_wall_range(top, half, inner)))
+        plates.append(_plate(half, vertical, *_wall_range(top, half, room)))
     plates += _floors(half, vertical, up[vertical] > 0, low, high)
     words = " and ".join(_SIDES[side] for side in sorted(opening))
     return Hollow(tuple(plate for plate in plates if min(plate.size) > 0.0), words)
 
 
-def _extents(pose: Array, contents: Sequence[Content]) -> tuple[Array, Array]:
-    """Lower and upper corners of the contents, each n x 3, in the frame of the box."""
-    back = conjugate(pose[3:])
-    poses = np.array([content.pose for content in contents])
-    sizes = np.array([content.size for content in contents])
-    centre = rotate(back, poses[:, :3] - pose[:3])
-    turn = np.abs(rotation_matrix(back) @ rotation_matrix(poses[:, 3:]))
-    reach = np.einsum("nij,nj->ni", turn, sizes / 2)
+def _extents(boxes: Boxes, outer: int, inner: Sequence[int]) -> tuple[Array, Array]:
+    """Lower and upper corners of the inner boxes, each n x 3, in the frame of the outer one."""
+    turn, inside = boxes.rotation[outer], list(inner)
+    centre = (boxes.centre[inside] - boxes.centre[outer]) @ turn
+    reach = np.einsum("nij,nj->ni", np.abs(turn.T @ boxes.rotation[inside]), boxes.half[inside])
     return centre - reach, centre + reach
 
 
@@ -104,19 +91,19 @@ def _side_towards(point: Array, half: Array) -> int:
     return 2 * axis + int(point[axis] > 0)
 
 
-def _inner(half: Array, low: Array, high: Array) -> tuple[Array, Array]:
+def _room(half: Array, low: Array, high: Array) -> tuple[Array, Array]:
     """The room between the walls: as wide as the contents need, no wall thicker than usual."""
     usual = half - np.minimum(_WALL_M, half / 5)
     return np.minimum(-usual, low.min(axis=0) - _CLEARANCE_M), np.maximum(usual, high.max(axis=0) + _CLEARANCE_M)
 
 
-def _wall_range(side: int, half: Array, inner: tuple[Array, Array]) -> tuple[float, float]:
+def _wall_range(side: int, half: Array, room: tuple[Array, Array]) -> tuple[float, float]:
     """From where to where a wall goes along its own axis; the two are equal where there is no room for one."""
     axis = side // 2
     if side % 2:
-        start, end = float(inner[1][axis]), float(half[axis])
+        start, end = float(room[1][axis]), float(half[axis])
     else:
-        start, end = float(-half[axis]), float(inner[0][axis])
+        start, end = float(-half[axis]), float(room[0][axis])
     return (start, end) if end - start >= _THINNEST_M else (start, start)
 
 

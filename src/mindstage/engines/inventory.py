@@ -8,9 +8,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
+from math import isfinite
 
 import msgspec
-import numpy as np
 
 from mindstage.engines.contract import Failure, Note, SpawnReport
 from mindstage.errors import AttachmentRefused, BodyExists, BodyUnknown, PoseUnreachable
@@ -272,7 +272,7 @@ class Inventory:
 
 def placeable(pose: Pose) -> str:
     """Why nothing can be put at that pose, or an empty string."""
-    if not np.isfinite((*pose.position, *pose.quaternion)).all():
+    if not all(map(isfinite, (*pose.position, *pose.quaternion))):
         return "its pose has numbers that are not finite"
     if not any(pose.quaternion):
         return "its quaternion is all zeros, which is no rotation"
@@ -281,10 +281,10 @@ def placeable(pose: Pose) -> str:
 
 def _why_not_size(body: Body) -> str:
     size = body.size
-    if size is not None and not (np.isfinite(size).all() and min(size) >= 0.0):
+    if size is not None and not (all(map(isfinite, size)) and min(size) >= 0.0):
         return f"its size {size} is not three finite lengths"
     mass = body.physics.mass_kg
-    if mass is not None and not (np.isfinite(mass) and mass >= 0.0):
+    if mass is not None and not (isfinite(mass) and mass >= 0.0):
         return f"its mass {mass} is not a finite mass"
     return ""
 
@@ -292,6 +292,6 @@ def _why_not_size(body: Body) -> str:
 def _why_not_limits(constraint: Constraint) -> str:
     angular = constraint.angular
     limits = (constraint.linear.limit, angular.swing1_limit, angular.swing2_limit, angular.twist_limit)
-    if not (np.isfinite(limits).all() and min(limits) >= 0.0):
+    if not (all(map(isfinite, limits)) and min(limits) >= 0.0):
         return f"its limits {limits} are not all finite and positive"
     return ""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator
 from functools import cached_property
 from pathlib import Path
 
@@ -11,17 +11,19 @@ import pyoxigraph as ox
 
 from mindstage.errors import MapAmbiguous, MapMissing, SourceUnreadable
 from mindstage.knowledge import bundled
-from mindstage.knowledge.census import Analysis, Census, analyse, census_of
+from mindstage.knowledge.analysis import Analysis, analyse
+from mindstage.knowledge.census import Census, census_of, without_strangers
 from mindstage.knowledge.dialects import read_world
 from mindstage.knowledge.excerpt import Excerpt
 from mindstage.knowledge.findings import Finding, Severity
-from mindstage.knowledge.graph import Graph, graph_of
+from mindstage.knowledge.graph import Graph, graph_of, united
 from mindstage.knowledge.hierarchy import ClassHierarchy
 from mindstage.knowledge.loading import Loading, Source
 from mindstage.knowledge.names import local_name
+from mindstage.knowledge.nesting import nested
 from mindstage.knowledge.packages import Packages
 from mindstage.knowledge.vocabulary import EQUIVALENT_CLASS, SUBCLASS_OF
-from mindstage.world import Fact, Iri, World
+from mindstage.world import Iri, World
 
 __all__ = ["KnowledgeBase"]
 
@@ -74,7 +76,7 @@ class KnowledgeBase:
 
     def maps(self) -> tuple[Iri, ...]:
         """The maps that are loaded, in the order of their sources."""
-        found = (map for source in self._map_sources() for map in self._tells(source)[1].residents)
+        found = (map for source in self._map_sources() for map in self._tells(source)[1])
         return tuple(dict.fromkeys(found))
 
     def world(self, map: str | None = None) -> World:
@@ -93,9 +95,9 @@ class KnowledgeBase:
             self._worlds[iri] = read_world(
                 Excerpt(
                     map=iri,
-                    graph=graph,
-                    census=census,
-                    background=self._background(),
+                    graph=nested(without_strangers(graph, iri, census)),
+                    members=census[iri],
+                    background=[nested(self._tells(source)[0]) for source in self._background()],
                     hierarchy=self._hierarchy,
                     report=self._report,
                 )
@@ -110,7 +112,8 @@ class KnowledgeBase:
             MapAmbiguous: nobody said which one of several, or several have that local name.
         """
         iri = self._chosen(map)
-        return analyse(iri, *self._told_of(iri), self._hierarchy)
+        graph, census = self._told_of(iri)
+        return analyse(iri, graph, census[iri], self._hierarchy)
 
     def findings(self) -> tuple[Finding, ...]:
         """What was odd in the sources so far; loading and reading worlds adds to it."""
@@ -161,10 +164,10 @@ class KnowledgeBase:
     def _told_of(self, map: Iri) -> tuple[Graph, Census]:
         """What the sources of a map say: those that tell of it, and those given as maps that tell of none at all."""
         told = [self._tells(source) for source in self._map_sources()]
-        told = [(graph, census) for graph, census in told if map in census.residents or not census.residents]
+        told = [(graph, census) for graph, census in told if map in census or not census]
         if len(told) == 1:
             return told[0]
-        graph = _united([graph for graph, _ in told])
+        graph = united([graph for graph, _ in told])
         return graph, census_of(graph)
 
     def _tells(self, source: Source) -> tuple[Graph, Census]:
@@ -179,10 +182,10 @@ class KnowledgeBase:
             self._told[path] = graph, census_of(graph)
         return self._told[path]
 
-    def _background(self) -> Mapping[Iri, Sequence[Fact]]:
-        """Classes of ontologies that tell sizes, exactly as they tell them."""
-        ontologies = [source for source in self._sources.values() if source.has_sizes]
-        return _united([self._tells(source)[0] for source in ontologies if not (source.asked_for or source.has_maps)])
+    def _background(self) -> Iterator[Source]:
+        """Ontologies that tell sizes; the sources of maps speak for themselves."""
+        maps = self._map_sources()
+        return (source for source in self._sources.values() if source.has_sizes and source not in maps)
 
     def _report(self, severity: Severity, individual: str, property: str, what: str, did: str) -> None:
         self._findings[Finding(severity, individual, property, what, did)] = None
@@ -203,12 +206,3 @@ def _found(entry: str, packages: Packages) -> Path:
         folders = ", ".join(map(str, packages.folders)) or "none; give one as an ontology"
         raise SourceUnreadable(entry, cause=f"no folder of packages has it; searched: {folders}")
     return path
-
-
-def _united(graphs: Sequence[Graph]) -> Graph:
-    """What several sources say together, each statement once."""
-    told: dict[Iri, dict[Fact, None]] = {}
-    for graph in graphs:
-        for subject, facts in graph.items():
-            told.setdefault(subject, {}).update(dict.fromkeys(facts))
-    return {subject: list(facts) for subject, facts in told.items()}

@@ -16,9 +16,9 @@ from mindstage.knowledge import words
 from mindstage.knowledge.body_sizes import say_size
 from mindstage.knowledge.census import types_of
 from mindstage.knowledge.findings import Severity
-from mindstage.knowledge.graph import NESTING
 from mindstage.knowledge.materials import say_materials
 from mindstage.knowledge.names import local_name, part_name
+from mindstage.knowledge.nesting import NESTING
 from mindstage.knowledge.parts import ANGULAR_PART, LINEAR_PART, POSE_PART, Part
 from mindstage.knowledge.sizes import class_sizes_of
 from mindstage.knowledge.statements import Heard, Said
@@ -170,7 +170,7 @@ class _Writing:
         said.add(TYPE, NAMED_INDIVIDUAL)
         said.add(TYPE, SEMANTIC_MAP)
         name = local_name(world.iri)
-        says_name = world.name != name or said.told(words.LABEL_WORD) is not None
+        says_name = world.name != name or said.told(words.LABEL_WORD) == name
         said.value(words.LABEL_WORD, world.name if says_name else None)
         return Block(world.iri, said.everything(), f"Semantic Map {world.name}")
 
@@ -238,7 +238,7 @@ class _Writing:
     def _part(self, said: Said, whole: Body | Constraint | Light, part: Part[T], value: T) -> Iterable[Block]:
         """Says a part, under the name that the facts have for it if nothing else stands under that name."""
         told = next((fact.value for fact in whole.facts if fact.property == part.property), None)
-        if isinstance(told, Anonymous) and part.read(Heard(whole.iri, told.facts, _silent)) == value:
+        if isinstance(told, Anonymous) and part.read(Heard(whole.iri, told.facts, _silent, is_part=True)) == value:
             return ()
         name = told.iri if isinstance(told, Reference) and told.iri not in self.own else None
         if name in self.parts:

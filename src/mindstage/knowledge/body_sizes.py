@@ -25,6 +25,8 @@ def hear_size(heard: Heard, classes: tuple[Iri, ...], *, known: ClassSizes, reso
         resources: what the classes among the world's resources say.
     """
     if any(heard.is_untold(word.property) for word in SIZE):
+        if None not in _filled(heard, resources.of(classes)):
+            heard.take_mark(SIZE[0].property)
         return None
     own = [heard.value(word, keep=lambda _: True) for word in SIZE]
     x, y, z = (inherited if told is None else told for told, inherited in zip(own, known.of(classes), strict=True))
@@ -50,10 +52,10 @@ def say_size(said: Said, classes: tuple[Iri, ...], size: Vector | None, resource
             said.value(word, extent)
 
 
-def _filled(said: Said, inherited: Axes) -> Axes:
-    """What a reader would find if nothing more were said."""
+def _filled(thing: Said | Heard, inherited: Axes) -> Axes:
+    """What a reader would find if nothing more were said, and no mark were set."""
     x, y, z = (
         given if told is None else told
-        for told, given in zip((said.told(word) for word in SIZE), inherited, strict=True)
+        for told, given in zip((thing.told(word) for word in SIZE), inherited, strict=True)
     )
     return x, y, z

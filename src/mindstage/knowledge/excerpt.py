@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
-from mindstage.knowledge.census import Census
 from mindstage.knowledge.findings import Report
 from mindstage.knowledge.graph import Graph
 from mindstage.knowledge.hierarchy import ClassHierarchy
-from mindstage.world import Fact, Iri
+from mindstage.world import Iri
 
 __all__ = ["Excerpt"]
 
@@ -20,11 +19,11 @@ class Excerpt:
 
     map: Iri
     graph: Graph
-    """What the map's sources say."""
-    census: Census
-    """Who lives in which map, as the graph tells."""
-    background: Mapping[Iri, Sequence[Fact]]
-    """What ontologies say about sizes, by class."""
+    """What the map's sources say, nested, but for what belongs to other maps."""
+    members: Sequence[Iri]
+    """The individuals that are described in the map."""
+    background: Sequence[Graph]
+    """Ontologies that say something about sizes."""
     hierarchy: ClassHierarchy
     """All that is known about classes."""
     report: Report

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from mindstage.knowledge import words
-from mindstage.knowledge.graph import sorted_facts
+from mindstage.knowledge.nesting import sorted_facts
 from mindstage.knowledge.statements import Heard, Said
 from mindstage.knowledge.vocabulary import MATERIAL
 from mindstage.world import Anonymous, Fact, FactValue, Material
@@ -41,7 +41,7 @@ def say_materials(said: Said, materials: Sequence[Material]) -> None:
 def _material(heard: Heard, value: FactValue) -> tuple[int, Material] | None:
     if not isinstance(value, Anonymous):
         return None
-    node = Heard(heard.subject, value.facts, heard.report)
+    node = Heard(heard.subject, value.facts, heard.report, is_part=True)
     number, name = node.value(words.INDEX), node.value(words.MATERIAL_NAME)
     path, colour = node.value(words.MATERIAL_PATH), node.value(words.COLOUR)
     if number is None or name is None or node.left():

@@ -85,7 +85,7 @@ class PartReader:
         else:
             heard.warn(part.property, f"{told.text!r} is a text and not a thing", "it stays a fact")
             return None
-        inner = Heard(node or heard.subject, tuple(facts), self._report)
+        inner = Heard(node or heard.subject, tuple(facts), self._report, is_part=True)
         inner.drop(TYPE, NAMED_INDIVIDUAL, part.cls)
         value = part.read(inner)
         return None if value is None else _Found(index, node, value, inner.left())

@@ -7,18 +7,19 @@ the source is in the world, once. What cannot be taken as it is told is reported
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple, TypeVar
 
 from mindstage.knowledge import words
+from mindstage.knowledge.analysis import is_constraint
 from mindstage.knowledge.body_sizes import hear_size
-from mindstage.knowledge.census import is_constraint, types_of
+from mindstage.knowledge.census import types_of
 from mindstage.knowledge.excerpt import Excerpt
 from mindstage.knowledge.findings import Severity
 from mindstage.knowledge.materials import materials_of
 from mindstage.knowledge.names import ids_for, local_name
 from mindstage.knowledge.part_reading import PartReader
-from mindstage.knowledge.parts import ANGULAR_PART, LINEAR_PART, PARTS, POSE_PART, Part
+from mindstage.knowledge.parts import ANGULAR_PART, LINEAR_PART, POSE_PART, Part
 from mindstage.knowledge.relations import Relations
 from mindstage.knowledge.sizes import ClassSizes, class_sizes_of
 from mindstage.knowledge.statements import Heard
@@ -43,14 +44,12 @@ from mindstage.world import (
     Body,
     BodyId,
     Constraint,
-    Fact,
     Iri,
     Light,
     LightKind,
     LinearMotion,
     Physics,
     Pose,
-    Reference,
     Resource,
     Shape,
     World,
@@ -59,8 +58,6 @@ from mindstage.world import (
 __all__ = ["read_semlog"]
 
 T = TypeVar("T")
-
-_PART_PROPERTIES = frozenset(part.property for part in PARTS)
 
 
 class _Sizes(NamedTuple):
@@ -79,10 +76,8 @@ class _Reading:
     def __init__(self, excerpt: Excerpt) -> None:
         self.excerpt = excerpt
         self.map, self.graph, self.report = excerpt.map, excerpt.graph, excerpt.report
-        self.census = excerpt.census
-        self.members = self.census.residents.get(self.map, [])
-        individuals = {self.map, *(member for members in self.census.residents.values() for member in members)}
-        self.parts = PartReader(self.graph, individuals, self.report)
+        self.members = excerpt.members
+        self.parts = PartReader(self.graph, {self.map, *self.members}, self.report)
         self.heard: dict[Iri, Heard] = {}
         """All individuals that are there in the end."""
         self.poses: dict[Iri, Pose] = {}
@@ -99,7 +94,7 @@ class _Reading:
         sizes = self._sizes(resources)
         heard = Heard(self.map, self.graph.get(self.map, ()), self.report)
         heard.drop(TYPE, NAMED_INDIVIDUAL, SEMANTIC_MAP)
-        if self.map not in self.census.declared:
+        if SEMANTIC_MAP not in types_of(heard.facts):
             heard.warn(TYPE, "individuals are described in it, but nothing calls it a map", "it is taken as one")
         name = heard.value(words.LABEL_WORD)
         return World(
@@ -279,29 +274,13 @@ class _Reading:
     # -- what else there is --------------------------------------------------------------------------------------------
 
     def _resources(self) -> tuple[Resource, ...]:
-        elsewhere = {self.map, *self.heard, *self._strangers()}
+        elsewhere = {self.map, *self.heard}
         left = {iri: self.parts.left.get(iri, facts) for iri, facts in self.graph.items() if iri not in elsewhere}
         return tuple(Resource(iri, tuple(facts)) for iri, facts in left.items() if facts)
 
-    def _strangers(self) -> Iterator[Iri]:
-        """Other maps, who lives there, and their parts."""
-        own = set(self.members)
-        for map, members in self.census.residents.items():
-            if map == self.map:
-                continue
-            yield map
-            for member in own.symmetric_difference(members).difference(own):
-                yield member
-                for fact in self.graph[member]:
-                    if fact.property in _PART_PROPERTIES and isinstance(fact.value, Reference):
-                        yield fact.value.iri
-
     def _sizes(self, resources: Sequence[Resource]) -> _Sizes:
         own = {resource.iri: resource.facts for resource in resources}
-        everything: dict[Iri, Sequence[Fact]] = dict(self.excerpt.background)
-        for cls, facts in own.items():
-            everything[cls] = (*facts, *everything.get(cls, ()))
         return _Sizes(
-            known=ClassSizes(everything, self.excerpt.hierarchy, self.report),
+            known=ClassSizes([own, *self.excerpt.background], self.excerpt.hierarchy, self.report),
             resources=class_sizes_of(resources),
         )

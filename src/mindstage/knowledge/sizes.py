@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 
 from mindstage.knowledge.findings import Report, Severity
+from mindstage.knowledge.graph import Graph
 from mindstage.knowledge.hierarchy import ClassHierarchy
 from mindstage.knowledge.vocabulary import EQUIVALENT_CLASS, HAS_VALUE, ON_PROPERTY, SUBCLASS_OF
 from mindstage.knowledge.words import SIZE
@@ -34,17 +35,18 @@ def class_sizes_of(resources: Iterable[Resource]) -> ClassSizes:
     def silent(severity: Severity, individual: str, property: str, what: str, did: str) -> None:
         """Reading reports the same of all that is known."""
 
-    return ClassSizes(classes, ClassHierarchy(_superclasses(classes.items())), silent)
+    return ClassSizes([classes], ClassHierarchy(_superclasses(classes.items())), silent)
 
 
 class ClassSizes:
     """Extents by class, from `hasValue` restrictions; what is nearest in the hierarchy counts."""
 
-    def __init__(self, classes: Mapping[Iri, Sequence[Fact]], hierarchy: ClassHierarchy, report: Report) -> None:
+    def __init__(self, sources: Sequence[Graph], hierarchy: ClassHierarchy, report: Report) -> None:
         """Collects what classes say.
 
         Args:
-            classes: facts by class; restrictions that several classes share stand among them under their label.
+            sources: facts by class, first those that come before others; restrictions that several classes of one
+                source share stand among them under their label.
             hierarchy: who inherits from whom.
             report: where disagreements go.
         """
@@ -52,10 +54,11 @@ class ClassSizes:
         self._report = report
         self._told: dict[Iri, list[float | None]] = {}
         self._known: dict[tuple[Iri, ...], Axes] = {}
-        for cls, facts in classes.items():
-            for fact in facts:
-                if fact.property in (SUBCLASS_OF, EQUIVALENT_CLASS):
-                    self._learn(cls, fact, classes)
+        for source in sources:
+            for cls, facts in source.items():
+                for fact in facts:
+                    if fact.property in (SUBCLASS_OF, EQUIVALENT_CLASS):
+                        self._learn(cls, fact, source)
 
     def of(self, classes: tuple[Iri, ...]) -> Axes:
         """The extents of a thing of these classes; each axis is found, or not, by itself."""
@@ -64,11 +67,11 @@ class ClassSizes:
             self._known[classes] = (x, y, z)
         return self._known[classes]
 
-    def _learn(self, cls: Iri, fact: Fact, classes: Mapping[Iri, Sequence[Fact]]) -> None:
+    def _learn(self, cls: Iri, fact: Fact, source: Graph) -> None:
         restriction = (
             fact.value.facts
             if isinstance(fact.value, Anonymous)
-            else classes.get(fact.value.iri, ())
+            else source.get(fact.value.iri, ())
             if isinstance(fact.value, Reference) and fact.value.iri.startswith("_:")
             else ()
         )

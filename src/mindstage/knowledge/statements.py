@@ -6,7 +6,7 @@ value, and a statement is only taken away if saying the value would give it back
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import TypeVar
 
 from mindstage.errors import MapUnwritable
@@ -23,7 +23,15 @@ T = TypeVar("T")
 class Heard:
     """What is said about one thing, while it is read."""
 
-    def __init__(self, subject: Iri, facts: Sequence[Fact], report: Report) -> None:
+    def __init__(self, subject: Iri, facts: Sequence[Fact], report: Report, *, is_part: bool = False) -> None:
+        """Begins to listen.
+
+        Args:
+            subject: the thing.
+            facts: all that is said about it.
+            report: where findings go.
+            is_part: whether it is only a part of another thing; such a one has no marks (`ms:untold`).
+        """
         self.subject = subject
         self.facts = facts
         self.report = report
@@ -32,18 +40,24 @@ class Heard:
         self._leading: list[int] = []
         for index, fact in enumerate(facts):
             self._at.setdefault(fact.property, []).append(index)
-        self._untold = {self.facts[index].value for index in self._at.get(UNTOLD, ())}
-        self._taken.update(self._at.get(UNTOLD, ()))
+        self._untold = {} if is_part else {iri: index for index, iri in self.references(UNTOLD)}
 
     def at(self, property: Iri) -> Sequence[int]:
-        """Where the property stands among the facts; nowhere if it is marked as untold."""
-        if self._untold and Reference(property) in self._untold:
-            return ()
+        """Where the property stands among the facts."""
         return self._at.get(property, ())
 
     def is_untold(self, property: Iri) -> bool:
         """Whether the property is marked as giving no field its value."""
-        return Reference(property) in self._untold
+        return property in self._untold
+
+    def take_mark(self, property: Iri) -> None:
+        """Takes the mark away: it is where the writer would set one."""
+        if property in self._untold:
+            self._taken.add(self._untold[property])
+
+    def told(self, word: Word[T]) -> T | None:
+        """What the facts alone would give as the value of a word."""
+        return _first(word, (self.facts[index] for index in self.at(word.property)))
 
     def references(self, property: Iri) -> Iterator[tuple[int, Iri]]:
         """Where a property names things, and which."""
@@ -70,6 +84,10 @@ class Heard:
             keep: whether a value stays a fact all the same.
         """
         if word.property not in self._at:
+            return None
+        if word.property in self._untold:
+            if self.told(word) is not None:
+                self.take_mark(word.property)
             return None
         found: T | None = None
         for index in self.at(word.property):
@@ -106,6 +124,10 @@ class Heard:
         self.report(Severity.WARNING, self.subject, property, what, did)
 
 
+def _first(word: Word[T], facts: Iterable[Fact]) -> T | None:
+    return next((value for fact in facts if (value := word.understand(fact.value)) is not None), None)
+
+
 class Said:
     """What is said about one thing, while it is written."""
 
@@ -130,8 +152,7 @@ class Said:
 
     def told(self, word: Word[T]) -> T | None:
         """What the facts alone would give as the value of a word."""
-        values = (word.understand(fact.value) for fact in self._facts if fact.property == word.property)
-        return next((value for value in values if value is not None), None)
+        return _first(word, (fact for fact in self._facts if fact.property == word.property))
 
     def value(self, word: Word[T], value: T | None) -> None:
         """Says a value, or nothing where it is None.

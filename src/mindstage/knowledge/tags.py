@@ -29,8 +29,8 @@ def say_tags(said: Said, tags: Tags) -> None:
     """Says the tags in the community's writing, if it can hold them."""
     if said.told(_AS_JSON) is not None or not _has_short_form(tags):
         said.value(_AS_JSON, tags)
-    elif tags or said.told(_SHORT) is not None:
-        said.value(_SHORT, tags)
+    elif tags or said.told(_SHORT) != ():
+        said.value(_SHORT, tags or None)
 
 
 def _understand(value: FactValue) -> Tags | None:

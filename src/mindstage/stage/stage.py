@@ -130,6 +130,7 @@ class Stage:
 
         def reset(engine: Engine) -> None:
             self._grips.clear()
+            self._fault = ""
             if self._spawned is not None:
                 engine.restore(self._spawned)
                 return
@@ -138,7 +139,6 @@ class Stage:
                 engine.spawn(world)
 
         self.call(reset, what="reset", edits=True, timeout_s=self.timeout_s * 3)
-        self._fault = ""
 
     def clear(self) -> None:
         """Removes everything."""

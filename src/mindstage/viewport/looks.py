@@ -32,8 +32,6 @@ _DEPTH_COUNTS = 0.02
 """Of two sides that a front is equally close to, it closes the one across which it is thin."""
 _TOUCH_M = 0.02
 _BROAD_M = 0.15
-_GHOST = 0.2
-"""The opacity of the door of a room: it stands in the wall that one looks through."""
 _SMALLEST_BOX_M = 0.08
 """Nobody reaches into anything smaller."""
 
@@ -128,13 +126,12 @@ class _Onlooker:
     def _look(self, row: int, body: Body) -> Look:
         size, made_of, form = body.size or ASSUMED_SIZE_M, self.surfaces[row], self.forms[row]
         painted = paint(body.cls, self.ancestors[body.cls], body.materials)
-        look = Look(form=form, size=size, paint=painted, building=made_of in _BUILDING, floor=made_of is Surface.FLOOR)
+        building = made_of in _BUILDING or self.roots[row] in self.in_walls
+        look = Look(form=form, size=size, paint=painted, building=building, floor=made_of is Surface.FLOOR)
         if self.is_shell[row]:
             return replace(look, form=Form.OUTLINE, building=True)
         if (side := self._only_side(row)) is not None:
             return replace(look, form=Form.INSIDE, openings=(side,))
-        if self.roots[row] in self.in_walls:
-            return replace(look, paint=Paint(painted.colour, _GHOST), building=True)
         if form not in (Form.BOX, Form.OPEN_BOX):
             return replace(look, foot=next((_FEET[noun] for noun in self._nouns(body) if noun in _FEET), 1.0))
         openings, levels = self._openings(row)
@@ -159,18 +156,23 @@ class _Onlooker:
         return Form.OPEN_BOX if noun in _OPEN_AT_THE_TOP else Form.BOX
 
     def _only_side(self, row: int) -> Side | None:
-        """The one side that is drawn of what would hide the room from outside: walls, ceilings, lamps up there."""
-        if self.bodies[row].physics.simulates:
+        """The one side that is drawn of what would hide the room: walls and doors in them, ceilings, lamps there."""
+        in_wall = self.roots[row] in self.in_walls
+        if self.bodies[row].physics.simulates and not in_wall:
             return None
         thinnest, next_thinnest = np.sort(self.half[row])[:2]
-        if self.surfaces[row] in _AROUND and thinnest < 0.35 * next_thinnest and next_thinnest > _BROAD_M:
-            axis = int(np.argmin(self.half[row]))
-            offsets = (self.centre[self.is_thing] - self.centre[row]) @ self.turn[row][:, axis]
-            return axis, 1 if np.sum(np.sign(offsets)) >= 0 else -1
+        is_thin = thinnest < 0.35 * next_thinnest and next_thinnest > _BROAD_M
+        if is_thin and (in_wall or self.surfaces[row] in _AROUND):
+            return self._side_to_the_room(row)
         if self.surfaces[row] is Surface.LAMP and self.centre[row, 2] > self.overhead:
             axis, direction = self._top(row)
             return axis, -direction
         return None
+
+    def _side_to_the_room(self, row: int) -> Side:
+        axis = int(np.argmin(self.half[row]))
+        offsets = (self.centre[self.is_thing] - self.centre[row]) @ self.turn[row][:, axis]
+        return axis, 1 if np.sum(np.sign(offsets)) >= 0 else -1
 
     def _top(self, row: int) -> Side:
         """The side of a box that looks up."""

@@ -164,8 +164,9 @@ class Scene:
             self._outlines[id] = self._outline(id, look)
         else:
             self._solids[id] = self._solid(id, look)
-            # A floor that answers to the mouse would be outlined whenever somebody looks round.
-            if holdable or not look.building:
+            # A floor that answers to the mouse would be outlined whenever somebody looks round, and what is drawn
+            # from one side only would catch the mouse from the other.
+            if look.form is not Form.INSIDE and (holdable or not look.building):
                 self._prepare(id, self._solids[id], holdable=holdable)
         self._looks[id], self._holdable[id] = look, holdable
 

@@ -42,8 +42,11 @@ def soften(model: Any, joints: Iterable[Joint]) -> None:
 
 def add_friction(model: Any, data: Any, joints: Iterable[Joint]) -> None:
     """Gives every joint so much friction that it stays where it was put, gravity or not."""
-    mujoco.mj_forward(model, data)
-    gravity = np.abs(data.qfrc_bias - data.qfrc_passive)
+    for stage in (mujoco.mj_kinematics, mujoco.mj_comPos, mujoco.mj_comVel, mujoco.mj_passive):
+        stage(model, data)  # of all that `mj_forward` does, only what gravity needs
+    weight = np.zeros(model.nv)
+    mujoco.mj_rne(model, data, 0, weight)
+    gravity = np.abs(weight - data.qfrc_passive)
     inertia = 1.0 / np.maximum(model.dof_invweight0, 1e-9)
     for joint in joints:
         for offset in range(len(joint.axes)):

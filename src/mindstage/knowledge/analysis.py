@@ -1,0 +1,66 @@
+"""Analyses: maps in numbers, as the thesis has them in its table."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence, Set
+
+import msgspec
+
+from mindstage.knowledge.census import types_of
+from mindstage.knowledge.graph import Graph
+from mindstage.knowledge.hierarchy import ClassHierarchy
+from mindstage.knowledge.vocabulary import CHILD, CONSTRAINT, OWL, PARENT, RDFS
+from mindstage.world import Fact, Iri, Reference
+
+__all__ = ["Analysis", "analyse", "is_constraint"]
+
+
+class Analysis(msgspec.Struct, frozen=True, kw_only=True):
+    """A map in numbers."""
+
+    map: Iri
+    classes: int
+    """Different classes that its individuals are said to be of, constraints' included; OWL's own words are none."""
+    individuals: int
+    """All that is described in the map."""
+    objects: int
+    """Individuals that are not constraints."""
+    constraints: int
+    relations: int
+    """Different pairs of parent and child: of objects, whichever side tells it, and the two ends of a constraint."""
+
+
+def is_constraint(types: Sequence[Iri], hierarchy: ClassHierarchy) -> bool:
+    """Whether something of these classes joins two others."""
+    return any(hierarchy.is_a(cls, CONSTRAINT) for cls in types)
+
+
+def analyse(map: Iri, graph: Graph, members: Sequence[Iri], hierarchy: ClassHierarchy) -> Analysis:
+    """Counts what is told, before anything is understood or left out."""
+    types = {member: types_of(graph[member]) for member in members}
+    constraints = {member for member in members if is_constraint(types[member], hierarchy)}
+    objects = types.keys() - constraints
+    told = {cls for classes in types.values() for cls in classes if not cls.startswith((OWL, RDFS))}
+    relations = {pair for member in objects for pair in _relations(member, graph[member]) if objects.issuperset(pair)}
+    relations |= {pair for member in constraints for pair in _ends(graph[member])}
+    return Analysis(
+        map=map,
+        classes=len(told),
+        individuals=len(members),
+        objects=len(objects),
+        constraints=len(constraints),
+        relations=len(relations),
+    )
+
+
+def _relations(member: Iri, facts: Sequence[Fact]) -> Iterator[tuple[Iri, Iri]]:
+    yield from ((parent, member) for parent in _named(facts, PARENT))
+    yield from ((member, child) for child in _named(facts, CHILD))
+
+
+def _ends(facts: Sequence[Fact]) -> Set[tuple[Iri, Iri]]:
+    return set(zip(_named(facts, PARENT)[:1], _named(facts, CHILD)[:1], strict=False))
+
+
+def _named(facts: Sequence[Fact], property: Iri) -> list[Iri]:
+    return [fact.value.iri for fact in facts if fact.property == property and isinstance(fact.value, Reference)]
