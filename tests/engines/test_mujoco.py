@@ -93,6 +93,7 @@ def test_edits_in_a_row_cost_one_recompile(monkeypatch: pytest.MonkeyPatch) -> N
     engine.set_pose(BodyId("new3"), Pose((7, 7, 1)))
     engine.attach(BodyId("drawer"), BodyId("mug"))
     engine.delete([BodyId("new4")])
+    engine.restore(engine.save())
     assert pose_of(engine, "new3")[0] == 7
     assert built == []
     engine.step(0.01)

@@ -60,10 +60,7 @@ class MujocoEngine:
         self._open().remove(tuple(ids))
 
     def clear(self) -> None:
-        keeper = self._open()
-        keeper.remove(keeper.inventory.ids)
-        time_s = keeper.time_s
-        self._keeper = SceneKeeper(self._timestep_s, time_s=time_s)
+        self._keeper = SceneKeeper(self._timestep_s, time_s=self._open().time_s)
         self._pushes.clear()
 
     def attach(self, parent: BodyId, child: BodyId) -> None:

@@ -58,14 +58,16 @@ class SceneKeeper:
         self._disturbed: list[Array] = []
 
     def copy(self) -> SceneKeeper:
-        """A keeper of its own in the same state; compiled models never change, so they are shared."""
-        live = self.live()
-        twin = SceneKeeper(self._timestep_s)
+        """A keeper of its own in the same state, stale if this one is; compiled models never change, so are shared."""
+        twin = SceneKeeper(self._timestep_s, time_s=self._time_s)
         twin.inventory, twin.collisions = self.inventory.copy(), self.collisions.copy()
         twin.holds, twin.ends, twin.late_notes = dict(self.holds), dict(self.ends), list(self.late_notes)
-        twin._live = copy.copy(live)
-        twin._live.data = copy.copy(live.data)
-        twin._forest, twin._decided, twin.stale = self._forest, self._decided, False
+        if self._live is not None:
+            twin._live = copy.copy(self._live)
+            twin._live.data = copy.copy(self._live.data)
+        twin._forest, twin._decided, twin.stale = self._forest, self._decided, self.stale
+        twin._placed, twin._at_rest = dict(self._placed), set(self._at_rest)
+        twin._undecided, twin._disturbed = set(self._undecided), list(self._disturbed)
         return twin
 
     # -- what there is -----------------------------------------------------------------------------------------
