@@ -235,14 +235,16 @@ class ArgumentRefused(KnowledgeError):
 
 
 class QueryRefused(KnowledgeError):
-    """The text is no SPARQL 1.1 query, or asks for what is not there, such as another server."""
+    """The text is no SPARQL 1.1 query, or asks for what cannot be had, such as another server's answer."""
 
-    def __init__(self, cause: str) -> None:
+    def __init__(self, cause: str, *, remedy: str = "") -> None:
         self.cause = cause
+        self.remedy = remedy
         super().__init__(cause)
 
     def __str__(self) -> str:
-        return f"the query cannot be answered: {self.cause}; it must be a SELECT, ASK, CONSTRUCT or DESCRIBE of SPARQL 1.1"
+        remedy = f"; {self.remedy}" if self.remedy else ""
+        return f"the query cannot be answered: {self.cause}{remedy}"
 
 
 class QueryTimedOut(KnowledgeError):

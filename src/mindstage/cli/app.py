@@ -14,12 +14,15 @@ import typer
 
 from mindstage import __version__
 from mindstage.cli.analyse import analyse
+from mindstage.cli.ask import ask
 from mindstage.cli.check import check
 from mindstage.cli.compare import compare
 from mindstage.cli.convert import convert
 from mindstage.cli.demo import demo
 from mindstage.cli.log import log
 from mindstage.cli.outcome import Outcome, verb
+from mindstage.cli.questions import questions
+from mindstage.cli.sparql import sparql
 from mindstage.cli.spawn import spawn
 
 __all__ = ["app", "main"]
@@ -34,7 +37,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
-for function in (demo, spawn, analyse, compare, check, log, convert):
+for function in (demo, spawn, analyse, compare, check, log, convert, ask, questions, sparql):
     app.command()(verb(function))
 
 

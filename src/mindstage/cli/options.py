@@ -13,6 +13,7 @@ __all__ = [
     "Delta",
     "EngineName",
     "MapName",
+    "MapOptions",
     "Maps",
     "OneMap",
     "Ontologies",
@@ -37,6 +38,11 @@ OneMap = Annotated[str, typer.Argument(metavar="MAP", help=_MAP, show_default=Fa
 Maps = Annotated[
     list[str],
     typer.Argument(metavar="MAP", help=f"{_MAP} Several are loaded into one knowledge base.", show_default=False),
+]
+
+MapOptions = Annotated[
+    list[str] | None,
+    typer.Option("--map", metavar="MAP", help=f"{_MAP} May be repeated.", show_default=False),
 ]
 
 MapName = Annotated[

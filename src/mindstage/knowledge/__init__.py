@@ -5,6 +5,7 @@ from mindstage.knowledge.base import KnowledgeBase
 from mindstage.knowledge.bundled import bundled_kitchen, bundled_ontology
 from mindstage.knowledge.findings import Finding, Severity
 from mindstage.knowledge.mapwriter import MapFormat, save_map, write_map
+from mindstage.knowledge.sparql import Table, Term
 
 __all__ = [
     "Analysis",
@@ -12,6 +13,8 @@ __all__ = [
     "KnowledgeBase",
     "MapFormat",
     "Severity",
+    "Table",
+    "Term",
     "bundled_kitchen",
     "bundled_ontology",
     "save_map",

@@ -12,6 +12,7 @@ import pyoxigraph as ox
 from mindstage.errors import MapAmbiguous, MapMissing, SourceUnreadable
 from mindstage.knowledge import bundled
 from mindstage.knowledge.analysis import Analysis, analyse
+from mindstage.knowledge.answering import Answering
 from mindstage.knowledge.census import Census, census_of, without_strangers
 from mindstage.knowledge.dialects import read_world
 from mindstage.knowledge.excerpt import Excerpt
@@ -30,7 +31,7 @@ __all__ = ["KnowledgeBase"]
 StrPath = str | os.PathLike[str]
 
 
-class KnowledgeBase:
+class KnowledgeBase(Answering):
     """Loads semantic maps and ontologies, and tells what they say.
 
     >>> from mindstage.knowledge import KnowledgeBase, bundled_kitchen
@@ -71,8 +72,7 @@ class KnowledgeBase:
         loading.run([_found(path, packages) for path in _listed(paths)], files)
         self._packages, self._sources = packages, loading.sources
         self._findings.update(dict.fromkeys(loading.findings))
-        self._worlds.clear()
-        self.__dict__.pop("_hierarchy", None)
+        self._changed()
 
     def maps(self) -> tuple[Iri, ...]:
         """The maps that are loaded, in the order of their sources."""
@@ -148,7 +148,7 @@ class KnowledgeBase:
     # -- maps ----------------------------------------------------------------------------------------------------------
 
     def _map_sources(self) -> list[Source]:
-        return [source for source in self._sources.values() if source.asked_for or source.has_maps]
+        return [source for source in self._sources.values() if source.asked_for or source.has_maps()]
 
     def _chosen(self, wanted: str | None) -> Iri:
         maps = self.maps()
@@ -185,7 +185,7 @@ class KnowledgeBase:
     def _background(self) -> Iterator[Source]:
         """Ontologies that tell sizes; the sources of maps speak for themselves."""
         maps = self._map_sources()
-        return (source for source in self._sources.values() if source.has_sizes and source not in maps)
+        return (source for source in self._sources.values() if source.has_sizes() and source not in maps)
 
     def _report(self, severity: Severity, individual: str, property: str, what: str, did: str) -> None:
         self._findings[Finding(severity, individual, property, what, did)] = None

@@ -29,7 +29,7 @@ HARMLESS_ENTITY = 256
 
 _BOMS = ((b"\xef\xbb\xbf", "utf-8"), (b"\xff\xfe", "utf-16"), (b"\xfe\xff", "utf-16"))
 _DECLARED_ENCODING = re.compile(rb"""^\s*<\?xml[^>]*?\sencoding\s*=\s*["']([A-Za-z][\w.-]*)["']""")
-_ENTITY = re.compile(rb"""<!ENTITY\s+([^\s%"'>]+)\s*(?:"([^"]*)"|'([^']*)'|(SYSTEM|PUBLIC)\b)""")
+_ENTITY = re.compile(rb"""(<!ENTITY\s+([^\s%"'>]+)\s*)(?:("[^"]*"|'[^']*')|(?:SYSTEM|PUBLIC)\b)""")
 _ENTITY_USE = re.compile(rb"&([^\s&;#]+);")
 _FIRST_TAG = re.compile(rb"<([A-Za-z_][^\s/>]*)")
 _TURTLE_START = re.compile(rb"(?:\s|#[^\n]*\n)*(?:@prefix|@base|PREFIX|BASE)\s", re.IGNORECASE)
@@ -76,10 +76,9 @@ def read_file(path: Path) -> SourceFile:
     format = _format(path, data)
     if format != XML:
         return SourceFile(path, data, format)
-    file = SourceFile(path, _ENTITY.sub(_double_quoted, data) if b"<!ENTITY" in data else data, format)
-    _check_entities(file)
-    _check_complete(file)
-    return file
+    data = _with_harmless_entities(path, data)
+    _check_complete(path, data)
+    return SourceFile(path, data, format)
 
 
 def _as_utf8(path: Path, data: bytes) -> bytes:
@@ -115,48 +114,49 @@ def _format(path: Path, data: bytes) -> ox.RdfFormat:
 # -- XML ---------------------------------------------------------------------------------------------------------------
 
 
+def _with_harmless_entities(path: Path, data: bytes) -> bytes:
+    """Entities are expanded by the parser without any limit, so their lengths are reckoned first."""
+    if b"<!ENTITY" not in data:
+        return data
+    lengths: dict[bytes, int] = {}
+    needs_quotes = False
+    for entity in _ENTITY.finditer(data):
+        line = data.count(b"\n", 0, entity.start()) + 1
+        name, quoted = entity[2], entity[3]
+        if quoted is None:
+            cause = f"the entity {_text(name)!r} stands in another file; nothing outside is ever fetched"
+            raise SourceUnreadable(str(path), cause=cause, line=line)
+        length = len(quoted) - 2 + sum(lengths.get(used, 0) for used in _ENTITY_USE.findall(quoted))
+        lengths[name] = max(length, lengths.get(name, 0))  # whichever of two the parser takes
+        if length > ENTITY_LIMIT:
+            cause = f"the entity {_text(name)!r} would grow to {length:,} bytes; {ENTITY_LIMIT:,} are allowed"
+            raise SourceUnreadable(str(path), cause=cause, line=line)
+        needs_quotes = needs_quotes or quoted.startswith(b"'")
+    if max(lengths.values(), default=0) > HARMLESS_ENTITY:
+        grown = sum(length * data.count(b"&" + name + b";") for name, length in lengths.items())
+        if grown > max(EXPANSION_LIMIT, 100 * len(data)):
+            raise SourceUnreadable(str(path), cause=f"its entities would grow to {grown:,} bytes")
+    return _ENTITY.sub(_double_quoted, data) if needs_quotes else data
+
+
 def _double_quoted(entity: re.Match[bytes]) -> bytes:
     """XML allows both quotes, the parser only one."""
-    if entity[3] is None:
+    if not entity[3].startswith(b"'"):
         return entity[0]
-    return b'<!ENTITY %s "%s"' % (entity[1], entity[3].replace(b'"', b"&#34;"))
+    return entity[1] + b'"' + entity[3][1:-1].replace(b'"', b"&#34;") + b'"'
 
 
-def _check_entities(file: SourceFile) -> None:
-    """Entities are expanded by the parser without any limit, so their lengths are reckoned first."""
-    if b"<!ENTITY" not in file.data:
-        return
-    lengths: dict[bytes, int] = {}
-    for entity in _ENTITY.finditer(file.data):
-        line = file.data.count(b"\n", 0, entity.start()) + 1
-        if entity[4]:
-            cause = f"the entity {_text(entity[1])!r} stands in another file; nothing outside is ever fetched"
-            raise SourceUnreadable(str(file.path), cause=cause, line=line)
-        value = entity[2]
-        uses = _ENTITY_USE.findall(value)
-        length = len(value) + sum(lengths.get(name, 0) for name in uses)
-        lengths.setdefault(entity[1], length)
-        if length > ENTITY_LIMIT:
-            cause = f"the entity {_text(entity[1])!r} would grow to {length:,} bytes; {ENTITY_LIMIT:,} are allowed"
-            raise SourceUnreadable(str(file.path), cause=cause, line=line)
-    if max(lengths.values(), default=0) <= HARMLESS_ENTITY:
-        return
-    grown = sum(length * file.data.count(b"&" + name + b";") for name, length in lengths.items())
-    if grown > max(EXPANSION_LIMIT, 100 * len(file.data)):
-        raise SourceUnreadable(str(file.path), cause=f"its entities would grow to {grown:,} bytes")
-
-
-def _check_complete(file: SourceFile) -> None:
+def _check_complete(path: Path, data: bytes) -> None:
     """The parser takes the end of a file for the end of a document, wherever it comes."""
-    if root := _FIRST_TAG.search(file.data):
-        end = file.data[-4096:].rstrip()
+    if root := _FIRST_TAG.search(data):
+        end = data[-4096:].rstrip()
         while end.endswith(b"-->"):
             end = end[: max(end.rfind(b"<!--"), 0)].rstrip()
         # Where no other element has the name of the outermost one, its end tag is the document's end.
-        if end.endswith(b"</" + root[1] + b">") and file.data.count(b"<" + root[1]) == 1:
+        if end.endswith(b"</" + root[1] + b">") and data.count(b"<" + root[1]) == 1:
             return
-    if problem := _ill_formed(file.data):
-        raise SourceUnreadable(str(file.path), cause=problem[0], line=problem[1])
+    if problem := _ill_formed(data):
+        raise SourceUnreadable(str(path), cause=problem[0], line=problem[1])
 
 
 def _ill_formed(data: bytes) -> tuple[str, int] | None:

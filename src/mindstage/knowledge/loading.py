@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass, field, replace
+from itertools import chain
 from pathlib import Path
 
 import pyoxigraph as ox
@@ -32,13 +33,28 @@ class Source:
     """One file in the store."""
 
     file: SourceFile
+    graph: ox.NamedNode
+    store: ox.Store
     asked_for: bool
     """Whether it was named as a map, and not only imported or given as an ontology."""
-    imports: tuple[str, ...]
-    names: frozenset[str]
-    """What its ontology is called; what others import under these names is here."""
-    has_maps: bool
-    has_sizes: bool
+
+    def imports(self) -> list[str]:
+        """What it names as its imports, in one order."""
+        told = self.store.quads_for_pattern(None, ox.NamedNode(IMPORTS), None, self.graph)
+        return sorted(quad.object.value for quad in told if isinstance(quad.object, ox.NamedNode))
+
+    def has_maps(self) -> bool:
+        """Whether it tells of a map or of something in one."""
+        return self._tells(DESCRIBED_IN_MAP) or self._tells(TYPE, SEMANTIC_MAP)
+
+    def has_sizes(self) -> bool:
+        """Whether it tells how large the things of some class are."""
+        return any(self._tells(ON_PROPERTY, word.property) for word in SIZE)
+
+    def _tells(self, property: Iri, value: Iri | None = None) -> bool:
+        node = None if value is None else ox.NamedNode(value)
+        told = self.store.quads_for_pattern(None, ox.NamedNode(property), node, self.graph)
+        return next(told, None) is not None
 
 
 @dataclass(slots=True)
@@ -69,8 +85,9 @@ class Loading:
             for path in self.sources.keys() - before:
                 self.store.remove_graph(ox.NamedNode(path.as_uri()))
             raise
+        missing = self._missing({iri for _, iri in self._unmet})
         for importer, iri in self._unmet:
-            if not self._is_here(iri):
+            if iri in missing:
                 self._miss(importer, iri, "which is not among the sources and in none of the given folders of packages")
 
     def _load(self, path: Path, *, asked_for: bool) -> None:
@@ -83,26 +100,7 @@ class Loading:
             self.store.load(file.data, file.format, base_iri=file.iri, to_graph=graph)
         except SyntaxError as error:
             raise file.unreadable(error) from error
-        self.sources[path] = self._source(file, graph, asked_for=asked_for)
-
-    def _source(self, file: SourceFile, graph: ox.NamedNode, *, asked_for: bool) -> Source:
-        def told(property: Iri, value: Iri | None = None) -> Iterator[ox.Quad]:
-            node = None if value is None else ox.NamedNode(value)
-            return self.store.quads_for_pattern(None, ox.NamedNode(property), node, graph)
-
-        def any_told(property: Iri, value: Iri | None = None) -> bool:
-            return next(told(property, value), None) is not None
-
-        names = {quad.subject.value for quad in told(TYPE, ONTOLOGY) if isinstance(quad.subject, ox.NamedNode)}
-        names |= {quad.object.value for quad in told(VERSION_IRI) if isinstance(quad.object, ox.NamedNode)}
-        return Source(
-            file,
-            asked_for,
-            imports=tuple(sorted(quad.object.value for quad in told(IMPORTS) if isinstance(quad.object, ox.NamedNode))),
-            names=frozenset(map(_plain, names)),
-            has_maps=any_told(DESCRIBED_IN_MAP) or any_told(TYPE, SEMANTIC_MAP),
-            has_sizes=any(any_told(ON_PROPERTY, word.property) for word in SIZE),
-        )
+        self.sources[path] = Source(file, graph, self.store, asked_for)
 
     # -- imports -------------------------------------------------------------------------------------------------------
 
@@ -110,7 +108,7 @@ class Loading:
         waiting = [source for path, source in self.sources.items() if path not in done]
         while waiting:
             importer = waiting.pop(0)
-            for iri in importer.imports:
+            for iri in importer.imports():
                 path = self._locate(importer, iri)
                 if path is None or path in self.sources:
                     continue
@@ -137,11 +135,21 @@ class Loading:
         self._unmet.append((importer, iri))
         return None
 
-    def _is_here(self, iri: str) -> bool:
-        if iri.startswith("package:"):
+    def _missing(self, iris: Collection[str]) -> set[str]:
+        """Those imports that are not here under another name either: that of an ontology, or the end of a path."""
+        if not iris:
+            return set()
+        paths = [path.as_posix() for path in self.sources]
+        ontologies = self.store.quads_for_pattern(None, ox.NamedNode(TYPE), ox.NamedNode(ONTOLOGY))
+        versions = self.store.quads_for_pattern(None, ox.NamedNode(VERSION_IRI), None)
+        named = chain((quad.subject for quad in ontologies), (quad.object for quad in versions))
+        names = {_plain(name.value) for name in named if isinstance(name, ox.NamedNode)}
+
+        def is_here(iri: str) -> bool:
             tail = "/" + iri.removeprefix("package:").lstrip("/")
-            return any(path.as_posix().endswith(tail) for path in self.sources)
-        return any(_plain(iri) in source.names for source in self.sources.values())
+            return any(path.endswith(tail) for path in paths) if iri.startswith("package:") else _plain(iri) in names
+
+        return {iri for iri in iris if not is_here(iri)}
 
     def _miss(self, importer: Source, iri: str, why: str, severity: Severity = Severity.WARNING) -> None:
         what, did = f"it imports {iri}, {why}", "went on without it"

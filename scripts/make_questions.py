@@ -1,0 +1,103 @@
+"""Writes docs/questions.md from the declared questions; with --check only says whether it is up to date."""
+
+from __future__ import annotations
+
+import shlex
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from mindstage.knowledge import KnowledgeBase, bundled_kitchen
+from mindstage.knowledge.questions import Answers, Question, cell_text, questions
+from mindstage.knowledge.reasoning import NameKind
+
+__all__ = ["main"]
+
+PAGE = Path(__file__).resolve().parent.parent / "docs" / "questions.md"
+SHOWN = 3
+"""More answers to an example than this are only counted."""
+
+HEAD = """# Questions
+
+<!-- Written by scripts/make_questions.py: change the declarations in src/mindstage/knowledge/questions instead. -->
+
+What a robot can be asked, in the shell and in Python alike:
+
+```sh
+mindstage ask storage_place CowsMilk --map bundled:kitchen
+```
+
+    knowledge.ask("storage_place", item="CowsMilk")
+
+Arguments go by place or by name (`item=CowsMilk`); whatever is left out is asked for, and `_` leaves out one that
+others follow. Names are short (`CowsMilk`), with a prefix (`knowrob:CowsMilk`) or whole; an individual that is the only
+one of its class may be called by the name of that class. `--why` (`knowledge.why(question, row)`) shows what led to an
+answer. Without an answer, `missing` says what nobody has told; `knowledge.tell` and `knowledge.retract` change that.
+
+Each answer is a row with the columns that are named below. The examples are asked in the bundled kitchen.
+"""
+
+
+def page() -> str:
+    """The whole document."""
+    kb = KnowledgeBase()
+    kb.load(bundled_kitchen())
+    return "\n".join([HEAD, *(line for each in questions() for line in section(kb, each))])
+
+
+def section(kb: KnowledgeBase, question: Question[Any]) -> Iterator[str]:
+    """One question."""
+    arguments = ", ".join(f"`{argument.name}` ({kind(argument.kind)})" for argument in question.arguments)
+    columns = ", ".join(f"`{name}`" for name in question.columns)
+    yield from (f"## {question.name}", "", question.text, "")
+    yield from (f"- arguments: {arguments}", f"- answers: {columns}", "")
+    for example in question.examples:
+        yield f"    mindstage ask {example} --map bundled:kitchen"
+        yield from (f"        {line}" for line in told(kb, kb.ask(question, **args(question, example))))
+        yield ""
+
+
+def told(kb: KnowledgeBase, answers: Answers[Any]) -> Iterator[str]:
+    """The first answers in short names, and the reason of the first one."""
+    for at, row in enumerate(answers[:SHOWN]):
+        cells = ((name, cell_text(getattr(row, name))) for name in answers.question.columns)
+        yield ", ".join(f"{name} {short(cell)}" for name, cell in cells if cell not in {None, ""})
+        if at == 0:
+            yield from (f"    why: {line}" for line in kb.why(answers.question, row))
+    if len(answers) > SHOWN:
+        yield f"… {len(answers)} answers in all"
+
+
+def short(cell: object) -> str:
+    """A cell that leaves room for the others."""
+    text = f"{cell:.6g}" if isinstance(cell, float) else str(cell)
+    return text if len(text) <= 60 else f"{text[:59]}…"
+
+
+def args(question: Question[Any], example: str) -> dict[str, str]:
+    """What the shell would make of an example."""
+    names = iter([argument.name for argument in question.arguments])
+    pairs = (word.split("=", 1) if "=" in word else (next(names), word) for word in shlex.split(example)[1:])
+    return {name: value for name, value in pairs if value != "_"}
+
+
+def kind(told: object) -> str:
+    """What people call the kind of an argument."""
+    return told.value if isinstance(told, NameKind) else getattr(told, "__name__", str(told))
+
+
+def main() -> int:
+    """Writes or checks the page; 0 when all is well, 1 when it is stale."""
+    text = page()
+    if "--check" in sys.argv[1:]:
+        if PAGE.is_file() and PAGE.read_text(encoding="utf-8") == text:
+            return 0
+        print(f"{PAGE} is out of date: run scripts/make_questions.py", file=sys.stderr)
+        return 1
+    PAGE.write_text(text, encoding="utf-8")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,39 @@
+"""`mindstage questions`: what can be asked."""
+
+from __future__ import annotations
+
+from mindstage.cli.options import AsJson
+from mindstage.cli.outcome import Outcome
+from mindstage.cli.output import print_json, print_table
+
+__all__ = ["questions"]
+
+
+def questions(*, as_json: AsJson = False) -> Outcome:
+    """List the questions that `mindstage ask` knows."""
+    from mindstage.knowledge import questions as declared
+    from mindstage.knowledge.reasoning import NameKind
+
+    def kind(told: object) -> str:
+        return told.value if isinstance(told, NameKind) else getattr(told, "__name__", str(told))
+
+    every = declared.questions()
+    if as_json:
+        print_json(
+            [
+                {
+                    "question": each.name,
+                    "arguments": [{"name": argument.name, "kind": kind(argument.kind)} for argument in each.arguments],
+                    "text": each.text,
+                    "examples": list(each.examples),
+                }
+                for each in every
+            ]
+        )
+    else:
+        rows = [
+            (each.name, " ".join(argument.name for argument in each.arguments), each.text.splitlines()[0])
+            for each in every
+        ]
+        print_table("", ("question", "arguments", "asks"), rows)
+    return Outcome.DONE

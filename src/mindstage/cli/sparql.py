@@ -1,0 +1,58 @@
+"""`mindstage sparql`: a query straight on the store."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from mindstage.cli.options import AsJson, Bundled, MapOptions, Ontologies, finite
+from mindstage.cli.outcome import Outcome
+from mindstage.cli.output import findings_json, print_findings, print_json, print_table, say, working
+from mindstage.cli.sources import knowledge_base
+
+if TYPE_CHECKING:
+    from mindstage.knowledge import Term
+
+__all__ = ["sparql"]
+
+
+def sparql(
+    query: Annotated[str, typer.Argument(metavar="QUERY", help="SPARQL 1.1; knowrob: is known.", show_default=False)],
+    *,
+    maps: MapOptions = None,
+    timeout_s: Annotated[
+        float,
+        typer.Option("--timeout", metavar="SECONDS", min=0.0, callback=finite, help="How long to wait for the answer."),
+    ] = 30.0,
+    ontologies: Ontologies = None,
+    bundled: Bundled = True,
+    as_json: AsJson = False,
+) -> Outcome:
+    """Put a SPARQL query to everything that was loaded. No result, or ASK's no, ends with 1."""
+    import msgspec
+
+    with working("querying"):
+        knowledge = knowledge_base(maps or [], ontologies=ontologies, bundled=bundled)
+        table = knowledge.sparql(query, timeout_s=timeout_s)
+    findings = knowledge.findings()
+    if as_json:
+        solutions = [
+            {name: msgspec.to_builtins(term) for name, term in zip(table.columns, row, strict=True) if term is not None}
+            for row in table.rows
+        ]
+        told = {"columns": table.columns, "rows": solutions, "truth": table.truth}
+        print_json(told | {"findings": findings_json(findings)})
+    else:
+        print_findings(findings)
+        if table.truth is not None:
+            say("yes" if table.truth else "no")
+        else:
+            print_table("", table.columns, [[_shown(term) for term in row] for row in table.rows])
+    return Outcome.DONE if table.truth or table.rows else Outcome.NO
+
+
+def _shown(term: Term | None) -> str | None:
+    if term is None:
+        return None
+    return f"_:{term.value}" if term.kind == "blank" else term.value

@@ -1,0 +1,128 @@
+"""Questions and queries, typed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from mindstage.knowledge.questions import questions
+from tests.cli.typed import Run, WriteMap, told
+
+KITCHEN = ("--map", "bundled:kitchen")
+
+
+def test_the_json_that_other_programs_read(run: Run) -> None:
+    result = run("ask", "storage_place_in_environment", "CowsMilk", *KITCHEN, "--json", "--why")
+    assert result.exit_code == 0
+    answer = told(result)
+    assert list(answer) == ["question", "args", "answers", "missing", "findings"]
+    (place,) = answer["answers"]
+    assert place["id"] == "fridge"
+    assert place["iri"].endswith("#fridge")
+    assert place["class"].startswith("http://")
+    assert place["why"][0].startswith("CowsMilk is a ")
+
+
+def test_people_get_a_table_with_short_names(run: Run) -> None:
+    result = run("ask", "storage-place", "CowsMilk")
+    assert result.exit_code == 0
+    assert "Refrigerator" in result.stdout
+    assert "http://" not in result.stdout
+    assert "why" not in result.stdout
+    assert "every Refrigerator" in run("ask", "storage-place", "CowsMilk", "--why").stdout
+
+
+@pytest.mark.parametrize(
+    "args", [("_", "fridge_door_handle"), ("handle=fridge_door_handle",), ("fridge_door",), ("_", "_", "kitchen")]
+)
+def test_arguments_go_by_place_or_by_name(args: tuple[str, ...], run: Run) -> None:
+    answers = told(run("ask", "handle_of", *args, *KITCHEN, "--json"))["answers"]
+    assert any(answer["handle"].endswith("#fridge_door_handle") for answer in answers)
+
+
+def test_without_an_answer_it_says_what_is_missing_and_ends_with_1(run: Run) -> None:
+    result = run("ask", "storage_place", "Robot", "--json")
+    assert result.exit_code == 1
+    (lack,) = told(result)["missing"]
+    assert list(lack) == ["class", "property", "why"]
+    assert lack["why"].startswith("Robot has no container")
+    assert "missing: Robot has no container" in run("ask", "storage_place", "Robot").stdout
+
+
+def test_what_nobody_can_tell_is_no_answer(run: Run) -> None:
+    result = run("ask", "maps")
+    assert result.exit_code == 1
+    assert result.stdout == "no answer\n"
+
+
+def test_maps_and_ontologies_are_given_as_elsewhere(run: Run, write_map: WriteMap) -> None:
+    first, second = write_map("a.owl", maps=["A"], mugs={"X": "0 0 0"}), write_map("b.owl", maps=["B"], mugs={})
+    answers = told(run("ask", "maps", "--map", first, "--map", second, "--json"))["answers"]
+    assert [(answer["id"], answer["individuals"]) for answer in answers] == [("A", 1), ("B", 0)]
+    assert run("ask", "storage_place", "CowsMilk", "--no-bundled-ontology").exit_code == 2
+
+
+@pytest.mark.parametrize(
+    ("args", "message"),
+    [
+        (("storage_plac",), "no question 'storage_plac'; near: 'storage_place'"),
+        (("storage_place", "CowsMilc"), "no class 'CowsMilc' is known; near: 'CowsMilk'"),
+        (("storage_place", "a", "b", "c"), "'c' is one argument too many; it takes item, place"),
+        (("storage_place", "Bread", "item=Cake"), "item is given twice"),
+        (("storage_place", "thing=Bread"), "it has no argument 'thing'; there is item, place"),
+        (("identical_maps", "tolerance=much"), "tolerance"),
+        (("maps", "--map", "nowhere.owl"), "nowhere.owl"),
+    ],
+)
+def test_what_cannot_be_asked_ends_with_2_and_says_what_can(args: tuple[str, ...], message: str, run: Run) -> None:
+    result = run("ask", *args)
+    assert result.exit_code == 2
+    assert message in result.stderr
+    assert message in told(run("ask", *args, "--json"))["error"]["message"]
+
+
+def test_the_questions_are_listed(run: Run) -> None:
+    table = run("questions")
+    assert table.exit_code == 0
+    listed = told(run("questions", "--json"))
+    assert [each["question"] for each in listed] == [asked.name for asked in questions()]
+    assert all(each["question"] in table.stdout for each in listed)
+    (storage,) = [each for each in listed if each["question"] == "storage_place"]
+    assert storage["arguments"] == [{"name": "item", "kind": "class"}, {"name": "place", "kind": "class"}]
+
+
+def test_a_query_gives_a_table_or_json(run: Run) -> None:
+    query = "SELECT ?x ?none WHERE { knowrob:Bread rdfs:subClassOf ?x }"
+    assert "knowrob.owl#Baked" in run("sparql", query).stdout
+    answer = told(run("sparql", query, "--json"))
+    assert answer["columns"] == ["x", "none"]
+    assert {"x": {"kind": "iri", "value": "http://knowrob.org/kb/knowrob.owl#Baked"}} in answer["rows"]
+
+
+@pytest.mark.parametrize(("asked", "said", "code"), [("Perishable", "yes\n", 0), ("Tool", "no\n", 1)])
+def test_a_yes_or_no_question_answers_in_the_exit_code_too(asked: str, said: str, code: int, run: Run) -> None:
+    result = run("sparql", f"ASK {{ knowrob:Bread rdfs:subClassOf+ knowrob:{asked} }}")
+    assert (result.stdout, result.exit_code) == (said, code)
+
+
+def test_queries_see_the_maps(run: Run, shared_data: Path) -> None:
+    query = "SELECT (COUNT(?x) AS ?n) { ?x knowrob:describedInMap ?map }"
+    answer = told(run("sparql", query, "--map", shared_data / "maps" / "iai-kitchen-original.owl", "--json"))
+    assert answer["rows"] == [
+        {"n": {"kind": "literal", "value": "136", "datatype": answer["rows"][0]["n"]["datatype"]}}
+    ]
+
+
+@pytest.mark.parametrize(
+    ("args", "message"),
+    [
+        (("SELEC",), "the query cannot be answered: error at 1:"),
+        (("SELECT (COUNT(*) AS ?n) { ?a ?b ?c . ?d ?e ?f }", "--timeout", "0.05"), "did not end within 0.05 s"),
+        (("ASK {}", "--timeout", "nan"), "nan is no finite number"),
+    ],
+)
+def test_a_query_that_cannot_be_answered_ends_with_2(args: tuple[str, ...], message: str, run: Run) -> None:
+    result = run("sparql", *args)
+    assert result.exit_code == 2
+    assert message in result.stderr

@@ -1,0 +1,35 @@
+"""The page about the questions is what its script writes, and every example on it runs."""
+
+from __future__ import annotations
+
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from mindstage.cli.app import app
+from mindstage.knowledge.questions import questions
+
+ROOT = Path(__file__).parents[2]
+SCRIPT = ROOT / "scripts" / "make_questions.py"
+PAGE = ROOT / "docs" / "questions.md"
+EXAMPLES = re.findall(r"^(?: {4})?mindstage (ask .*)$", PAGE.read_text(encoding="utf-8"), re.MULTILINE)
+
+
+def test_the_page_is_what_the_script_writes() -> None:
+    done = subprocess.run([sys.executable, SCRIPT, "--check"], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+
+
+def test_every_question_is_on_it_with_an_example() -> None:
+    assert {example.split()[1] for example in EXAMPLES} == {asked.name for asked in questions()}
+
+
+@pytest.mark.parametrize("example", EXAMPLES)
+def test_every_example_has_an_answer(example: str) -> None:
+    result = CliRunner().invoke(app, shlex.split(example))
+    assert result.exit_code == 0, result.output

@@ -1,0 +1,149 @@
+"""What is told at run time makes the next answer better, and can be taken back."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from mindstage.errors import ArgumentRefused, NameUnknown
+from mindstage.knowledge import KnowledgeBase, bundled_kitchen
+from mindstage.knowledge.names import local_name
+from tests.knowledge.maps import KNOWROB, M, body, knowing, room
+
+CONTAINER_FOR = "typePrimaryFunction-containerFor"
+
+
+@pytest.fixture
+def kb() -> KnowledgeBase:
+    kb = KnowledgeBase()
+    kb.load(bundled_kitchen())
+    return kb
+
+
+def places(kb: KnowledgeBase, item: str) -> list[str]:
+    return [local_name(row.place) for row in kb.ask("storage_place", item=item)]
+
+
+def test_a_robot_asks_for_what_is_missing_and_then_knows(kb: KnowledgeBase) -> None:
+    (lack,) = kb.ask("storage_place", item="Robot").missing
+    kb.tell("Cupboard", lack.property, lack.cls)
+    assert places(kb, "Robot") == ["Cupboard"]
+    assert kb.ask("storage_place_in_environment", item="Robot")
+    assert kb.retract("Cupboard", lack.property, lack.cls)
+    assert places(kb, "Robot") == []
+
+
+def test_more_special_knowledge_comes_first_once_it_is_told(kb: KnowledgeBase) -> None:
+    assert places(kb, "CowsMilk") == ["Refrigerator"]
+    kb.tell("ms:MilkRack", "subClassOf", "Refrigerator")
+    kb.tell("MilkRack", CONTAINER_FOR, "CowsMilk")
+    assert places(kb, "CowsMilk") == ["MilkRack", "Refrigerator"]
+
+
+def test_telling_twice_is_telling_once(kb: KnowledgeBase) -> None:
+    for _ in range(2):
+        kb.tell("Cupboard", CONTAINER_FOR, "Robot")
+    assert len(kb.ask("class_properties", cls="Cupboard", property=CONTAINER_FOR)) == len(
+        {row.value for row in kb.ask("class_properties", cls="Cupboard", property=CONTAINER_FOR)}
+    )
+    assert kb.retract("Cupboard", CONTAINER_FOR, "Robot")
+    assert not kb.retract("Cupboard", CONTAINER_FOR, "Robot")
+    assert places(kb, "Robot") == []
+
+
+def test_what_a_source_said_can_be_taken_back_too(kb: KnowledgeBase) -> None:
+    assert kb.retract("Refrigerator", CONTAINER_FOR, "Perishable")
+    assert places(kb, "CowsMilk") == []
+
+
+def test_an_individual_gets_a_class_a_part_and_a_value(tmp_path: Path) -> None:
+    path = tmp_path / "room.ttl"
+    path.write_text(room(body("door"), body("bar"), "k:mass a owl:DatatypeProperty ."), encoding="utf-8")
+    kb = knowing(path, bundled_ontology=True)
+    kb.tell("bar", "type", "Handle")
+    kb.tell("door", "child", "bar")
+    kb.tell("door", "mass", 2.5)
+    assert [row.handle for row in kb.ask("handle_of", individual="door")] == [M + "bar"]
+    assert kb.sparql(f"ASK {{ <{M}door> knowrob:mass 2.5e0 }}").truth
+    assert kb.retract("door", "mass", 2.5)
+    assert not kb.sparql(f"ASK {{ <{M}door> knowrob:mass 2.5e0 }}").truth
+
+
+def test_somebody_new_is_introduced_by_a_class(kb: KnowledgeBase) -> None:
+    kb.tell("knowrob:cup_of_joe", "type", "Cup")
+    (row,) = kb.ask("what_is", individual="cup_of_joe")
+    assert row.classes == (KNOWROB + "Cup",)
+    assert row.map is None
+    kb.tell("cup_of_joe", "describedInMap", "kitchen")
+    assert len(kb.ask("everything_in_map", individual="cup_of_joe")) == 1
+
+
+def test_a_property_can_be_told_to_imply_another(kb: KnowledgeBase) -> None:
+    kb.tell("contains", "subPropertyOf", CONTAINER_FOR)
+    kb.tell("Cupboard", "contains", "Robot")
+    assert places(kb, "Robot") == ["Cupboard"]
+
+
+def test_labels_are_texts(kb: KnowledgeBase) -> None:
+    kb.tell("Cupboard", "label", "press")
+    assert kb.sparql('ASK { knowrob:Cupboard rdfs:label "press" }').truth
+    assert kb.retract("Cupboard", "label", "press")
+
+
+def test_the_world_of_a_map_stays_as_its_file_tells_it(kb: KnowledgeBase) -> None:
+    before = kb.world()
+    kb.tell("fridge_door", "child", "fridge")
+    assert kb.world() == before
+
+
+def test_a_map_that_was_only_told_of_has_individuals_and_no_world(kb: KnowledgeBase) -> None:
+    kb.tell("ms:shed", "type", "SemanticEnvironmentMap")
+    kb.tell("ms:rake", "type", "Tool")
+    kb.tell("rake", "describedInMap", "shed")
+    assert [local_name(row.individual) for row in kb.ask("everything_in_map", map="shed")] == ["rake"]
+    (row,) = kb.ask("what_is", individual="rake")
+    assert row.pose is None
+    assert not kb.ask("analyse", map="shed")
+    assert not kb.ask("identical_maps", a="shed", b="kitchen")
+    assert len(kb.ask("analyse")) == 1
+
+
+def test_numbers_are_taken_back_by_value_and_texts_in_any_language(kb: KnowledgeBase) -> None:
+    (row,) = kb.ask("what_is", individual="milk_carton_1")
+    assert row.mass_kg
+    assert kb.retract("milk_carton_1", "mass", row.mass_kg)
+    assert not kb.sparql("ASK { <http://mindstage.org/maps/kitchen.owl#milk_carton_1> knowrob:mass ?mass }").truth
+    assert kb.retract("Refrigerator", "label", "refrigerator")
+    assert kb.retract("FridgeW60H140", "widthOfObject", 0.6)
+
+
+def test_classes_that_were_told_have_ancestors(kb: KnowledgeBase) -> None:
+    kb.tell("ms:MilkRack", "subClassOf", "Refrigerator")
+    milk_rack = kb.names.kind_of("MilkRack")
+    assert milk_rack is not None
+    assert KNOWROB + "Refrigerator" in kb.ancestors(milk_rack[0])
+
+
+@pytest.mark.parametrize(
+    ("statement", "error", "message"),
+    [
+        (("Cupbord", CONTAINER_FOR, "Bread"), NameUnknown, "near: 'Cupboard'"),
+        (("Cupboard", "typePrimaryFunction-containerFr", "Bread"), NameUnknown, f"near: '{CONTAINER_FOR}'"),
+        (("Cupboard", CONTAINER_FOR, "Braed"), NameUnknown, "no class or individual 'Braed'"),
+        (("Cupboard", CONTAINER_FOR, 3), ArgumentRefused, "it leads to things, and 3 is none"),
+        (("Cupboard", "subClassOf", True), ArgumentRefused, "it leads to things, and True is none"),
+        (("NewThing", "subClassOf", "Cupboard"), NameUnknown, "no class, individual or property 'NewThing'"),
+        (("ms:New Thing", "subClassOf", "Cupboard"), ArgumentRefused, "New Thing"),
+        (("ms:NewThing", "child", "fridge"), NameUnknown, "'ms:NewThing'"),
+    ],
+)
+def test_what_makes_no_statement_is_refused_and_changes_nothing(
+    statement: tuple[str, str, object], error: type[Exception], message: str, kb: KnowledgeBase
+) -> None:
+    before = len(kb.sparql("SELECT * { ?s ?p ?o }").rows)
+    with pytest.raises(error, match=message):
+        kb.tell(*statement)
+    with pytest.raises(error, match=message):
+        kb.retract(*statement)
+    assert len(kb.sparql("SELECT * { ?s ?p ?o }").rows) == before
