@@ -54,6 +54,7 @@ class DescriptionContract:
 
     def test_poses_of_a_world_not_stepped_are_the_given_ones(self, engine: Engine) -> None:
         engine.spawn(room())
+        engine.log()  # by now at the latest the engine has built what it was given
         ids, poses = engine.poses()
         given = {b.id: b.pose for b in room().bodies}
         assert set(ids) == set(given)

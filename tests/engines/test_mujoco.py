@@ -77,6 +77,17 @@ def test_masses_in_the_model_are_exactly_the_given_ones() -> None:
             assert live.model.body_mass[live.numbers[described.id]] == described.physics.mass_kg
 
 
+def test_the_log_comes_out_of_the_physics() -> None:
+    engine = MujocoEngine()
+    engine.spawn(room())
+    assert {body.id for body in engine.log().bodies} == set(engine._keeper.live().rows)
+    assert not engine._keeper.stale
+    live = engine._keeper.live()
+    live.model.body_pos[live.numbers[BodyId("cabinet")]] += (0.5, 0.0, 0.0)
+    engine.step(0.01)
+    assert engine.log().body("cabinet").pose.position == (0.5, 0.0, 0.5)
+
+
 def test_edits_in_a_row_cost_one_recompile(monkeypatch: pytest.MonkeyPatch) -> None:
     from mindstage.engines.mujoco import scene
 

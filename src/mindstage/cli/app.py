@@ -6,6 +6,7 @@ help and completion answer at once.
 
 from __future__ import annotations
 
+import gc
 import sys
 import traceback
 from typing import Annotated
@@ -43,6 +44,8 @@ for function in (demo, spawn, analyse, compare, check, log, convert, ask, questi
 
 def main() -> None:
     """Runs the command line and ends the process."""
+    # A verb makes many values that it keeps until it ends: looking for garbage among them again and again finds none.
+    gc.set_threshold(50_000, 20, 50)
     try:
         app(prog_name="mindstage")
     except Exception:

@@ -181,8 +181,8 @@ def _contents(
 
 def _fronts(scene: Scene) -> dict[int, list[Array]]:
     """For each assembly that does not move by itself: where what is joined to it (doors, drawers) stands."""
-    numbers, firsts = np.unique(scene.assembly, return_index=True)
-    first = dict(zip(numbers.tolist(), firsts.tolist(), strict=True))
+    backwards = range(len(scene.ids) - 1, -1, -1)
+    first = dict(zip(scene.assembly[::-1].tolist(), backwards, strict=True))  # of several, the first comes last
     fronts: dict[int, list[Array]] = {}
     for pair in scene.joined:
         for here, there in (pair, pair[::-1]):

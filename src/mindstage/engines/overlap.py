@@ -56,7 +56,8 @@ def neighbours(boxes: Boxes, wanted: NDArray[np.bool_], other: NDArray[np.bool_]
     counts = np.maximum(ends - np.arange(len(order)) - 1, 0)
     if not counts.any():
         return
-    firsts = np.unique(np.searchsorted(np.cumsum(counts), np.arange(0, counts.sum(), _CHUNK), side="left"))
+    starts = np.searchsorted(np.cumsum(counts), np.arange(0, counts.sum(), _CHUNK), side="left")
+    firsts = list(dict.fromkeys(starts.tolist()))
     for begin, end in zip(firsts, [*firsts[1:], len(order)], strict=True):
         rows = np.arange(begin, end)
         per_row = counts[rows]

@@ -10,6 +10,7 @@ import pyoxigraph as ox
 
 from mindstage.errors import MapUnwritable
 from mindstage.knowledge.blocks import Section
+from mindstage.knowledge.letters import last_name
 from mindstage.knowledge.names import namespace_of
 from mindstage.knowledge.vocabulary import KNOWROB, MS, OWL, RDF, RDFS, XSD
 from mindstage.world import Anonymous, Fact, Iri, Literal, Reference
@@ -21,12 +22,6 @@ plain_name = re.compile(r"[A-Za-z_][A-Za-z0-9_-]*").fullmatch
 
 _XMLNS = "http://www.w3.org/2000/xmlns/"
 """The one namespace that no prefix may stand for."""
-_START = (
-    "A-Z_a-z\u00c0-\u00d6\u00d8-\u00f6\u00f8-\u02ff\u0370-\u037d\u037f-\u1fff\u200c-\u200d\u2070-\u218f"
-    "\u2c00-\u2fef\u3001-\ud7ff\uf900-\ufdcf\ufdf0-\ufffd\U00010000-\U000effff"
-)
-_LAST_NAME = re.compile(rf"[{_START}][{_START}0-9.\u00b7\u0300-\u036f\u203f-\u2040-]*\Z")
-"""The longest end of an IRI that is a name in XML."""
 
 
 class Names:
@@ -65,7 +60,7 @@ class Names:
         self._label(labels)
         self._prefix(map)
         for property in self._properties:
-            match = _LAST_NAME.search(property)
+            match = last_name(property)
             if match and match.start() and property[: match.start()] != _XMLNS:
                 self._properties[property] = property[: match.start()], match[0]
                 self._prefix_namespace(property[: match.start()])

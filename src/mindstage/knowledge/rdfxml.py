@@ -7,10 +7,10 @@ from collections.abc import Iterator, Sequence
 
 from mindstage.errors import MapUnwritable
 from mindstage.knowledge.blocks import Block, Section
+from mindstage.knowledge.letters import forbidden_in_xml, without_forbidden
 from mindstage.knowledge.names import namespace_of
 from mindstage.knowledge.prefixes import Names
 from mindstage.knowledge.vocabulary import KNOWROB, OWL, RDF, RDFS, TYPE
-from mindstage.knowledge.words import NO_XML
 from mindstage.world import Fact, Iri, Literal, Reference
 
 __all__ = ["rdf_xml"]
@@ -86,7 +86,7 @@ class _Document:
             else:
                 yield f'{indent}<{element} rdf:resource="{self._iri(value.iri)}"/>\n'
         elif isinstance(value, Literal):
-            if illegal := NO_XML.search(value.text):
+            if illegal := forbidden_in_xml(value.text):
                 cause = f"the text of {fact.property} holds the letter U+{ord(illegal[0]):04X}, which XML forbids"
                 raise MapUnwritable(subject, cause=cause, remedy=_REMEDY)
             yield f"{indent}<{element}{self._kind(fact.property, value)}>{value.text.translate(_TEXT)}</{element}>\n"
@@ -136,4 +136,4 @@ def _is_element(fact: Fact) -> bool:
 
 
 def _comment(text: str) -> str:
-    return re.sub("-(?=-)", "- ", NO_XML.sub("", text)).rstrip("-")
+    return re.sub("-(?=-)", "- ", without_forbidden(text)).rstrip("-")

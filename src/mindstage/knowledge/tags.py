@@ -9,9 +9,10 @@ import json
 
 import msgspec
 
+from mindstage.knowledge.letters import forbidden_in_xml
 from mindstage.knowledge.statements import Heard, Said
 from mindstage.knowledge.vocabulary import TAGS_DATA, TAGS_JSON
-from mindstage.knowledge.words import NO_XML, Word, text_in
+from mindstage.knowledge.words import Word, text_in
 from mindstage.world import FactValue, Literal, Tag
 
 __all__ = ["say_tags", "tags_of"]
@@ -62,7 +63,7 @@ def _say(tags: Tags) -> Literal:
 
 def _has_short_form(tags: Tags) -> bool:
     literal = _say(tags)
-    return _understand(literal) == tags and not NO_XML.search(literal.text)
+    return _understand(literal) == tags and not forbidden_in_xml(literal.text)
 
 
 def _understand_json(value: FactValue) -> Tags | None:

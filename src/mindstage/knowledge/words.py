@@ -31,7 +31,6 @@ __all__ = [
     "MATERIAL_PATH",
     "MESH",
     "MOBILITY",
-    "NO_XML",
     "OVERLAP_EVENTS",
     "QUATERNION",
     "SHAPE",
@@ -64,8 +63,6 @@ Kind = TypeVar("Kind", bound=Enum)
 _NUMBER_PATTERN = r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?"
 _NUMBER = re.compile(rf"\s*{_NUMBER_PATTERN}\s*", re.ASCII)
 """Python itself would also take "nan", "1_000" and digits from all over the world."""
-NO_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
-"""Letters that no XML file can hold, not even escaped."""
 _INTEGER = xsd("integer")
 _TRUTH = {"true": True, "1": True, "false": False, "0": False}
 

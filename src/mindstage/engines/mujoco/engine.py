@@ -134,6 +134,7 @@ class MujocoEngine:
 
     def log(self) -> World:
         keeper = self._open()
+        keeper.live()  # a log tells what the physics has, not what it is about to be given
         now = keeper.where()
         given = pose_array(body.pose for body in keeper.inventory.bodies.values())
         scale = np.maximum(1.0, np.abs(given[:, :3]).max(axis=1, initial=1.0))
