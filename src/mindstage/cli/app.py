@@ -53,6 +53,8 @@ def main() -> None:
         traceback.print_exc()
         print("mindstage: this is a defect in Mindstage, please report it", file=sys.stderr)  # noqa: T201
         sys.exit(Outcome.TROUBLE)
+    finally:
+        gc.freeze()  # nor is there anything to find when all of it goes
 
 
 def _show_version(wanted: bool) -> None:
