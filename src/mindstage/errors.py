@@ -80,8 +80,7 @@ class BodyUnknown(WorldError):
 
     def __str__(self) -> str:
         where = f" in {self.world!r}" if self.world else ""
-        near = f"; near: {', '.join(map(repr, self.near))}" if self.near else ""
-        return f"no body {self.body!r}{where}{near}"
+        return f"no body {self.body!r}{where}{_also(_near_names(self.near))}"
 
 
 class BodyExists(WorldError):
@@ -174,8 +173,7 @@ class MapUnwritable(KnowledgeError):
         super().__init__(what)
 
     def __str__(self) -> str:
-        remedy = f"; {self.remedy}" if self.remedy else ""
-        return f"cannot write {self.what}: {self.cause}{remedy}"
+        return f"cannot write {self.what}: {self.cause}{_also(self.remedy)}"
 
 
 class NameUnknown(KnowledgeError):
@@ -188,8 +186,7 @@ class NameUnknown(KnowledgeError):
         super().__init__(name)
 
     def __str__(self) -> str:
-        near = f"; near: {', '.join(map(repr, self.near))}" if self.near else ""
-        return f"no {self.kind} {self.name!r} is known{near}"
+        return f"no {self.kind} {self.name!r} is known{_also(_near_names(self.near))}"
 
 
 class NameAmbiguous(KnowledgeError):
@@ -216,7 +213,7 @@ class QuestionUnknown(KnowledgeError):
         super().__init__(question)
 
     def __str__(self) -> str:
-        hint = f"near: {', '.join(map(repr, self.near))}" if self.near else f"there is {', '.join(self.known)}"
+        hint = _near_names(self.near) if self.near else f"there is {', '.join(self.known)}"
         return f"no question {self.question!r}; {hint}"
 
 
@@ -230,8 +227,7 @@ class ArgumentRefused(KnowledgeError):
         super().__init__(what)
 
     def __str__(self) -> str:
-        remedy = f"; {self.remedy}" if self.remedy else ""
-        return f"{self.what}: {self.cause}{remedy}"
+        return f"{self.what}: {self.cause}{_also(self.remedy)}"
 
 
 class QueryRefused(KnowledgeError):
@@ -243,8 +239,7 @@ class QueryRefused(KnowledgeError):
         super().__init__(cause)
 
     def __str__(self) -> str:
-        remedy = f"; {self.remedy}" if self.remedy else ""
-        return f"the query cannot be answered: {self.cause}{remedy}"
+        return f"the query cannot be answered: {self.cause}{_also(self.remedy)}"
 
 
 class QueryTimedOut(KnowledgeError):
@@ -272,8 +267,7 @@ class EngineUnavailable(EngineError):
         super().__init__(engine)
 
     def __str__(self) -> str:
-        remedy = f"; {self.remedy}" if self.remedy else ""
-        return f"the engine {self.engine!r} is not available: {self.cause}{remedy}"
+        return f"the engine {self.engine!r} is not available: {self.cause}{_also(self.remedy)}"
 
 
 class EngineClosed(EngineError):
@@ -332,3 +326,12 @@ class ViewportUnavailable(MindstageError):
 def _near(name: str, known: Iterable[str]) -> tuple[str, ...]:
     by_small = {each.lower(): each for each in known}
     return tuple(by_small[small] for small in get_close_matches(name.lower(), list(by_small), n=3, cutoff=0.6))
+
+
+def _near_names(near: Sequence[str]) -> str:
+    return f"near: {', '.join(map(repr, near))}" if near else ""
+
+
+def _also(hint: str) -> str:
+    """The end of a sentence that says what exists or what to try, where there is something to say."""
+    return f"; {hint}" if hint else ""

@@ -10,13 +10,11 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
-import numpy as np
-
 from mindstage.engines.contract import Ability, Poses, SpawnReport, State
 from mindstage.engines.inventory import Inventory
 from mindstage.errors import EngineClosed
 from mindstage.world import BodyId, Colour, Material, Physics, Pose, Vector, World
-from mindstage.world.geometry import compose, invert, pose_array, pose_from, unit
+from mindstage.world.geometry import compose, invert, pose_array, pose_from, unit_pose
 
 __all__ = ["NullEngine"]
 
@@ -56,9 +54,9 @@ class NullEngine:
         inventory = self._open()._inventory
         old = inventory.body(id).pose
         inventory.replace(id, pose=pose)
-        new_from_old = compose(_array(pose), invert(_array(old)))
+        new_from_old = compose(unit_pose(pose), invert(unit_pose(old)))
         for child in inventory.hanging_on(id):
-            inventory.replace(child, pose=pose_from(compose(new_from_old, _array(inventory.body(child).pose))))
+            inventory.replace(child, pose=pose_from(compose(new_from_old, unit_pose(inventory.body(child).pose))))
 
     def set_physics(self, id: BodyId, physics: Physics) -> None:
         self._open()._inventory.replace(id, physics=physics)
@@ -109,9 +107,3 @@ class NullEngine:
 class _Saved:
     inventory: Inventory
     time_s: float
-
-
-def _array(pose: Pose) -> Poses:
-    row = pose_array([pose])[0]
-    row[3:] = unit(row[3:])
-    return np.asarray(row)

@@ -24,6 +24,7 @@ __all__ = [
     "rotation_angle",
     "rotation_matrix",
     "unit",
+    "unit_pose",
 ]
 
 Array = NDArray[np.float64]
@@ -40,6 +41,12 @@ def _cross(a: Array, b: Array) -> Array:
 def pose_array(poses: Iterable[Pose]) -> Array:
     """Poses as an array n x 7: x y z, then w x y z, digits as given."""
     return np.array([(*pose.position, *pose.quaternion) for pose in poses], dtype=np.float64).reshape(-1, 7)
+
+
+def unit_pose(pose: Pose) -> Array:
+    """One pose as seven numbers whose quaternion has norm 1."""
+    row = pose_array([pose])[0]
+    return np.concatenate([row[:3], unit(row[3:])])
 
 
 def pose_from(row: ArrayLike) -> Pose:

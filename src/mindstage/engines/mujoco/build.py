@@ -97,9 +97,7 @@ class _Builder:
     def _frames(self, top: BodyId, branch: Branch) -> tuple[Array, Array, Array]:
         """The joint frame seen from the parent body; the top seen from that frame, and the other way round."""
         plan = self.blueprint
-        of_parent, of_child = plan.ends[branch.constraint.id]
-        if branch.upside_down:
-            of_parent, of_child = of_child, of_parent
+        of_parent, of_child = branch.seen_from_root(plan.ends[branch.constraint.id])
         top_from_frame = of_child
         if branch.child != top:
             top_from_child = compose(invert(plan.where[plan.rows[top]]), plan.where[plan.rows[branch.child]])
@@ -207,9 +205,7 @@ class _Builder:
         MuJoCo has equalities for "welded" and "one point in common". Any other kind goes through a light go-between
         that has the joints and is welded to the far side.
         """
-        of_parent, of_child = self.blueprint.ends[branch.constraint.id]
-        if branch.upside_down:
-            of_parent, of_child = of_child, of_parent
+        of_parent, of_child = branch.seen_from_root(self.blueprint.ends[branch.constraint.id])
         axes = axes_of(branch.constraint)
         linear, angular = branch.constraint.linear, branch.constraint.angular
         pinned = all(motion is Motion.LOCKED for motion in (linear.x, linear.y, linear.z))

@@ -20,7 +20,7 @@ from mindstage.engines.mujoco.live import Joint, Live
 from mindstage.world import BodyId
 from mindstage.world.geometry import Array, compose, conjugate, invert, rotate
 
-__all__ = ["carry", "coordinates", "joint_frames", "put", "wake"]
+__all__ = ["carry", "coordinates", "put", "wake"]
 
 
 def _update_sleep() -> Callable[[int, int], object] | None:
@@ -62,8 +62,6 @@ def carry(
         disturbed: k x 2 x 3, boxes (lower and upper corner) in which something changed; what sleeps there wakes up.
     """
     data = new.data
-    if old is not None:
-        data.time = old.data.time
     for top, (_, velocity) in new.free.items():
         if old is not None and top in old.numbers and top not in at_rest:  # scenery had no velocity
             data.qvel[velocity : velocity + 6] = _velocity(old, top)
@@ -78,15 +76,10 @@ def carry(
         _sleep_on(old, new, disturbed)
 
 
-def joint_frames(joint: Joint, where: Mapping[BodyId, Array], ends: tuple[Array, Array]) -> tuple[Array, Array]:
-    """The joint's frame in the world as each side has it: on the body nearer the root, then on the moving one."""
-    of_parent, of_child = ends[::-1] if joint.branch.upside_down else ends
-    return compose(where[joint.branch.parent], of_parent), compose(where[joint.branch.child], of_child)
-
-
 def coordinates(joint: Joint, where: Mapping[BodyId, Array], ends: tuple[Array, Array]) -> Array:
     """Six coordinates of a joint, from where the two bodies stand; then the quaternion, for a ball."""
-    fixed, moving = joint_frames(joint, where, ends)
+    of_parent, of_child = joint.branch.seen_from_root(ends)
+    fixed, moving = compose(where[joint.branch.parent], of_parent), compose(where[joint.branch.child], of_child)
     relative = compose(invert(fixed), moving)
     return np.concatenate([place_of(relative, joint.axes), relative[3:]])
 
@@ -103,10 +96,10 @@ def put(live: Live, joint: Joint, place: Array) -> None:
     live.data.qvel[joint.velocity : joint.velocity + len(joint.axes)] = 0.0
 
 
-def _copy_joint(old: Live | None, new: Live, id: BodyId, joint: Joint, at_rest: set[BodyId]) -> bool:
+def _copy_joint(old: Live, new: Live, id: BodyId, joint: Joint, at_rest: set[BodyId]) -> bool:
     """Takes a joint's state over as it was; False if it was not the same joint, or its bodies were moved by hand."""
-    before = old.joints.get(id) if old is not None else None
-    if old is None or before is None or before.branch.parent != joint.branch.parent or before.axes != joint.axes:
+    before = old.joints.get(id)
+    if before is None or before.branch.parent != joint.branch.parent or before.axes != joint.axes:
         return False
     if joint.branch.child in at_rest and joint.branch.parent not in at_rest:
         return False

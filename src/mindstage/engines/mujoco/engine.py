@@ -21,7 +21,7 @@ from mindstage.engines.mujoco.live import Live
 from mindstage.engines.mujoco.scene import SceneKeeper
 from mindstage.errors import EngineClosed, PoseUnreachable, SimulationUnstable
 from mindstage.world import BodyId, Colour, Material, Physics, Pose, Vector, World
-from mindstage.world.geometry import Array, compose, invert, pose_array, pose_from, rotation_angle, unit
+from mindstage.world.geometry import Array, compose, invert, pose_array, pose_from, rotation_angle, unit_pose
 
 __all__ = ["MujocoEngine"]
 
@@ -74,7 +74,7 @@ class MujocoEngine:
         keeper.inventory.body(id)
         if reason := placeable(pose):
             raise PoseUnreachable(id, reason=reason)
-        target = _unit_pose(pose)
+        target = unit_pose(pose)
         if id in keeper.forest.branches:
             keeper.live()  # how far a joint goes is known to the model
         if not keeper.stale and self._move_in_place(keeper, id, target):
@@ -218,7 +218,7 @@ class MujocoEngine:
         allowed = np.zeros(6)
         for axis in joint.axes:
             allowed[axis.index] = place[axis.index]
-        of_parent, of_child = ends[::-1] if joint.branch.upside_down else ends
+        of_parent, of_child = joint.branch.seen_from_root(ends)
         relative = place_from(allowed.tolist())
         if joint.ball:
             relative[3:] = place[6:]
@@ -229,12 +229,6 @@ class MujocoEngine:
             reason = f"{constraint!r} does not lead there; the nearest it allows is {off_m:.3g} m off"
             raise PoseUnreachable(id, reason=reason)
         put(live, joint, place)
-
-
-def _unit_pose(pose: Pose) -> Array:
-    row = pose_array([pose])[0]
-    row[3:] = unit(row[3:])
-    return np.asarray(row)
 
 
 _BROKEN = (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, mujoco.mjtWarning.mjWARN_BADQACC)

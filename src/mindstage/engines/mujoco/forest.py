@@ -10,12 +10,15 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from typing import TypeVar
 
 from mindstage.engines.contract import Note, NoteKind
 from mindstage.engines.inventory import Inventory
 from mindstage.world import AngularMotion, Body, BodyId, Constraint, LinearMotion, Mobility, Motion
 
 __all__ = ["Assembly", "Branch", "Forest", "grow"]
+
+T = TypeVar("T")
 
 
 @dataclass(slots=True)
@@ -49,6 +52,10 @@ class Branch:
     def upside_down(self) -> bool:
         """Whether the map has the roles the other way round."""
         return self.parent != self.constraint.parent
+
+    def seen_from_root(self, ends: tuple[T, T]) -> tuple[T, T]:
+        """What belongs to the map's parent and to its child, as what belongs to this branch's parent and child."""
+        return ends[::-1] if self.upside_down else ends
 
 
 @dataclass(slots=True)

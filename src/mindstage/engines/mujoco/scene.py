@@ -283,7 +283,7 @@ class SceneKeeper:
             timestep_s=self._timestep_s,
         )
         new = build(blueprint)
-        new.data.time = self._time_s
+        new.data.time = self.time_s
         disturbed: NDArray[np.float64] = np.array(self._disturbed).reshape(-1, 2, 3)
         carry(self._live, new, dict(zip(ids, where, strict=True)), self.ends, self._at_rest, disturbed)
         self._live, self.stale = new, False
