@@ -1,0 +1,3 @@
+"""Remote: an engine at the other end of a rosbridge."""
+
+__all__: list[str] = []

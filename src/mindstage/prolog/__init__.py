@@ -1,0 +1,3 @@
+"""Prolog: a console where every question is a predicate."""
+
+__all__: list[str] = []
