@@ -192,7 +192,9 @@ def drawn_errors() -> dict[str, tuple[str | None, int | None]]:
 
 def test_the_drawn_tree_of_errors_is_the_tree_of_classes() -> None:
     classes = {
-        name: cls for name, cls in inspect.getmembers(errors, inspect.isclass) if cls.__module__ == errors.__name__
+        name: cls
+        for name, cls in inspect.getmembers(errors, inspect.isclass)
+        if cls.__module__.startswith(errors.__name__)
     }
     parents = {
         name: base.__name__ if (base := cls.__base__) in classes.values() else None for name, cls in classes.items()

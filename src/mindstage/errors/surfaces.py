@@ -1,0 +1,89 @@
+"""Errors of the surfaces: the page, the Prolog console, what people type there."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from mindstage.errors.hints import also, near, near_names
+from mindstage.errors.root import MindstageError
+
+__all__ = [
+    "ColourUnknown",
+    "GoalRefused",
+    "GoalTimedOut",
+    "PrologError",
+    "PrologUnavailable",
+    "ViewportUnavailable",
+]
+
+
+class ColourUnknown(MindstageError):
+    """It is neither the name of a colour nor three numbers."""
+
+    def __init__(self, colour: str, *, known: Iterable[str]) -> None:
+        self.colour = colour
+        self.known = tuple(known)
+        self.near = near(colour, self.known)
+        super().__init__(colour)
+
+    def __str__(self) -> str:
+        hint = near_names(self.near) or f"there is {', '.join(self.known)}, #rrggbb, or r,g,b from 0 to 1"
+        return f"no colour {self.colour!r}; {hint}"
+
+
+class PrologError(MindstageError):
+    """A Prolog console cannot do what it was asked to."""
+
+
+class PrologUnavailable(PrologError):
+    """SWI-Prolog or its bridge to Python is not installed, or somebody else has it."""
+
+    def __init__(self, cause: str, *, remedy: str = "") -> None:
+        self.cause = cause
+        self.remedy = remedy or (
+            "it takes SWI-Prolog 9 (Debian: apt-get install swi-prolog-nox) and the extra: "
+            "pip install 'mindstage[prolog]'"
+        )
+        super().__init__(cause)
+
+    def __str__(self) -> str:
+        return f"Prolog is not available: {self.cause}{also(self.remedy)}"
+
+
+class GoalRefused(PrologError):
+    """A goal is no Prolog, or threw an error; the kind is Mindstage's own, or `prolog`."""
+
+    def __init__(self, goal: str, *, kind: str, cause: str) -> None:
+        self.goal = goal
+        self.kind = kind
+        self.cause = cause
+        super().__init__(goal)
+
+    def __str__(self) -> str:
+        return f"the goal {self.goal!r} cannot be answered: {self.cause}"
+
+
+class GoalTimedOut(PrologError):
+    """A goal did not end in time."""
+
+    def __init__(self, goal: str, *, timeout_s: float) -> None:
+        self.goal = goal
+        self.timeout_s = timeout_s
+        super().__init__(goal)
+
+    def __str__(self) -> str:
+        return f"the goal {self.goal!r} did not end within {self.timeout_s:g} s; give it more time, or ask for less"
+
+
+class ViewportUnavailable(MindstageError):
+    """Nothing can be served at the address that was asked for."""
+
+    def __init__(self, host: str, port: int, *, cause: str) -> None:
+        self.host = host
+        self.port = port
+        self.cause = cause
+        super().__init__(host, port)
+
+    def __str__(self) -> str:
+        where = f"{self.host}, port {self.port}"
+        return f"the page cannot be served at {where}: {self.cause}; try 127.0.0.1 or another port"
