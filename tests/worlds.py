@@ -251,6 +251,8 @@ def _bodies(wild_tags: bool, labels: tuple[str, ...]) -> SearchStrategy[Body]:
 def _constraints(wild_tags: bool, labels: tuple[str, ...]) -> SearchStrategy[Constraint]:
     motion = st.sampled_from(tuple(Motion))
     limit, angle = (st.just(0.0) | numbers(0.0, high) for high in (10.0, pi))
+    middle, turn = (st.just(0.0) | numbers(-high, high) for high in (10.0, pi))
+    wording = (("", motion), ("_limit", angle), ("_middle", turn))
     soft = st.just(Soft()) | st.builds(
         Soft, enabled=st.booleans(), stiffness=numbers(0.0, 1e4), damping=numbers(0.0, 1e4)
     )
@@ -261,10 +263,16 @@ def _constraints(wild_tags: bool, labels: tuple[str, ...]) -> SearchStrategy[Con
         parent=st.just(A_BODY),
         child=st.just(A_BODY),
         pose=poses(),
-        linear=st.builds(LinearMotion, x=motion, y=motion, z=motion, limit=limit, soft=soft),
+        linear=st.builds(
+            LinearMotion,
+            **dict.fromkeys(("x", "y", "z"), motion),
+            **dict.fromkeys(("x_middle", "y_middle", "z_middle"), middle),
+            limit=limit,
+            soft=soft,
+        ),
         angular=st.builds(
             AngularMotion,
-            **{f"{axis}{what}": value for axis in AXES for what, value in (("", motion), ("_limit", angle))},
+            **{f"{axis}{what}": value for axis in AXES for what, value in wording},
             swing_soft=soft,
             twist_soft=soft,
         ),

@@ -7,8 +7,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from mindstage.engines.collision import Collisions, Scene, decide
 from mindstage.engines.hollow import hollow_out
-from mindstage.engines.overlap import Boxes, contains, depths, neighbours
+from mindstage.world import BodyId
+from mindstage.world.boxes import Boxes, contains, depths, neighbours
 from mindstage.world.geometry import compose, unit
 
 
@@ -116,3 +118,26 @@ def test_what_stands_on_other_contents_gets_no_floor_of_its_own() -> None:
     hollow = hollow_out(boxes_of(drawer, plate, cup), 0, [1, 2], [])
     floors = [p for p in hollow.plates if p.size[0] > 0.4 and p.size[1] > 0.4]
     assert len(floors) == 1
+
+
+def test_in_a_throng_everything_collides_with_nothing_and_says_so() -> None:
+    count = 1_500
+    table = np.zeros((count, 7))
+    table[:, 3] = 1.0
+    poses, sizes = table, np.full((count, 3), 0.1)
+    moves = np.ones(count, dtype=bool)
+    scene = Scene(
+        ids=tuple(BodyId(f"mug{i}") for i in range(count)),
+        poses=poses,
+        sizes=sizes,
+        assembly=np.arange(count),
+        simulates=moves,
+        loose=moves,
+        fresh=moves,
+        joined=frozenset(),
+        cores=Boxes.of(poses, sizes),
+    )
+    collisions, notes = decide(scene, Collisions())
+    assert collisions.ghosts == set(scene.ids)
+    assert not collisions.apart
+    assert {id for note in notes for id in note.ids} == set(scene.ids)

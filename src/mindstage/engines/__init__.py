@@ -8,6 +8,7 @@ from mindstage.engines.null import NullEngine
 
 if TYPE_CHECKING:
     from mindstage.engines.mujoco import MujocoEngine
+    from mindstage.engines.remote import RemoteEngine
 
 __all__ = [
     "Ability",
@@ -18,6 +19,7 @@ __all__ = [
     "NoteKind",
     "NullEngine",
     "Poses",
+    "RemoteEngine",
     "SpawnReport",
     "State",
 ]
@@ -27,4 +29,6 @@ def __getattr__(name: str) -> object:
     # A heavy engine loads when it is first asked for.
     if name == "MujocoEngine":
         return import_module("mindstage.engines.mujoco").MujocoEngine
+    if name == "RemoteEngine":
+        return import_module("mindstage.engines.remote").RemoteEngine
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -21,21 +21,21 @@ from numpy.typing import NDArray
 
 from mindstage.engines.contract import Note, NoteKind
 from mindstage.engines.hollow import Plate, hollow_out
-from mindstage.engines.overlap import Boxes, contains, depths, neighbours
 from mindstage.world import BodyId
+from mindstage.world.boxes import Boxes, contains, depths, neighbours
 from mindstage.world.geometry import Array
+from mindstage.world.shells import find_shells
 
 __all__ = ["TOUCH_M", "Collisions", "Scene", "decide"]
 
 TOUCH_M = 0.002
 """Boxes that stand in one another by less than this only touch: maps round to a micrometre, people to a millimetre."""
 
-_SHELL_SIZE_M = (1.0, 2.0, 2.0)
-"""A shell is at least so large along its shortest, middle and longest side: one can stand in it."""
-_SHELL_HOLDS = 3
-"""A shell holds at least so many pieces of furniture that do not hang on it."""
 _CROWD = 256
 """A body that overlaps more others than this is not told apart from each of them."""
+
+_THRONG = 1024
+"""Of bodies that have more neighbours than this, pairs are not even looked at: ten thousand have fifty million."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,9 +94,12 @@ def decide(scene: Scene, so_far: Collisions) -> tuple[Collisions, list[Note]]:
     """Decides about all that is fresh, on top of what was decided before."""
     collisions, notes = so_far.copy(), list[Note]()
     boxes = Boxes.of(scene.poses, scene.sizes)
-    a, b, depth = _overlapping(scene)
+    thronged = _thronged(scene)
+    a, b, depth = _overlapping(scene, thronged)
     holds = _holding(boxes, a, b)
-    shells = _shells(scene, boxes, holds)
+    shells = find_shells(
+        boxes, holds, moves=scene.simulates, loose=scene.loose, assembly=scene.assembly, joined=scene.joined
+    )
     for index, count in shells.items():
         id = scene.ids[index]
         collisions.ghosts.add(id)
@@ -107,16 +110,27 @@ def decide(scene: Scene, so_far: Collisions) -> tuple[Collisions, list[Note]]:
     for outer, inner in contents.items():
         notes.append(_hollow(scene, boxes, collisions, outer, inner, fronts.get(int(scene.assembly[outer]), ())))
     resting = {(outer, item) for outer, inner in contents.items() for item in inner}
+    notes += _make_ghosts(scene, collisions, _crowded(scene, a, b) | thronged)
     notes += _keep_apart(scene, collisions, (a, b, depth), resting)
     return collisions, notes
 
 
-def _overlapping(scene: Scene) -> tuple[NDArray[np.intp], NDArray[np.intp], Array]:
+def _thronged(scene: Scene) -> NDArray[np.bool_]:
+    """Which bodies have so many neighbours that the pairs among them are too many to look at."""
+    everything = np.ones(len(scene.ids), dtype=bool)
+    count = np.zeros(len(scene.ids), dtype=np.intp)
+    if len(scene.ids) > _THRONG:
+        for a, b in neighbours(scene.cores, scene.fresh, everything):
+            count += np.bincount(a, minlength=len(count)) + np.bincount(b, minlength=len(count))
+    return np.asarray(count > _THRONG)
+
+
+def _overlapping(scene: Scene, thronged: NDArray[np.bool_]) -> tuple[NDArray[np.intp], NDArray[np.intp], Array]:
     """All pairs of different assemblies that stand in one another, at least one of them fresh."""
     everything = np.ones(len(scene.ids), dtype=bool)
     found_a, found_b, found_depth = [], [], []
     for a, b in neighbours(scene.cores, scene.fresh, everything):
-        apart = scene.assembly[a] != scene.assembly[b]
+        apart = (scene.assembly[a] != scene.assembly[b]) & ~(thronged[a] & thronged[b])
         a, b = a[apart], b[apart]
         depth = depths(scene.cores, a, b)
         deep = depth > TOUCH_M
@@ -135,21 +149,6 @@ def _holding(boxes: Boxes, a: NDArray[np.intp], b: NDArray[np.intp]) -> tuple[ND
     outer, inner = np.concatenate([a, b]), np.concatenate([b, a])
     inside = contains(boxes, outer, inner)
     return outer[inside], inner[inside]
-
-
-def _shells(scene: Scene, boxes: Boxes, holds: tuple[NDArray[np.intp], NDArray[np.intp]]) -> dict[int, int]:
-    """Shells, and how many pieces of furniture each holds."""
-    large = np.all(np.sort(2 * boxes.half, axis=1) >= _SHELL_SIZE_M, axis=1) & ~scene.simulates
-    outer, inner = holds
-    furniture = large[outer] & ~scene.loose[inner]
-    held: dict[int, set[int]] = {}
-    for o, i in zip(outer[furniture].tolist(), scene.assembly[inner[furniture]].tolist(), strict=True):
-        held.setdefault(o, set()).add(i)
-    return {
-        o: len(assemblies)
-        for o, assemblies in sorted(held.items())
-        if len(assemblies) - sum(_pair(int(scene.assembly[o]), i) in scene.joined for i in assemblies) >= _SHELL_HOLDS
-    }
 
 
 def _contents(
@@ -208,6 +207,25 @@ def _hollow(
     return Note(NoteKind.HOLLOW, (id, *names), text)
 
 
+def _crowded(scene: Scene, a: NDArray[np.intp], b: NDArray[np.intp]) -> NDArray[np.bool_]:
+    """Which bodies overlap more others than can be told one by one."""
+    matters = scene.simulates[a] | scene.simulates[b]
+    partners = np.bincount(np.concatenate([a[matters], b[matters]]), minlength=len(scene.ids))
+    return np.asarray(partners > _CROWD)
+
+
+def _make_ghosts(scene: Scene, collisions: Collisions, crowded: NDArray[np.bool_]) -> list[Note]:
+    """Bodies in a crowd collide with nothing; what stands still is left as it is."""
+    notes = []
+    for index in np.flatnonzero(crowded & scene.simulates).tolist():
+        id = scene.ids[index]
+        if id not in collisions.ghosts:
+            collisions.ghosts.add(id)
+            text = f"{id} overlaps more than {_CROWD} others, so it collides with nothing"
+            notes.append(Note(NoteKind.OVERLAP, (id,), text))
+    return notes
+
+
 def _keep_apart(
     scene: Scene,
     collisions: Collisions,
@@ -218,14 +236,6 @@ def _keep_apart(
     a, b, depth = overlaps
     matters = scene.simulates[a] | scene.simulates[b]
     a, b, depth = a[matters], b[matters], depth[matters]
-    crowded = set(np.flatnonzero(np.bincount(np.concatenate([a, b]), minlength=len(scene.ids)) > _CROWD).tolist())
-    notes = []
-    for index in sorted(crowded):
-        id = scene.ids[index]
-        if id not in collisions.ghosts and scene.simulates[index]:
-            collisions.ghosts.add(id)
-            text = f"{id} overlaps more than {_CROWD} others, so it collides with nothing"
-            notes.append(Note(NoteKind.OVERLAP, (id,), text))
     told: list[tuple[int, int, float]] = []
     for i, j, deep in zip(a.tolist(), b.tolist(), depth.tolist(), strict=True):
         first, second = scene.ids[i], scene.ids[j]
@@ -235,7 +245,7 @@ def _keep_apart(
         collisions.apart.add((first, second) if first < second else (second, first))
         if _pair(int(scene.assembly[i]), int(scene.assembly[j])) not in scene.joined:
             told.append((i, j, deep))
-    return notes + _overlap_notes(scene.ids, told)
+    return _overlap_notes(scene.ids, told)
 
 
 def _overlap_notes(ids: tuple[BodyId, ...], pairs: list[tuple[int, int, float]]) -> list[Note]:

@@ -63,6 +63,8 @@ class NoteKind(Enum):
     """An attachment is not taken literally."""
     SOLVER = "solver"
     """The physics warned that it left something out."""
+    UNTOLD = "untold"
+    """There is no word for it on the way to a far engine, so that engine does not know of it."""
 
 
 class Note(msgspec.Struct, frozen=True):

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mindstage.engines.overlap import Boxes
 from mindstage.world import Vector
+from mindstage.world.boxes import Boxes
 from mindstage.world.geometry import Array
 
 __all__ = ["Hollow", "Plate", "hollow_out"]

@@ -294,4 +294,9 @@ def _why_not_limits(constraint: Constraint) -> str:
     limits = (constraint.linear.limit, angular.swing1_limit, angular.swing2_limit, angular.twist_limit)
     if not (all(map(isfinite, limits)) and min(limits) >= 0.0):
         return f"its limits {limits} are not all finite and positive"
+    linear = constraint.linear
+    slides = (linear.x_middle, linear.y_middle, linear.z_middle)
+    middles = (*slides, angular.swing1_middle, angular.swing2_middle, angular.twist_middle)
+    if not all(map(isfinite, middles)):
+        return f"the middles {middles} of its ranges are not all finite"
     return ""

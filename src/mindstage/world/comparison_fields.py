@@ -47,7 +47,7 @@ class Kind(StrEnum):
     """The largest of the three extents' differences [m]."""
     MASS = "mass_kg"
     LIMIT = "limit"
-    """Of a constraint: linear [m] or angular [rad]."""
+    """Of a constraint, or the middle between its limits: linear [m] or angular [rad]."""
     STIFFNESS = "stiffness"
     """[N/m] or [Nm/rad]."""
     DAMPING = "damping"
@@ -114,7 +114,8 @@ CONSTRAINT_FIELDS: Mapping[str, Kind] = {
     **{f"linear.{axis}": Kind.MOTION for axis in ("x", "y", "z")},
     **{f"angular.{axis}": Kind.MOTION for axis in ("swing1", "swing2", "twist")},
     "linear.limit": Kind.LIMIT,
-    **{f"angular.{axis}_limit": Kind.LIMIT for axis in ("swing1", "swing2", "twist")},
+    **{f"linear.{axis}_middle": Kind.LIMIT for axis in ("x", "y", "z")},
+    **{f"angular.{axis}_{what}": Kind.LIMIT for axis in ("swing1", "swing2", "twist") for what in ("limit", "middle")},
     **{
         f"{soft}.{part}": kind
         for soft in ("linear.soft", "angular.swing_soft", "angular.twist_soft")

@@ -168,18 +168,26 @@ class Soft(Value, frozen=True, kw_only=True):
 
 
 class LinearMotion(Value, frozen=True, kw_only=True):
-    """How far the child may slide along the axes of the joint frame, either way from where it was spawned."""
+    """How far the child may slide along the axes of the joint frame, either way from the middle of its range.
+
+    The middle is where it was spawned, unless it may go farther one way than the other: a drawer that is shut and
+    opens by 0.4 m has its middle, and its limit, at 0.2 m.
+    """
 
     x: Motion = Motion.LOCKED
     y: Motion = Motion.LOCKED
     z: Motion = Motion.LOCKED
     limit: float = 0.0
     """[m], for every limited axis."""
+    x_middle: float = 0.0
+    """Of the range along x, from where the child was spawned [m]; of no meaning where x is not limited."""
+    y_middle: float = 0.0
+    z_middle: float = 0.0
     soft: Soft = Soft()
 
 
 class AngularMotion(Value, frozen=True, kw_only=True):
-    """How far the child may turn about the axes of the joint frame, either way from where it was spawned."""
+    """How far the child may turn about the axes of the joint frame, either way from the middle of its range."""
 
     swing1: Motion = Motion.LOCKED
     """About z."""
@@ -193,6 +201,10 @@ class AngularMotion(Value, frozen=True, kw_only=True):
     """[rad]."""
     twist_limit: float = 0.0
     """[rad]."""
+    swing1_middle: float = 0.0
+    """Of the range about z, from where the child was spawned [rad]; see `LinearMotion`."""
+    swing2_middle: float = 0.0
+    twist_middle: float = 0.0
     swing_soft: Soft = Soft()
     twist_soft: Soft = Soft()
 

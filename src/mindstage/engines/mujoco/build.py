@@ -90,7 +90,7 @@ class _Builder:
     def _branch(self, assembly: Assembly, branch: Branch) -> None:
         parent_from_frame, frame_from_top, top_from_frame = self._frames(assembly.top, branch)
         top = self._body(self.made[branch.parent], assembly.top, compose(parent_from_frame, frame_from_top))
-        axes = axes_of(branch.constraint)
+        axes = axes_of(branch.constraint, upside_down=branch.upside_down)
         ball = is_ball(axes)
         self._joints(top, branch, axes, ball, top_from_frame)
 
@@ -119,7 +119,7 @@ class _Builder:
             )
             if axis.limit is not None:
                 joint.limited = True
-                joint.range = (-axis.limit, axis.limit)
+                joint.range = (axis.middle - axis.limit, axis.middle + axis.limit)
                 joint.solref_limit = _STIFF_LIMIT
                 joint.solimp_limit = (0.95, 0.999, 0.0005, 0.5, 2)
             made.append(joint)
@@ -206,7 +206,7 @@ class _Builder:
         that has the joints and is welded to the far side.
         """
         of_parent, of_child = branch.seen_from_root(self.blueprint.ends[branch.constraint.id])
-        axes = axes_of(branch.constraint)
+        axes = axes_of(branch.constraint, upside_down=branch.upside_down)
         linear, angular = branch.constraint.linear, branch.constraint.angular
         pinned = all(motion is Motion.LOCKED for motion in (linear.x, linear.y, linear.z))
         turns = all(motion is Motion.FREE for motion in (angular.twist, angular.swing1, angular.swing2))
@@ -266,23 +266,26 @@ class _Builder:
         return Live(model, data, plan.rows, numbers, order, rows, plan.where[rows], joints, free, mocap)
 
 
-def build(blueprint: Blueprint) -> Live:
+def build(blueprint: Blueprint, *, scenery: bool = True) -> Live:
     """Compiles a blueprint.
+
+    Args:
+        blueprint: what is built.
+        scenery: whether what never moves may be geometry of MuJoCo's world, and no body of its own.
 
     Raises:
         EngineUnavailable: MuJoCo refuses the model; its words are in the cause.
     """
     builder = _Builder(blueprint)
     builder.options()
-    scenery = builder.scenery()
-    standing = set(scenery)
+    standing = set(fixed := builder.scenery() if scenery else [])
     for assembly in blueprint.forest.assemblies.values():
         if assembly.top not in standing:
             builder.assembly(assembly)
     for branch in blueprint.forest.loops:
         builder.loop(branch)
     builder.apart()
-    live = builder.finish(scenery)
+    live = builder.finish(fixed)
     soften(live.model, live.joints.values())
     add_friction(live.model, live.data, live.joints.values())
     return live

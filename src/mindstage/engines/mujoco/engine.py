@@ -212,9 +212,11 @@ class MujocoEngine:
         ends = keeper.ends[constraint]
         place = coordinates(joint, asked, ends)
         for axis in joint.axes:
-            if axis.limit is not None and abs(place[axis.index]) > axis.limit + _REACHED_M:
-                asked_for = f"{abs(place[axis.index]):.4g} {'m' if axis.slides else 'rad'}"
-                raise PoseUnreachable(id, reason=f"{constraint!r} ends at {axis.limit:g}, asked for was {asked_for}")
+            beyond = place[axis.index] - axis.middle
+            if axis.limit is not None and abs(beyond) > axis.limit + _REACHED_M:
+                end = axis.middle + np.copysign(axis.limit, beyond)
+                asked_for = f"{place[axis.index]:.4g} {'m' if axis.slides else 'rad'}"
+                raise PoseUnreachable(id, reason=f"{constraint!r} ends at {end:g}, asked for was {asked_for}")
         allowed = np.zeros(6)
         for axis in joint.axes:
             allowed[axis.index] = place[axis.index]

@@ -31,8 +31,10 @@ class Axis:
     index: int
     """Into `AXES`: 0 to 2 are slides along x, y, z; 3 to 5 hinges about them."""
     limit: float | None
-    """Either way [m or rad]; None for no limit."""
+    """Either way from the middle [m or rad]; None for no limit."""
     soft: Soft
+    middle: float = 0.0
+    """Of its range, from where it was spawned."""
 
     @property
     def slides(self) -> bool:
@@ -45,16 +47,27 @@ class Axis:
         return self.index % 3
 
 
-def axes_of(constraint: Constraint) -> tuple[Axis, ...]:
-    """The axes that can move, in the order in which MuJoCo needs them; a limit of 0 is no movement."""
+def axes_of(constraint: Constraint, *, upside_down: bool = False) -> tuple[Axis, ...]:
+    """The axes that can move, in the order in which MuJoCo needs them; a range of one point is none.
+
+    Args:
+        constraint: the constraint.
+        upside_down: whether its child holds its parent, so that all goes the other way.
+    """
     linear, angular = constraint.linear, constraint.angular
     motions = (linear.x, linear.y, linear.z, angular.twist, angular.swing2, angular.swing1)
     limits = (*(linear.limit,) * 3, angular.twist_limit, angular.swing2_limit, angular.swing1_limit)
     softs = (*(linear.soft,) * 3, angular.twist_soft, angular.swing_soft, angular.swing_soft)
+    slides = (linear.x_middle, linear.y_middle, linear.z_middle)
+    middles = (*slides, angular.twist_middle, angular.swing2_middle, angular.swing1_middle)
+    way = -1.0 if upside_down else 1.0
     return tuple(
-        Axis(index, None if motions[index] is Motion.FREE else limits[index], softs[index])
+        Axis(index, None, softs[index])
+        if motions[index] is Motion.FREE
+        else Axis(index, limits[index], softs[index], way * middles[index])
         for index in (0, 1, 2, *_HINGE_ORDER)
-        if motions[index] is Motion.FREE or (motions[index] is Motion.LIMITED and limits[index] > 0.0)
+        if motions[index] is Motion.FREE
+        or (motions[index] is Motion.LIMITED and middles[index] - limits[index] < middles[index] + limits[index])
     )
 
 

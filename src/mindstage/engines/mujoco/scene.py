@@ -21,8 +21,8 @@ from mindstage.engines.mujoco.build import Blueprint, build
 from mindstage.engines.mujoco.carry import carry
 from mindstage.engines.mujoco.forest import Forest, grow
 from mindstage.engines.mujoco.live import Live
-from mindstage.engines.overlap import Boxes
 from mindstage.world import Body, BodyId, Constraint, Physics, ShapeKind, World
+from mindstage.world.boxes import Boxes
 from mindstage.world.geometry import Array, compose, invert, pose_array, unit
 
 __all__ = ["SceneKeeper"]
@@ -132,6 +132,27 @@ class SceneKeeper:
         poses = np.array([where[id] for id in wanted]).reshape(-1, 7)
         low, high = Boxes.of(poses, self._sizes(wanted)).bounds()
         return np.array([low.min(axis=0), high.max(axis=0)])
+
+    def blueprint(self, where: Array | None = None) -> Blueprint:
+        """All that a model of it is made from.
+
+        Args:
+            where: all poses, if they are at hand.
+        """
+        ids = self.inventory.ids
+        return Blueprint(
+            bodies=self.inventory.bodies,
+            rows={id: row for row, id in enumerate(ids)},
+            where=self.where() if where is None else where,
+            sizes=self._sizes(ids),
+            masses=self._masses(),
+            forest=self.forest,
+            holds=self.holds,
+            ends=self.ends,
+            collisions=self.collisions,
+            constraints=self.inventory.constraints,
+            timestep_s=self._timestep_s,
+        )
 
     # -- edits -------------------------------------------------------------------------------------------------
 
@@ -268,21 +289,8 @@ class SceneKeeper:
     def _rebuild(self) -> None:
         self._settle_decisions()
         where = self.where()
-        ids, forest = self.inventory.ids, self.forest
-        blueprint = Blueprint(
-            bodies=self.inventory.bodies,
-            rows={id: row for row, id in enumerate(ids)},
-            where=where,
-            sizes=self._sizes(ids),
-            masses=self._masses(),
-            forest=forest,
-            holds=self.holds,
-            ends=self.ends,
-            collisions=self.collisions,
-            constraints=self.inventory.constraints,
-            timestep_s=self._timestep_s,
-        )
-        new = build(blueprint)
+        ids = self.inventory.ids
+        new = build(self.blueprint(where))
         new.data.time = self.time_s
         disturbed: NDArray[np.float64] = np.array(self._disturbed).reshape(-1, 2, 3)
         carry(self._live, new, dict(zip(ids, where, strict=True)), self.ends, self._at_rest, disturbed)

@@ -1,0 +1,51 @@
+"""Meshes: files that MuJoCo can read, and how large what is in them is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from mindstage.world import Vector
+from mindstage.world.geometry import Array, rotate
+
+__all__ = ["Mesh", "load_mesh"]
+
+_SUFFIXES = frozenset({".obj", ".stl", ".msh"})
+_ALIKE = 0.01
+"""Sizes that differ by less than this part are the same: maps round."""
+
+
+@dataclass(frozen=True, slots=True)
+class Mesh:
+    """One file."""
+
+    path: Path
+    extents: Array
+    """Along x, y and z, in the file's own units."""
+
+    def scale_to(self, size: Vector | None) -> tuple[float, float, float]:
+        """What makes it as large as a body; 1 where it is so already, or where nobody knows."""
+        if size is None or not self.extents.all():
+            return (1.0, 1.0, 1.0)
+        x, y, z = (float(scale) for scale in np.array(size) / self.extents)
+        if min(x, y, z) <= 0.0 or max(abs(x - 1.0), abs(y - 1.0), abs(z - 1.0)) < _ALIKE:
+            return (1.0, 1.0, 1.0)
+        return x, y, z
+
+
+def load_mesh(path: Path) -> Mesh | None:
+    """A mesh, if MuJoCo can read it."""
+    if path.suffix.lower() not in _SUFFIXES:
+        return None
+    spec = mujoco.MjSpec()
+    spec.add_mesh(name="mesh", file=str(path), inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL)
+    spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname="mesh")
+    try:
+        model = spec.compile()
+    except ValueError:  # it says what is wrong with the file; whoever asked says that it is left out
+        return None
+    points = rotate(model.mesh_quat[0], np.asarray(model.mesh_vert, dtype=np.float64)) + model.mesh_pos[0]
+    return Mesh(path, np.ptp(points, axis=0))

@@ -1,0 +1,64 @@
+"""Colours: the ones that people name, and how any other is written."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from types import MappingProxyType
+
+from mindstage.errors import ColourUnknown
+from mindstage.world.values import Colour
+
+__all__ = ["COLOURS", "NO_COLOUR", "colour_from", "colour_text", "hex_text"]
+
+NO_COLOUR = "none"
+"""Puts a light out."""
+
+
+def _rgb(text: str) -> Colour:
+    red, green, blue = (int(text[start : start + 2], 16) / 255 for start in (0, 2, 4))
+    return red, green, blue
+
+
+COLOURS: Mapping[str, Colour] = MappingProxyType(
+    {
+        "black": _rgb("000000"),
+        "red": _rgb("e5191c"),
+        "blue": _rgb("1f5fe0"),
+        "green": _rgb("1fa83c"),
+        "yellow": _rgb("f5c400"),
+    }
+)
+"""In the order of the numbers that stand for them on the wire: 1 is black, 5 yellow, and 0 is none."""
+
+
+def colour_from(text: str) -> Colour | None:
+    """A colour as people write it: a name, `#rrggbb`, or three numbers `r,g,b` from 0 to 1; None for "none".
+
+    Raises:
+        ColourUnknown: it is none of these.
+    """
+    name = text.strip().lower()
+    if name == NO_COLOUR:
+        return None
+    if name in COLOURS:
+        return COLOURS[name]
+    if re.fullmatch(r"#[0-9a-f]{6}", name):
+        return _rgb(name[1:])
+    try:
+        red, green, blue = map(float, name.split(","))
+    except ValueError:
+        raise ColourUnknown(text, known=(*COLOURS, NO_COLOUR)) from None
+    if not all(0.0 <= part <= 1.0 for part in (red, green, blue)):
+        raise ColourUnknown(text, known=(*COLOURS, NO_COLOUR))
+    return red, green, blue
+
+
+def colour_text(colour: Colour) -> str:
+    """A colour's name, or else `#rrggbb`."""
+    return next((name for name, known in COLOURS.items() if known == colour), None) or hex_text(colour)
+
+
+def hex_text(colour: Colour) -> str:
+    """A colour as `#rrggbb`, which a web page reads too."""
+    return "#" + "".join(f"{round(255 * min(max(part, 0.0), 1.0)):02x}" for part in colour)

@@ -1,0 +1,255 @@
+"""Where things are relative to one another: each rule at its limits, and what all of them keep."""
+
+from __future__ import annotations
+
+from math import cos, sin
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from msgspec.structs import replace
+from tests.engines.scenes import body, hinge, hold, slide, world
+
+from mindstage.world import Body, Pose, Quaternion, Vector, World
+from mindstage.world.geometry import compose, multiply, pose_from, unit_pose
+from mindstage.world.space import Relation, Space
+
+ON, INSIDE, ABOVE, BELOW, NEXT_TO = Relation
+
+
+def told(scene: World, **only: object) -> set[tuple[str, Relation, str]]:
+    return {(each.thing.id, each.relation, each.other.id) for each in Space(scene).related(**only)}  # type: ignore[arg-type]
+
+
+def between(a: Body, b: Body, *more: object) -> set[Relation]:
+    """How the first stands to the second."""
+    return {how for thing, how, other in told(world(a, b, *more)) if (thing, other) == (a.id, b.id)}  # type: ignore[arg-type]
+
+
+TABLE = body("table", (0, 0, 0.5), (1, 1, 1))
+
+
+def cup(x: float, y: float, z: float, size: Vector = (0.1, 0.1, 0.1), **more: object) -> Body:
+    return body("cup", (x, y, z), size, **({"mobility": "dynamic"} | more))  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("thing", "expected"),
+    [
+        (cup(0, 0, 1.05), {ON}),
+        (cup(0, 0, 1.0549), {ON}),
+        (cup(0, 0, 1.0551), {ABOVE}),
+        (cup(0, 0, 1.0301), {ON}),
+        (cup(0, 0, 1.0299), set()),
+        (cup(0, 0, 1.006, (0.1, 0.1, 0.02)), {ON}),
+        (cup(0, 0, 0.999, (0.1, 0.1, 0.02)), set()),
+        (cup(0, 0, 0.9939, (0.1, 0.1, 0.02)), {INSIDE}),
+        (cup(0.5399, 0, 1.05), {ON}),
+        (cup(0.5401, 0, 1.05), set()),
+        (cup(0, 0, 4.0499), {ABOVE}),
+        (cup(0, 0, 4.0501), set()),
+        (cup(0.7999, 0, 0.5), {NEXT_TO}),
+        (cup(0.8001, 0, 0.5), set()),
+        (cup(0.6, 0, 0.9999), {NEXT_TO}),
+        (cup(0.6, 0, 1.0001), set()),
+        (cup(0.4199, 0, 0.5), {INSIDE}),
+        (cup(0.4201, 0, 0.5), {INSIDE}),
+        (cup(0.4699, 0, 0.5), {INSIDE}),
+        (cup(0.4701, 0, 0.5), set()),
+        (cup(0.5399, 0, 0.5), set()),
+        (cup(0.5401, 0, 0.5), {NEXT_TO}),
+    ],
+)
+def test_each_relation_holds_up_to_its_limit_and_no_farther(thing: Body, expected: set[Relation]) -> None:
+    assert between(thing, TABLE) == expected
+    assert between(TABLE, thing) == {BELOW for each in expected if each in {ON, ABOVE}} | (expected & {NEXT_TO})
+
+
+def test_the_numbers_are_gaps_in_metres_and_shares() -> None:
+    scene = world(
+        TABLE, cup(0.45, 0, 1.052), body("in", (0.4, 0, 0.3), (0.2, 0.1, 0.1)), body("by", (0, 0.7, 0.9), (1, 0.2, 0.4))
+    )
+    found = {(each.thing.id, each.relation): (each.gap, each.share) for each in Space(scene).related(others=["table"])}
+    assert found[("cup", ON)] == (0.002, 1.0)
+    assert found[("in", INSIDE)] == (0.0, 1.0)
+    assert found[("by", NEXT_TO)] == (0.1, 0.75)
+    half_over = Space(world(TABLE, cup(0.5, 0.5, 1.15))).related(things=["cup"])
+    assert [(each.relation, each.gap, each.share) for each in half_over] == [(ABOVE, 0.1, 0.25)]
+
+
+def test_a_turned_box_is_measured_along_its_own_axes() -> None:
+    eighth = (cos(np.pi / 8), 0.0, 0.0, sin(np.pi / 8))
+    stick = body("stick", (0, 0, 1.01), (2.0, 0.02, 0.02), quaternion=eighth)
+    # The stick runs from corner to corner: the upright box around it meets the cup, the stick does not.
+    assert between(cup(0.5, -0.5, 1.0), stick) == set()
+    assert between(cup(0.5, 0.5, 1.07), stick) == {ON}
+    lying = body("lying", (0, 0, 1.1), (0.4, 0.2, 0.2), quaternion=(cos(np.pi / 4), 0.0, sin(np.pi / 4), 0.0))
+    assert between(lying, TABLE) == set(), "on its end it is 0.4 m high and sinks in by half"
+    assert between(replace(lying, pose=replace(lying.pose, position=(0, 0, 1.2))), TABLE) == {ON}
+
+
+# -- what hangs together -----------------------------------------------------------------------------------------------
+
+FRIDGE = body("fridge", (0, 0, 1), (0.6, 0.6, 2))
+DOOR = body("door", (0.32, 0, 1), (0.04, 0.6, 2), "dynamic")
+HINGE = hinge("hinge", "fridge", "door", (0.32, 0.3, 1))
+GRIP = body("grip", (0.36, 0.2, 1), (0.04, 0.04, 0.3), "kinematic")
+
+
+def test_what_is_inside_is_beside_nothing_outside() -> None:
+    milk, jar = body("milk", (0, 0.2, 1), (0.1, 0.1, 0.2)), body("jar", (0, 0, 1), (0.1, 0.1, 0.2))
+    outside = body("outside", (0, 0.4, 1), (0.1, 0.1, 0.2))
+    found = told(world(FRIDGE, milk, jar, outside))
+    assert {("milk", INSIDE, "fridge"), ("milk", NEXT_TO, "jar"), ("outside", NEXT_TO, "fridge")} <= found
+    assert not {("milk", NEXT_TO, "outside"), ("milk", NEXT_TO, "fridge"), ("outside", INSIDE, "fridge")} & found
+
+
+def test_what_is_in_a_box_in_a_fridge_is_in_both() -> None:
+    box, egg = body("box", (0, 0, 1), (0.3, 0.3, 0.2)), body("egg", (0, 0, 1), (0.05, 0.05, 0.06))
+    beside = body("beside", (0.05, 0.2, 1), (0.05, 0.05, 0.2))
+    found = told(world(FRIDGE, box, egg, beside))
+    assert {("egg", INSIDE, "box"), ("egg", INSIDE, "fridge"), ("box", NEXT_TO, "beside")} <= found
+    assert ("egg", NEXT_TO, "beside") not in found
+
+
+def test_a_door_is_not_beside_what_it_closes_nor_its_handle_beside_it() -> None:
+    scene = world(FRIDGE, DOOR, GRIP, HINGE, hold("door", "grip"))
+    assert told(scene, relations=[NEXT_TO]) == set()
+    assert told(world(FRIDGE, DOOR, GRIP), relations=[NEXT_TO], things=["door"]) == {
+        ("door", NEXT_TO, "fridge"),
+        ("door", NEXT_TO, "grip"),
+    }
+
+
+def test_what_hangs_in_a_constraint_rests_on_nothing_and_carries_only_what_is_loose() -> None:
+    floor, counter = body("floor", (0, 0, -0.05), (9, 9, 0.1)), body("counter", (0.3, 0, 2.02), (0.8, 0.8, 0.04))
+    scene = world(floor, FRIDGE, DOOR, HINGE, counter, body("cup", (0.32, 0, 2.09), (0.02, 0.1, 0.1), "dynamic"))
+    found = told(scene, relations=[ON])
+    assert found == {("fridge", ON, "floor"), ("counter", ON, "fridge"), ("cup", ON, "counter")}
+    without = replace(scene, bodies=tuple(each for each in scene.bodies if each.id != "counter"))
+    lower = replace(without.body("cup"), pose=Pose((0.32, 0.0, 2.05)))
+    on_door = replace(without, bodies=(*(each for each in without.bodies if each.id != "cup"), lower))
+    assert ("cup", ON, "door") in told(on_door)
+
+
+def test_roles_may_stand_upside_down() -> None:
+    upside_down = slide("slide", "drawer", "cabinet", (0, 0, 0.2))
+    cabinet, drawer = (
+        body("cabinet", (0, 0, 0.5), (0.6, 0.6, 1)),
+        body("drawer", (0.7, 0, 0.2), (0.5, 0.5, 0.2), "dynamic"),
+    )
+    low = body("low", (0.7, 0, 0.05), (0.5, 0.5, 0.1))
+    assert ("drawer", ON, "low") not in told(world(cabinet, drawer, low, upside_down))
+    assert ("drawer", ON, "low") in told(world(cabinet, drawer, low))
+
+
+# -- what takes no part ------------------------------------------------------------------------------------------------
+
+
+def test_a_shell_is_where_everything_is_and_takes_no_part() -> None:
+    walls = body("walls", (0, 0, 1.5), (5, 5, 3))
+    shelves = [body(f"shelf{n}", (n - 1.0, 0, 0.5), (0.3, 0.3, 1)) for n in range(3)]
+    scene = world(walls, *shelves)
+    assert Space(scene).shells == ("walls",)
+    assert told(scene) == set()
+    assert told(scene, things=["walls"]) == set()
+    two = replace(scene, bodies=scene.bodies[:-1])
+    assert ("shelf0", INSIDE, "walls") in told(two), "two pieces of furniture make no room"
+
+
+def test_what_has_no_size_takes_no_part() -> None:
+    assert told(world(TABLE, replace(cup(0, 0, 1.05), size=None))) == set()
+    assert told(world()) == set()
+
+
+def test_flat_things_that_lie_in_one_plane_are_not_on_each_other() -> None:
+    sheets = [body(name, (0, 0, 1), (1, 1, 0)) for name in ("a", "b")]
+    assert told(world(*sheets), relations=[ON, ABOVE, BELOW]) == set()
+
+
+def test_only_what_was_asked_for_is_told() -> None:
+    scene = world(TABLE, cup(0, 0, 1.05), body("jar", (0.2, 0, 1.05), (0.1, 0.1, 0.1)))
+    everything = told(scene)
+    for thing in ("table", "cup", "jar", "nobody"):
+        assert told(scene, things=[thing]) == {each for each in everything if each[0] == thing}
+        assert told(scene, others=[thing]) == {each for each in everything if each[2] == thing}
+    assert told(scene, relations=[BELOW]) == {each for each in everything if each[1] is BELOW}
+
+
+# -- what always holds -------------------------------------------------------------------------------------------------
+
+# No sum of these is a limit of a rule, so that rounding cannot make the difference.
+lengths = st.integers(1, 120).map(lambda n: n * 0.0137)
+places = st.integers(-90, 90).map(lambda n: n * 0.0137)
+turns = st.integers(0, 23).map(lambda n: n * np.pi / 12)
+leans = st.sampled_from([0.0, 0.0, 0.0, 0.3, 1.0])
+things = st.tuples(places, places, places, turns, leans, lengths, lengths, lengths)
+
+
+def _turned(turn: float, lean: float) -> Quaternion:
+    """Leaning about x, then turned about the vertical."""
+    lean_x, turn_z = (cos(lean / 2), sin(lean / 2), 0.0, 0.0), (cos(turn / 2), 0.0, 0.0, sin(turn / 2))
+    w, x, y, z = multiply(turn_z, lean_x).tolist()
+    return w, x, y, z
+
+
+@st.composite
+def scenes(draw: st.DrawFn) -> World:
+    drawn = draw(st.lists(things, min_size=2, max_size=6))
+    mobilities = st.sampled_from(["static", "dynamic"])
+    return world(
+        *(
+            body(f"b{row}", (x, y, z), (a, b, c), draw(mobilities), quaternion=_turned(turn, lean))
+            for row, (x, y, z, turn, lean, a, b, c) in enumerate(drawn)
+        )
+    )
+
+
+@given(scenes())
+def test_nothing_stands_to_itself_and_opposites_come_in_pairs(scene: World) -> None:
+    found = told(scene)
+    for thing, how, other in found:
+        assert thing != other
+        back = {each for one, each, two in found if (one, two) == (other, thing)}
+        match how:
+            case Relation.ON | Relation.ABOVE:
+                assert back == {BELOW}
+            case Relation.BELOW:
+                assert back in ({ON}, {ABOVE})
+            case Relation.INSIDE:
+                assert INSIDE not in back
+            case Relation.NEXT_TO:
+                assert NEXT_TO in back
+
+
+@given(scenes(), st.tuples(*(st.integers(-500, 500).map(lambda n: n * 0.1) for _ in range(3))), turns)
+def test_a_place_that_is_moved_and_turned_as_a_whole_stays_the_same(scene: World, by: Vector, turn: float) -> None:
+    pose = unit_pose(Pose(by, (cos(turn / 2), 0.0, 0.0, sin(turn / 2))))
+    moved = tuple(replace(each, pose=pose_from(compose(pose, unit_pose(each.pose)))) for each in scene.bodies)
+    before = {(each.thing.id, each.relation, each.other.id): each for each in Space(scene).related()}
+    after = {
+        (each.thing.id, each.relation, each.other.id): each for each in Space(replace(scene, bodies=moved)).related()
+    }
+    assert before.keys() == after.keys()
+    for key, each in before.items():
+        assert (each.gap, each.share) == pytest.approx((after[key].gap, after[key].share), abs=5e-6)
+
+
+@given(scenes())
+def test_the_order_of_the_bodies_means_nothing(scene: World) -> None:
+    assert told(replace(scene, bodies=scene.bodies[::-1])) == told(scene)
+
+
+def test_a_thousand_things_are_as_many_answers_as_their_parts() -> None:
+    tables = [
+        part
+        for n in range(500)
+        for part in (
+            body(f"table{n}", (n % 25 * 3.0, n // 25 * 3.0, 0.5), (1, 1, 1)),
+            body(f"cup{n}", (n % 25 * 3.0, n // 25 * 3.0, 1.05), (0.1, 0.1, 0.1)),
+        )
+    ]
+    found = told(world(*tables))
+    assert len(found) == 1000
+    assert all(thing.strip("tablecup") == other.strip("tablecup") for thing, _, other in found)
