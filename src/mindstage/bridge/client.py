@@ -1,0 +1,220 @@
+"""Client: takes part at a rosbridge server, ours or another, from far away.
+
+It comes back by itself after a loss, and then says again what it offers and listens to. A loss is told at once:
+whatever waits for an answer ends with `ConnectionLost`.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import random
+import threading
+from collections.abc import Callable
+from concurrent.futures import Future
+from enum import Enum
+
+from websockets.asyncio.client import connect
+from websockets.exceptions import InvalidStatus, InvalidURI, WebSocketException
+
+from mindstage.bridge.connection import Connection
+from mindstage.bridge.participant import Participant
+from mindstage.bridge.protocol import USUAL_LIMITS, Id, Limits, Operation, Outgoing, Status
+from mindstage.errors import AccessRefused, BridgeError, ConnectionLost
+
+__all__ = ["Client", "LinkState"]
+
+_FIRST_DELAY_S = 0.2
+_LONGEST_DELAY_S = 15.0
+_OPEN_S = 10.0
+_PING_S = 10.0
+_REFUSALS = (401, 403)
+_log = logging.getLogger("mindstage.bridge")
+
+
+class LinkState(Enum):
+    """How it stands with the connection."""
+
+    CONNECTING = "connecting"
+    CONNECTED = "connected"
+    LOST = "lost"
+    """It was there and is not; the client tries again by itself."""
+    CLOSED = "closed"
+
+
+class Client(Participant):
+    """Connects from the moment it is made until `close`; `wait_connected` tells whether it worked.
+
+    Whoever calls what it offers comes over the hub's one connection: plain functions answer all of them in the order
+    they come, one at a time.
+    """
+
+    def __init__(
+        self,
+        url: str,
+        *,
+        token: str | None = None,
+        limits: Limits = USUAL_LIMITS,
+        longest_delay_s: float = _LONGEST_DELAY_S,
+        on_state: Callable[[LinkState], object] | None = None,
+        on_status: Callable[[Status], object] | None = None,
+    ) -> None:
+        """Begins to connect, and does not wait.
+
+        Args:
+            url: such as `ws://127.0.0.1:9090`.
+            token: shown to the server, if it needs one.
+            limits: what the server may send.
+            longest_delay_s: between two tries to come back; each waits twice as long as the one before, up to this [s].
+            on_state: told of every change, on the bridge's thread: it must not take long.
+            on_status: told what the server remarks, likewise; without it, remarks are logged.
+
+        Raises:
+            ConnectionLost: the address is none.
+        """
+        if not url.startswith(("ws://", "wss://")):
+            raise ConnectionLost(url, cause="the address must begin with ws:// or wss://")
+        super().__init__(name="mindstage-client")
+        self.url = url
+        self.state: LinkState = LinkState.CONNECTING
+        self._token = token
+        self._limits = limits
+        self._longest_delay_s = longest_delay_s
+        self._told_of_state = on_state
+        self._told_of_status = on_status
+        self._connection: Connection | None = None
+        self._settled = threading.Event()
+        self._cause: BridgeError = ConnectionLost(url, cause="not connected yet")
+        self._keeper: Future[None] = asyncio.run_coroutine_threadsafe(self._keep_connected(), self._loop.loop)
+
+    @property
+    def closed(self) -> bool:
+        """Whether `close` was called."""
+        return self.state is LinkState.CLOSED
+
+    @property
+    def connected(self) -> bool:
+        """Whether someone is at the other end now, as far as can be known."""
+        return self.state is LinkState.CONNECTED
+
+    def wait_connected(self, timeout_s: float = 10.0) -> Client:
+        """Waits for the connection, over as many tries as fit into the time.
+
+        Raises:
+            ConnectionLost: nobody is there.
+            AccessRefused: the server does not let us in.
+        """
+        self._refuse_to_wait_here("wait_connected")
+        if not self._settled.wait(timeout_s) or not self.connected:
+            raise self._cause
+        return self
+
+    def has_listeners(self, topic: str) -> bool:
+        """Whether anyone may hear a message: nobody here knows who listens at the other hub."""
+        return self.connected
+
+    def close(self) -> None:
+        """Says goodbye and does not come back; any number of times."""
+        if self.closed:
+            return
+        self._refuse_to_wait_here("close")
+        self._loop.do(self._become, LinkState.CLOSED)
+        self._cause = ConnectionLost(self.url, cause="this client was closed")
+        self._loop.run(self._say_goodbye(), timeout_s=_OPEN_S)
+        self._settled.set()
+        self._close(self._cause)
+
+    def __enter__(self) -> Client:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    # -- on the loop ---------------------------------------------------------------------------------------------------
+
+    async def _keep_connected(self) -> None:
+        delay_s = _FIRST_DELAY_S
+        while not self.closed:
+            began_s = self._loop.loop.time()
+            try:
+                await self._be_connected()
+                if self._loop.loop.time() - began_s > delay_s:  # else it was let in only to be thrown out
+                    delay_s = _FIRST_DELAY_S
+            except (OSError, WebSocketException, TimeoutError) as error:
+                self._cause = _why(self.url, error)
+                if isinstance(self._cause, AccessRefused) or isinstance(error, InvalidURI):
+                    self._settled.set()  # trying again changes nothing, but someone else may
+            except Exception as error:  # a defect shall not end the tries in silence
+                _log.exception("the connection to %s broke", self.url)
+                self._cause = ConnectionLost(self.url, cause=f"{type(error).__name__}: {error}")
+            if self.closed:
+                return
+            # Not all clients of a server that comes back shall knock in the same moment.
+            await asyncio.sleep(delay_s * random.uniform(0.5, 1.0))
+            delay_s = min(2.0 * delay_s, self._longest_delay_s)
+
+    async def _be_connected(self) -> None:
+        """Connects, and returns when that is over."""
+        # Said without a token too: a server that needs one then refuses at the door, and does not wait for an `auth`.
+        headers = {"Authorization": f"Bearer {self._token or ''}"}
+        socket = await connect(
+            self.url, additional_headers=headers, compression=None, max_size=self._limits.message_bytes,
+            open_timeout=_OPEN_S, ping_interval=_PING_S, ping_timeout=_PING_S, close_timeout=2.0, proxy=None,
+        )  # fmt: skip
+        self._connection = connection = Connection(socket, self._limits, receive=self._receive, complain=self._complain)
+        for operation in self._announcements():
+            connection.send(Outgoing(operation))
+        self._become(LinkState.CONNECTED)
+        self._settled.set()
+        try:
+            await connection.run()
+        finally:
+            self._connection = None
+            self._cause = ConnectionLost(self.url, cause=connection.why_closed)
+            if not self.closed:
+                self._settled.clear()
+                self._become(LinkState.LOST)
+            self._calling.fail_all(self._cause)
+            self._serving.cancel_all()
+
+    async def _say_goodbye(self) -> None:
+        connection = self._connection
+        if connection is not None:
+            connection.close("the client was closed")
+            await asyncio.wait([asyncio.wrap_future(self._keeper)], timeout=5.0)
+        self._keeper.cancel()
+
+    def _become(self, state: LinkState) -> None:
+        self.state = state
+        if self._told_of_state is not None:
+            try:
+                self._told_of_state(state)
+            except Exception:
+                _log.exception("the state handler broke")
+
+    def _send(self, operation: Operation) -> None:
+        if self._connection is None:
+            raise self._cause
+        self._connection.send(Outgoing(operation))
+
+    def _complain(self, what: str, id: Id | None) -> None:
+        _log.warning("%s sent what makes no sense: %s (id %r)", self.url, what, id)
+
+    def _on_status(self, status: Status) -> None:
+        if self._told_of_status is None:
+            super()._on_status(status)
+            return
+        try:
+            self._told_of_status(status)
+        except Exception:
+            _log.exception("the status handler broke")
+
+
+def _why(url: str, error: Exception) -> BridgeError:
+    if isinstance(error, InvalidStatus) and error.response.status_code in _REFUSALS:
+        body = (error.response.body or b"").decode("utf-8", "replace").strip()
+        return AccessRefused(url, cause=body or f"the server answered {error.response.status_code}")
+    if isinstance(error, TimeoutError):
+        return ConnectionLost(url, cause=f"nobody answered within {_OPEN_S:g} s")
+    cause = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
+    return ConnectionLost(url, cause=cause or type(error).__name__)

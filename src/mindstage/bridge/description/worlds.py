@@ -1,0 +1,96 @@
+"""Worlds: a world, or a part of one, as JSON, exact: every fact, every tag, every digit.
+
+This is how mindstage_msgs carries them, since ROS has no word for a value that is not told and no place for a fact.
+"""
+
+from __future__ import annotations
+
+from typing import Any, TypeVar
+
+import msgspec
+
+from mindstage.bridge.messages.causes import cause_and_path
+from mindstage.bridge.messages.primitives import plain
+from mindstage.errors import MessageRefused
+from mindstage.world import Iri, World
+
+__all__ = ["from_json", "to_json", "world_from_json", "world_to_json"]
+
+T = TypeVar("T")
+
+FORMAT_VERSION = World(iri=Iri("")).format_version
+"""What this version writes and reads."""
+
+
+class Versioned(msgspec.Struct):
+    """As much of a world as tells whether the rest can be read."""
+
+    format_version: int
+
+
+def world_to_json(world: World) -> str:
+    """A world as JSON; `format_version` is always in it.
+
+    Raises:
+        MessageRefused: it holds what JSON cannot, such as NaN.
+    """
+    try:
+        told = {**msgspec.to_builtins(world, enc_hook=plain), "format_version": world.format_version}
+    except (TypeError, RecursionError) as error:
+        raise MessageRefused("a world", cause=str(error)) from error
+    return to_json(told, World)
+
+
+def world_from_json(text: str | bytes) -> World:
+    """The world that `world_to_json` wrote.
+
+    Raises:
+        MessageRefused: it is no such JSON, or that of another version.
+    """
+    version = from_json(text, Versioned).format_version
+    if version != FORMAT_VERSION:
+        raise MessageRefused(
+            "a world",
+            path="format_version",
+            cause=f"it is {version}, and this Mindstage reads {FORMAT_VERSION}",
+            remedy="use the same version of Mindstage on both sides",
+        )
+    return from_json(text, World)
+
+
+def to_json(value: object, type: Any = None) -> str:
+    """A part of a world (`Physics`, a tuple of `Material`s) as JSON.
+
+    Args:
+        value: the part.
+        type: how it will be read, where that is not its own type; a tuple's is `tuple[Material, ...]`.
+
+    Raises:
+        MessageRefused: it holds what JSON cannot, such as NaN.
+    """
+    try:
+        text = msgspec.json.encode(value, enc_hook=plain).decode()
+    except (TypeError, UnicodeError, RecursionError) as error:
+        raise MessageRefused(_called(type or value.__class__), cause=str(error)) from error
+    # msgspec writes NaN and the infinities as null, and a null in the place of a number cannot be read: so read it.
+    from_json(text, type or value.__class__)
+    return text
+
+
+def from_json(text: str | bytes, type: type[T]) -> T:
+    """A part of a world from JSON.
+
+    Raises:
+        MessageRefused: it is no JSON, or not of that type.
+    """
+    try:
+        return msgspec.json.decode(text, type=type)
+    except msgspec.ValidationError as error:
+        cause, path = cause_and_path(error)
+        raise MessageRefused(_called(type), path=path, cause=cause) from error
+    except (msgspec.DecodeError, UnicodeError, RecursionError) as error:
+        raise MessageRefused(_called(type), cause=f"it is no JSON: {error}") from error
+
+
+def _called(type: Any) -> str:
+    return "a world" if type in {World, Versioned} else getattr(type, "__name__", str(type))

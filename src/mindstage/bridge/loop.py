@@ -1,0 +1,119 @@
+"""LoopThread: an asyncio loop in a thread of its own, and the ways in from the others.
+
+All state of the bridge belongs to its loop. Other threads hand functions in and wait for at most a while.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+from collections.abc import Callable, Coroutine
+from concurrent.futures import Future
+from typing import Any, TypeVar
+
+from mindstage.errors import BridgeError
+
+__all__ = ["LoopThread"]
+
+T = TypeVar("T")
+
+_PATIENCE_S = 10.0
+"""How long the loop may take for what should take no time; it is stuck if it takes longer."""
+
+
+class LoopThread:
+    """Runs until `close`; a daemon, so that a forgotten one does not keep the process alive."""
+
+    def __init__(self, name: str = "mindstage-bridge") -> None:
+        """Starts the thread.
+
+        Args:
+            name: of the thread, for debuggers.
+        """
+        self.loop = asyncio.new_event_loop()
+        self._thread = threading.Thread(target=self._run, name=name, daemon=True)
+        self._thread.start()
+
+    @property
+    def closed(self) -> bool:
+        """Whether nothing runs here any more."""
+        return self.loop.is_closed() or not self._thread.is_alive()
+
+    def is_here(self) -> bool:
+        """Whether the caller is in this very thread, where waiting for the loop would be waiting for oneself."""
+        return threading.current_thread() is self._thread
+
+    def soon(self, function: Callable[..., object], *args: object) -> None:
+        """Has the loop call a function, from any thread, without waiting; once closed, nothing is called."""
+        try:
+            self.loop.call_soon_threadsafe(function, *args)
+        except RuntimeError:
+            if not self.closed:
+                raise
+
+    def do(self, function: Callable[..., T], *args: object) -> T:
+        """Has the loop call a function, from any thread, and gives back what it returns or raises.
+
+        Raises:
+            BridgeError: the loop is closed, or does not come to it.
+        """
+        if self.is_here():
+            return function(*args)
+        future: Future[T] = Future()
+
+        def run() -> None:
+            try:
+                future.set_result(function(*args))
+            except BaseException as error:
+                future.set_exception(error)
+
+        self._refuse_if_closed()
+        self.soon(run)
+        return self._result(future, _PATIENCE_S)
+
+    def run(self, coroutine: Coroutine[Any, Any, T], *, timeout_s: float = _PATIENCE_S) -> T:
+        """Runs a coroutine on the loop and waits for its end, from any other thread.
+
+        Raises:
+            BridgeError: the loop is closed, or it did not end in time and was cancelled.
+        """
+        try:
+            self._refuse_if_closed()
+        except BridgeError:
+            coroutine.close()
+            raise
+        future = asyncio.run_coroutine_threadsafe(coroutine, self.loop)
+        return self._result(future, timeout_s)
+
+    def close(self) -> None:
+        """Ends the thread and whatever still runs in it; any number of times."""
+        if self.loop.is_closed() or self.is_here():
+            return
+        self.soon(self.loop.stop)
+        self._thread.join(_PATIENCE_S)
+
+    def _run(self) -> None:
+        asyncio.set_event_loop(self.loop)
+        try:
+            self.loop.run_forever()
+            left = asyncio.all_tasks(self.loop)
+            for task in left:
+                task.cancel()
+            self.loop.run_until_complete(asyncio.gather(*left, return_exceptions=True))
+            self.loop.run_until_complete(self.loop.shutdown_asyncgens())
+        finally:
+            self.loop.close()
+
+    def _refuse_if_closed(self) -> None:
+        if self.closed:
+            raise BridgeError("the bridge is closed; make a new one")
+
+    @staticmethod
+    def _result(future: Future[T], timeout_s: float) -> T:
+        try:
+            return future.result(timeout_s)
+        except TimeoutError:
+            if future.done():
+                return future.result()  # the function itself raised it
+            future.cancel()
+            raise BridgeError(f"the bridge's own thread did not come to it within {timeout_s:g} s") from None

@@ -1,0 +1,99 @@
+"""Fragments: a text cut into pieces for one who cannot take it whole, and put together again.
+
+The pieces of several messages may come in any order and mixed; each message is held until it is complete, too large
+or too old.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Hashable
+
+from mindstage.bridge.protocol.limits import Limits
+from mindstage.errors import MessageRefused
+
+__all__ = ["Assembly", "cut"]
+
+
+def cut(text: str, size: int, *, most: int) -> list[str]:
+    """Pieces of that many characters; of more, if there would be more than `most` of them."""
+    size = max(size, -(-len(text) // most), 1)
+    return [text[start : start + size] for start in range(0, len(text), size)] or [""]
+
+
+class _Unfinished:
+    def __init__(self, total: int, now_s: float) -> None:
+        self.total = total
+        self.pieces: dict[int, str] = {}
+        self.length = 0
+        self.touched_s = now_s
+
+
+class Assembly:
+    """What has come of messages whose other pieces are still on their way."""
+
+    def __init__(self, limits: Limits) -> None:
+        self._limits = limits
+        self._unfinished: dict[Hashable, _Unfinished] = {}
+
+    def __len__(self) -> int:
+        return len(self._unfinished)
+
+    def add(self, key: Hashable, num: int, total: int, data: str, now_s: float) -> str | None:
+        """Takes a piece; gives the whole text with the last one.
+
+        Args:
+            key: which message it belongs to.
+            num: which piece it is, from 0.
+            total: of how many.
+            data: the piece.
+            now_s: the present moment, on any clock that only goes forward [s].
+
+        Raises:
+            MessageRefused: it fits no message or exceeds a limit; the message is forgotten.
+        """
+        message = self._unfinished.get(key)
+        try:
+            if message is None:
+                message = self._begin(key, total, now_s)
+            self._take(message, num, total, data)
+        except MessageRefused:
+            self._unfinished.pop(key, None)
+            raise
+        message.touched_s = now_s
+        if len(message.pieces) < message.total:
+            return None
+        del self._unfinished[key]
+        return "".join(message.pieces[number] for number in range(message.total))
+
+    def forget_older(self, now_s: float) -> list[Hashable]:
+        """Forgets messages whose next piece did not come in time, and says which."""
+        old = [key for key, each in self._unfinished.items() if now_s - each.touched_s > self._limits.fragment_age_s]
+        for key in old:
+            del self._unfinished[key]
+        return old
+
+    def _begin(self, key: Hashable, total: int, now_s: float) -> _Unfinished:
+        if total > self._limits.fragments:
+            raise _refused(f"{total} pieces are too many", f"at most {self._limits.fragments}")
+        if len(self._unfinished) >= self._limits.fragmented_messages:
+            raise _refused(f"{len(self._unfinished)} messages are incomplete already", "finish one of them first")
+        self._unfinished[key] = message = _Unfinished(total, now_s)
+        return message
+
+    def _take(self, message: _Unfinished, num: int, total: int, data: str) -> None:
+        if total != message.total:
+            raise _refused(f"a piece of {total}, where the others are of {message.total}", "begin the message again")
+        if num >= total:
+            raise _refused(f"there is no piece {num} of {total}", "pieces are counted from 0")
+        if message.pieces.get(num, data) != data:
+            raise _refused(f"piece {num} came twice, and differs", "begin the message again")
+        if num not in message.pieces:
+            message.pieces[num] = data
+            message.length += len(data)
+        held = sum(each.length for each in self._unfinished.values())
+        if held > self._limits.message_bytes:
+            raise _refused(f"{held} bytes in pieces are too many", f"at most {self._limits.message_bytes}")
+
+
+def _refused(cause: str, remedy: str) -> MessageRefused:
+    return MessageRefused("fragment", cause=cause, remedy=remedy)

@@ -1,0 +1,202 @@
+"""Server: lets clients join a hub over websockets, as rosbridge_server does.
+
+Only this machine reaches it unless told otherwise, and then a token is needed.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import time
+from collections.abc import Collection
+from http import HTTPStatus
+from itertools import count
+
+from websockets.asyncio.server import Server as Sockets
+from websockets.asyncio.server import ServerConnection, serve
+from websockets.frames import CloseCode
+from websockets.http11 import Request, Response
+
+from mindstage.bridge.access import Access, is_loopback
+from mindstage.bridge.connection import Connection
+from mindstage.bridge.hub import Hub
+from mindstage.bridge.protocol import Auth, Id, Level, Operation, Outgoing
+from mindstage.bridge.switchboard import PLAIN, Peer, Route
+from mindstage.errors import AccessRefused, BridgeUnavailable
+
+__all__ = ["Server"]
+
+_log = logging.getLogger("mindstage.bridge.handshakes")
+_log.addHandler(logging.NullHandler())  # what strangers try is told to those who configured logging
+_client_numbers = count(1)
+_PING_S = 20.0
+_STRANGERS_BYTES = 16 * 1024
+"""Enough for a token: nobody fills the memory before it is known who it is."""
+
+
+class _Client(Peer):
+    """A peer behind a socket."""
+
+    def __init__(self, socket: ServerConnection, server: Server) -> None:
+        super().__init__(f"/client_{next(_client_numbers)}")
+        self.socket = socket
+        self.connection = Connection(socket, server.hub.limits, receive=self._receive, complain=self._complain)
+        self.trusted = False
+        """Whether it has shown what it must; until then it is no peer at the hub."""
+        self._server = server
+
+    @property
+    def congested(self) -> bool:
+        return self.connection.congested
+
+    def deliver(self, outgoing: Outgoing, route: Route = PLAIN, *, sender: Peer | None = None) -> None:
+        self.connection.send(outgoing, route)
+
+    def _receive(self, operation: Operation) -> None:
+        if isinstance(operation, Auth):
+            self._server.sign_in(self, operation)
+        elif self.trusted:
+            self._server.hub.switchboard.receive(self, operation)
+        else:
+            self.refuse("a token is needed: send it by `auth`, by ?token= or as a bearer")
+
+    def _complain(self, what: str, id: Id | None) -> None:
+        self.remark(Level.ERROR, what, id)
+
+    def refuse(self, why: str) -> None:
+        """Tells why, and closes."""
+        self.remark(Level.ERROR, why)
+        self.connection.close(why, CloseCode.POLICY_VIOLATION)
+
+
+class Server:
+    """Serves from `start` to `close`; usable as a context."""
+
+    def __init__(
+        self,
+        hub: Hub,
+        *,
+        host: str = "127.0.0.1",
+        port: int = 9090,
+        token: str | None = None,
+        origins: Collection[str] = (),
+    ) -> None:
+        """Nothing is served yet.
+
+        Args:
+            hub: what clients join; its limits hold.
+            host: where to listen; anything but this machine's own needs a token.
+            port: where to listen; 0 takes a free one.
+            token: what clients must know: shown by rosbridge's `auth`, by `?token=`, or as `Authorization: Bearer`.
+            origins: pages that browsers may come from, beside those of this machine.
+
+        Raises:
+            AccessRefused: others could reach it, and there is no token.
+        """
+        if not token and not is_loopback(host):
+            cause = "everyone in the network could join; give a token, or serve at 127.0.0.1"
+            raise AccessRefused(host, cause=cause)
+        self.hub = hub
+        self.host = host
+        self.port = port
+        self._access = Access(host=host, token=token or None, origins=origins)
+        self._sockets: Sockets | None = None
+        self._clients: set[_Client] = set()
+
+    @property
+    def url(self) -> str:
+        """What a client on this machine connects to."""
+        host = {"0.0.0.0": "127.0.0.1", "::": "::1", "": "127.0.0.1"}.get(self.host, self.host)
+        return f"ws://{f'[{host}]' if ':' in host else host}:{self.port}"
+
+    @property
+    def clients(self) -> int:
+        """How many are here."""
+        return len(self._clients)
+
+    def start(self) -> Server:
+        """Lets clients in from now on.
+
+        Raises:
+            BridgeUnavailable: the address cannot be had.
+        """
+        if self._sockets is None:
+            self.hub.run(self._serve())
+        return self
+
+    def close(self) -> None:
+        """Sends everyone away and stops listening; any number of times."""
+        if self._sockets is not None and not self.hub.closed:
+            self.hub.run(self._stop())
+        self._sockets = None
+
+    def __enter__(self) -> Server:
+        return self.start()
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def sign_in(self, client: _Client, auth: Auth) -> None:
+        """A client says who it is."""
+        if not self._access.needs_token or self._access.proven_by(auth, time.time()):
+            self._trust(client)
+        else:
+            client.refuse("that is not the token")
+
+    # -- on the loop ---------------------------------------------------------------------------------------------------
+
+    async def _serve(self) -> None:
+        try:
+            self._sockets = await serve(
+                self._welcome, self.host, self.port, process_request=self._judge, compression=None,
+                max_size=_STRANGERS_BYTES, ping_interval=_PING_S, ping_timeout=_PING_S, close_timeout=2.0,
+                server_header=None, logger=_log,
+            )  # fmt: skip
+        except (OSError, OverflowError) as error:
+            cause = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
+            raise BridgeUnavailable(self.host, self.port, cause=cause) from error
+        self.port = next(iter(self._sockets.sockets)).getsockname()[1]
+
+    async def _stop(self) -> None:
+        if self._sockets is not None:
+            self._sockets.close(code=CloseCode.GOING_AWAY, reason="the server is closing")
+            await self._sockets.wait_closed()
+
+    def _judge(self, socket: ServerConnection, request: Request) -> Response | None:
+        """Answers a handshake that may not go on."""
+        headers = request.headers
+        if not self._access.admits_page(headers.get("Origin"), headers.get("Host")):
+            return socket.respond(HTTPStatus.FORBIDDEN, "pages of that origin may not come in\n")
+        bearer = headers.get("Authorization")
+        if self._access.needs_token and self._access.shown_in(request.path, bearer) is False:
+            why = "a token is needed" if bearer is not None and not bearer.split()[1:] else "that is not the token"
+            return socket.respond(HTTPStatus.UNAUTHORIZED, f"{why}\n")
+        if len(self._clients) >= self.hub.limits.connections:
+            return socket.respond(HTTPStatus.SERVICE_UNAVAILABLE, "too many clients are here already\n")
+        return None
+
+    async def _welcome(self, socket: ServerConnection) -> None:
+        request = socket.request
+        path, bearer = (request.path, request.headers.get("Authorization")) if request else ("", None)
+        trusted = not self._access.needs_token or self._access.shown_in(path, bearer) is True
+        client = _Client(socket, self)
+        self._clients.add(client)
+        if trusted:
+            self._trust(client)
+        late = asyncio.get_running_loop().call_later(self.hub.limits.sign_in_s, self._send_away, client)
+        try:
+            await client.connection.run()
+        finally:
+            late.cancel()
+            self._clients.discard(client)
+            self.hub.switchboard.leave(client)
+
+    def _trust(self, client: _Client) -> None:
+        if not client.trusted:
+            client.trusted = True
+            client.socket.protocol.max_message_size = self.hub.limits.message_bytes
+            self.hub.switchboard.join(client)
+
+    def _send_away(self, client: _Client) -> None:
+        if not client.trusted:
+            client.refuse("no token was shown in time")

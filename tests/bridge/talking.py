@@ -1,0 +1,91 @@
+"""A client that says exactly what a test wants said, right or wrong, and keeps all it hears."""
+
+from __future__ import annotations
+
+import socket
+import time
+from collections.abc import Callable
+from typing import Any
+
+import msgspec
+from websockets.exceptions import ConnectionClosed
+from websockets.sync.client import ClientConnection, connect
+
+PATIENCE_S = 20.0
+"""Long enough for any machine; nothing waits for it unless something is broken."""
+
+Message = dict[str, Any]
+
+
+class Talker:
+    """One bare websocket."""
+
+    def __init__(self, url: str, **options: Any) -> None:
+        self.socket: ClientConnection = connect(
+            url, open_timeout=PATIENCE_S, max_size=None, compression=None, **options
+        )
+        self.heard: list[Message] = []
+
+    def say(self, **message: Any) -> None:
+        self.send(msgspec.json.encode(message).decode())
+
+    def send(self, frame: str | bytes) -> None:
+        self.socket.send(frame)
+
+    def hear(self, op: str, timeout_s: float = PATIENCE_S, **fields: Any) -> Message:
+        """The next message of that kind with these fields; what comes before stays in `heard`."""
+        until = time.monotonic() + timeout_s
+        while True:
+            for number, message in enumerate(self.heard):
+                if message.get("op") == op and all(message.get(key) == value for key, value in fields.items()):
+                    return self.heard.pop(number)
+            frame = self.socket.recv(timeout=max(0.0, until - time.monotonic()))
+            assert isinstance(frame, str), "a binary frame where text was expected"
+            self.heard.append(msgspec.json.decode(frame))
+
+    def ask(self, service: str, args: Any = None, **fields: Any) -> Message:
+        """Calls a service and waits for the answer."""
+        id = f"ask:{service}:{time.monotonic_ns()}"
+        self.say(op="call_service", id=id, service=service, args={} if args is None else args, **fields)
+        return self.hear("service_response", id=id)
+
+    def settle(self) -> None:
+        """Returns when everything said so far was heard by the hub: what is said on one connection keeps its order."""
+        self.ask("/settle")
+
+    def closed(self, timeout_s: float = PATIENCE_S) -> tuple[int, str]:
+        """Waits for the other side to close; the code and the reason."""
+        try:
+            while True:
+                self.socket.recv(timeout=timeout_s)
+        except ConnectionClosed as error:
+            return (error.rcvd.code, error.rcvd.reason) if error.rcvd else (1006, "")
+
+    def kill(self) -> None:
+        """Ends as a process that is killed: without a word."""
+        self.socket.socket.shutdown(socket.SHUT_RDWR)
+
+    def close(self) -> None:
+        self.socket.close()
+
+
+def eventually(condition: Callable[[], object], *, timeout_s: float = PATIENCE_S) -> None:
+    """Waits until something becomes true."""
+    until = time.monotonic() + timeout_s
+    while not condition():
+        assert time.monotonic() < until, "it never happened"
+        time.sleep(0.005)
+
+
+def bare_subscriber(port: int, **wishes: Any) -> socket.socket:
+    """Asks for a topic's messages and then does not read: a websocket by hand, so that nothing reads for it."""
+    bare = socket.create_connection(("127.0.0.1", port), timeout=PATIENCE_S)
+    bare.sendall(
+        b"GET / HTTP/1.1\r\nHost: localhost\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
+        b"Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\nSec-WebSocket-Version: 13\r\n\r\n"
+    )
+    while not bare.recv(4096).endswith(b"\r\n\r\n"):
+        pass
+    text = msgspec.json.encode({"op": "subscribe", "topic": "/noise", **wishes})
+    bare.sendall(bytes([0x81, 0x80 | len(text)]) + bytes(4) + text)
+    return bare

@@ -1,0 +1,200 @@
+"""Poses, colours and bodies on the wire: what comes back, what stays behind, and that it is said."""
+
+from __future__ import annotations
+
+import json
+from math import cos, radians, sin
+
+import numpy as np
+import pytest
+from hypothesis import given
+from msgspec.structs import replace
+
+from mindstage.bridge.description import (
+    body_from,
+    body_from_box,
+    colour_code,
+    colour_from,
+    colour_from_code,
+    colour_message,
+    materials_from,
+    model_description,
+    model_request,
+    physics_from,
+    physics_message,
+    point_from,
+    point_message,
+    pose_from,
+    pose_message,
+    pose_messages,
+    pose_rows,
+    spawn_request,
+    unsaid,
+    vector_from,
+    vector_message,
+    world_from_request,
+)
+from mindstage.bridge.messages import decode, encode, world_control_msgs
+from mindstage.bridge.messages.world_control_msgs import ColourCode, MobilityCode
+from mindstage.errors import MessageRefused
+from mindstage.world import (
+    Body,
+    Iri,
+    Material,
+    Mobility,
+    Physics,
+    Pose,
+    Shape,
+    ShapeKind,
+    Tag,
+    World,
+)
+from mindstage.world.colours import COLOURS
+from mindstage.world.geometry import pose_array
+from tests.bridge.wired import ASYMMETRIC, MUG, without_what_stays_behind
+from tests.kitchenette import KNOWROB, MAP
+from tests.worlds import bodies, poses
+
+# -- poses -------------------------------------------------------------------------------------------------------------
+
+
+def test_a_pose_keeps_its_frame_and_its_numbers_and_only_names_them() -> None:
+    message = pose_message(ASYMMETRIC)
+    assert encode(message) == {
+        "position": {"x": 1.0, "y": 2.0, "z": 3.0},
+        "orientation": {"x": 0.0, "y": 0.0, "z": sin(radians(15.0)), "w": cos(radians(15.0))},
+    }
+    assert pose_from(message) == ASYMMETRIC
+
+
+@given(pose=poses())
+def test_any_pose_comes_back_digit_by_digit(pose: Pose) -> None:
+    assert pose_from(pose_message(pose)) == pose
+    assert point_from(point_message(pose.position)) == pose.position
+    assert vector_from(vector_message(pose.position)) == pose.position
+
+
+def test_many_poses_travel_as_an_array() -> None:
+    rows = pose_array([ASYMMETRIC, Pose((4.0, 5.0, 6.0))])
+    messages = pose_messages(rows)
+    assert messages == (pose_message(ASYMMETRIC), pose_message(Pose((4.0, 5.0, 6.0))))
+    np.testing.assert_array_equal(pose_rows(messages), rows)
+    assert pose_rows(()).shape == (0, 7)
+
+
+# -- colours -----------------------------------------------------------------------------------------------------------
+
+
+def test_the_five_colours_have_codes_and_none_puts_out() -> None:
+    for number, name in enumerate(("black", "red", "blue", "green", "yellow"), start=1):
+        assert ColourCode(number).name == name.upper()
+        assert colour_from_code(ColourCode(number)) == COLOURS[name]
+        assert colour_code(COLOURS[name]) == number
+    assert colour_from_code(ColourCode.NONE) is None
+    assert colour_code(None) is ColourCode.NONE
+
+
+def test_any_other_colour_gets_the_code_of_the_nearest() -> None:
+    assert colour_code((0.9, 0.1, 0.1)) is ColourCode.RED
+    assert colour_code((1.0, 0.8, 0.0)) is ColourCode.YELLOW
+    assert colour_from(colour_message((0.1, 0.2, 0.3))) == (0.1, 0.2, 0.3)
+
+
+# -- bodies ------------------------------------------------------------------------------------------------------------
+
+
+@given(body=bodies(wild_tags=True))
+def test_any_body_comes_back_but_for_what_is_named(body: Body) -> None:
+    model = decode(
+        world_control_msgs.ModelDescription, json.loads(json.dumps(encode(model_description(body)))), strict=True
+    )
+    back, remarks = body_from(model, namespace=MAP)
+    assert back == without_what_stays_behind(body)
+    assert remarks == ()
+    named = {remark.field for remark in unsaid(World(iri=Iri(MAP + "map"), bodies=(body,)))}
+    assert ("facts" in named) == bool(body.facts)
+    assert ("materials" in named) == any(material.colour is not None for material in body.materials)
+
+
+def test_a_bodys_own_tags_are_never_taken_for_those_that_say_its_fields() -> None:
+    lookalike = tuple(Tag(type="Mindstage", key=key, value="x") for key in ("Shape", "Size", "Untold"))
+    body = replace(MUG, tags=(*lookalike, Tag(type="SemLog", key="Id", value="mug"), *lookalike))
+    assert body_from(model_description(body), namespace=MAP)[0] == body
+
+
+@pytest.mark.parametrize(
+    ("mesh", "name", "path"),
+    [
+        (None, "Cup", ""),
+        ("package://maps/Mug/Mug.dae", "Mug", ""),
+        ("SM_Mug", "Mug", ""),
+        ("/Game/Models/Kitchen/SM_Mug.uasset", "Mug", "/Game/Models/Kitchen"),
+        ("meshes/mug.v2.obj", "mug.v2", ""),
+    ],
+)
+def test_unreal_finds_a_mesh_by_its_name_or_by_the_class(mesh: str | None, name: str, path: str) -> None:
+    model = model_description(replace(MUG, mesh=mesh))
+    assert (model.name, model.path) == (name, path)
+
+
+def test_what_is_not_told_is_written_as_what_it_is_taken_for() -> None:
+    message = physics_message(Physics())
+    assert message == world_control_msgs.PhysicsProperties(
+        mobility=MobilityCode.STATIC, gravity=True, generate_overlap_events=False, mass=0.0
+    )
+    assert physics_from(message) == Physics(mobility=Mobility.STATIC, gravity=True, overlap_events=False, mass_kg=0.0)
+    for mobility in Mobility:
+        assert physics_from(physics_message(Physics(mobility=mobility))).mobility is mobility
+
+
+def test_one_model_can_be_asked_for_with_a_parent() -> None:
+    request = model_request(MUG, parent="cupboard", spawn_collision_check=True)
+    assert (request.id, request.parent_id, request.spawn_collision_check) == ("mug", "cupboard", True)
+    assert body_from(request, namespace=MAP)[0] == MUG
+
+
+def test_a_model_of_somebody_elses_is_understood_and_what_is_assumed_is_said() -> None:
+    model = world_control_msgs.ModelDescription(
+        name="IAIFridge",
+        id="fridge_1",
+        tags=(world_control_msgs.Tag(type="SemLog", key="Class", value="Refrigerator"),),
+        path="/Game/Models/",
+        material_names=("Steel", "Glass"),
+        material_paths=("/Game/M",),
+    )
+    body, remarks = body_from(model, namespace=MAP)
+    assert (body.iri, body.cls) == (MAP + "fridge_1", KNOWROB + "Refrigerator")
+    assert (body.mesh, body.label, body.size) == ("/Game/Models/IAIFridge", None, None)
+    assert body.materials == (Material(name="Steel", path="/Game/M"), Material(name="Glass"))
+    assert {remark.field for remark in remarks} == {"size", "class", "materials"}
+    assert body_from(replace(model, tags=()), namespace=MAP)[0].cls == KNOWROB + "IAIFridge"
+    assert body_from(replace(model, id="http://knowrob.org/kb/shop.owl#P_1"), namespace=MAP)[0].iri.endswith("#P_1")
+
+
+def test_broken_tags_of_ours_are_refused_with_the_path() -> None:
+    request = spawn_request(World(iri=Iri(MAP + "map"), bodies=(replace(MUG, size=(1.0, 2.0, 3.0)),)))
+    (model,) = request.models
+    tags = tuple(replace(tag, value="1 2") if tag.key == "Size" else tag for tag in model.tags)
+    broken = replace(request, models=(replace(model, tags=tags),))
+    with pytest.raises(MessageRefused, match="a tag of the type Mindstage is broken") as refused:
+        world_from_request(broken, iri=Iri(MAP + "map"))
+    assert refused.value.path == "models[0].tags"
+
+
+def test_a_box_is_a_body_with_that_size_along_its_axes() -> None:
+    request = world_control_msgs.SpawnProMesh.Request(
+        height=0.8, width=0.6, depth=0.4, pose=pose_message(ASYMMETRIC), actor_label="crate"
+    )
+    body = body_from_box(request, id="box_1", namespace=MAP)
+    assert (body.id, body.size, body.shape, body.pose) == (
+        "box_1",
+        (0.4, 0.6, 0.8),
+        Shape(kind=ShapeKind.BOX),
+        ASYMMETRIC,
+    )
+    assert body.label == "crate"
+
+
+def test_materials_are_two_lists_and_what_one_lacks_is_empty() -> None:
+    assert materials_from((), ("/Game/M",)) == (Material(name="", path="/Game/M"),)
+    assert materials_from((), ()) == ()

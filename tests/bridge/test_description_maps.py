@@ -1,0 +1,213 @@
+"""Constraints and whole worlds on the wire: what comes back, what stays behind, and that it is said."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from hypothesis import given
+from msgspec.structs import replace
+
+from mindstage.bridge.description import (
+    Remark,
+    constraint_description,
+    constraint_from,
+    spawn_request,
+    unsaid,
+    world_from_request,
+)
+from mindstage.bridge.messages import encode, geometry_msgs, world_control_msgs
+from mindstage.bridge.messages.world_control_msgs import MotionCode
+from mindstage.world import (
+    AngularMotion,
+    BodyId,
+    Constraint,
+    Fact,
+    Iri,
+    LinearMotion,
+    Literal,
+    Motion,
+    Soft,
+    World,
+)
+from tests.bridge.wired import ASYMMETRIC, MUG, through_json, without_what_stays_behind
+from tests.kitchenette import KNOWROB, MAP, kitchenette
+from tests.worlds import constraints, worlds
+
+# -- constraints -------------------------------------------------------------------------------------------------------
+
+DOOR = Constraint(
+    id=BodyId("hinge"),
+    iri=Iri(MAP + "hinge"),
+    parent=BodyId("case"),
+    child=BodyId("door"),
+    pose=ASYMMETRIC,
+    linear=LinearMotion(
+        x=Motion.FREE, y=Motion.LIMITED, limit=0.3, soft=Soft(enabled=True, stiffness=1.0, damping=2.0)
+    ),
+    angular=AngularMotion(
+        swing1=Motion.LIMITED,
+        swing2=Motion.FREE,
+        swing1_limit=0.1,
+        swing2_limit=0.2,
+        twist_limit=0.3,
+        swing_soft=Soft(enabled=True, stiffness=3.0, damping=4.0),
+        twist_soft=Soft(stiffness=5.0, damping=6.0),
+    ),
+    disable_collision=False,
+)
+
+
+def test_a_constraint_has_each_number_in_its_place() -> None:
+    message = constraint_description(DOOR)
+    details = message.constraint_details
+    assert (details.id_first_model, details.id_second_model, details.disable_collision) == ("case", "door", False)
+    assert encode(details.linear_limits) == {
+        "x_motion": 0, "y_motion": 1, "z_motion": 2, "limit": 0.3,
+        "use_advanced": True, "soft_constraint": True, "stiffness": 1.0, "damping": 2.0,
+    }  # fmt: skip
+    assert encode(details.angular_limits) == {
+        "swing_1_motion": 1, "swing_2_motion": 0, "twist_motion": 2,
+        "swing_1_limit_angle": 0.1, "swing_2_limit_angle": 0.2, "twist_limit_angle": 0.3,
+        "angular_roation_offset": {"x": 0.0, "y": 0.0, "z": 0.0}, "use_advanced": True,
+        "swing_soft_constraint": True, "swing_stiffness": 3.0, "swing_damping": 4.0,
+        "twist_soft_constraint": False, "twist_stiffness": 5.0, "twist_damping": 6.0,
+    }  # fmt: skip
+    assert constraint_from(message, namespace=MAP) == (DOOR, ())
+
+
+def with_symmetric_ranges(constraint: Constraint) -> Constraint:
+    linear, angular = constraint.linear, constraint.angular
+    sliding = {axis: getattr(linear, f"{axis}_middle") for axis in "xyz" if getattr(linear, axis) is Motion.LIMITED}
+    turning = {
+        f"{axis}_limit": getattr(angular, f"{axis}_limit")
+        + (abs(getattr(angular, f"{axis}_middle")) if getattr(angular, axis) is Motion.LIMITED else 0.0)
+        for axis in ("swing1", "swing2", "twist")
+    }
+    return replace(
+        constraint,
+        linear=replace(
+            linear,
+            x_middle=0.0,
+            y_middle=0.0,
+            z_middle=0.0,
+            limit=linear.limit + max(map(abs, sliding.values()), default=0.0),
+        ),
+        angular=replace(angular, swing1_middle=0.0, swing2_middle=0.0, twist_middle=0.0, **turning),
+    )
+
+
+@given(constraint=constraints(BodyId("hinge"), BodyId("case"), BodyId("door")))
+def test_any_constraint_comes_back_but_for_what_is_named(constraint: Constraint) -> None:
+    back, remarks = constraint_from(constraint_description(constraint), namespace=MAP)
+    assert remarks == ()
+    kept = replace(with_symmetric_ranges(constraint), facts=(), tags=())
+    assert back == replace(kept, disable_collision=constraint.disable_collision is not False)
+    named = {remark.field for remark in unsaid(World(iri=Iri(MAP + "map"), constraints=(constraint,)))}
+    assert ("facts" in named) == bool(constraint.facts)
+    assert ("tags" in named) == bool(constraint.tags)
+    assert ("disable_collision" in named) == (constraint.disable_collision is None)
+
+
+def test_a_drawer_that_only_opens_one_way_opens_as_far_on_the_wire() -> None:
+    drawer = replace(DOOR, linear=LinearMotion(x=Motion.LIMITED, limit=0.2, x_middle=-0.2))
+    assert constraint_description(drawer).constraint_details.linear_limits.limit == 0.4
+    remarks = unsaid(World(iri=Iri(MAP + "map"), constraints=(drawer,)))
+    assert [remark.field for remark in remarks] == ["middle"]
+
+
+def test_what_of_a_foreign_constraint_is_left_aside_is_said() -> None:
+    message = constraint_description(DOOR)
+    limits = message.constraint_details
+    foreign = replace(
+        message,
+        constraint_details=replace(
+            limits,
+            enable_projection=True,
+            parent_dominates=True,
+            linear_limits=replace(limits.linear_limits, use_advanced=False),
+            angular_limits=replace(
+                limits.angular_limits, use_advanced=False, angular_roation_offset=geometry_msgs.Vector3(z=0.5)
+            ),
+        ),
+    )
+    constraint, remarks = constraint_from(foreign, namespace=MAP)
+    assert not constraint.linear.soft.enabled
+    assert not constraint.angular.swing_soft.enabled
+    fields = [remark.field for remark in remarks]
+    assert fields == ["soft", "soft", "angular_roation_offset", "enable_projection", "parent_dominates"]
+
+
+def test_the_codes_of_motions_are_those_of_maps() -> None:
+    assert [Motion(code) for code in MotionCode] == [Motion.FREE, Motion.LIMITED, Motion.LOCKED]
+
+
+# -- worlds ------------------------------------------------------------------------------------------------------------
+
+
+def test_the_kitchenette_comes_back_and_what_does_not_is_named() -> None:
+    world = kitchenette()
+    back, remarks = world_from_request(through_json(spawn_request(world)), iri=world.iri, name="map")
+    assert remarks == ()
+    assert {remark.field for remark in unsaid(world)} == {"disable_collision", "facts"}
+    told = tuple(replace(constraint, disable_collision=True) for constraint in world.constraints)
+    assert back == replace(world, constraints=told, resources=())
+
+
+@given(world=worlds(wild_tags=True))
+def test_any_world_comes_back_but_for_what_is_named(world: World) -> None:
+    back, remarks = world_from_request(through_json(spawn_request(world)), iri=world.iri, name=world.name)
+    assert remarks == ()
+    assert back.attachments == world.attachments
+    assert back.bodies == tuple(map(without_what_stays_behind, world.bodies))
+    named = {(remark.field, id) for remark in unsaid(world) for id in remark.ids}
+    assert {id for field, id in named if field == "lights"} == {light.id for light in world.lights}
+    assert (("facts", world.iri) in named) == bool(world.facts or world.resources)
+    if not named:
+        assert back == world
+
+
+def test_what_came_without_an_id_gets_one_that_nobody_has() -> None:
+    request = world_control_msgs.SpawnSemanticMap.Request(
+        models=(
+            world_control_msgs.ModelDescription(name="Cup"),
+            world_control_msgs.ModelDescription(name="Cup"),
+            world_control_msgs.ModelDescription(name="Cup", id="Cup_1"),
+        ),
+        constraints=(world_control_msgs.ConstraintDescription(),),
+    )
+    world, remarks = world_from_request(request, iri=Iri(MAP + "map"), taken={"Cup_2"})
+    assert [body.id for body in world.bodies] == ["Cup_3", "Cup_4", "Cup_1"]
+    assert world.constraints[0].id == "Constraint_1"
+    assert Remark("id", ("Cup_3", "Cup_4", "Constraint_1"), "it came without an id and got this one") in remarks
+
+
+def test_remarks_of_one_kind_are_one_with_all_the_ids() -> None:
+    fact = Fact(Iri(KNOWROB + "note"), Literal("x"))
+    world = World(
+        iri=Iri(MAP + "map"),
+        bodies=tuple(replace(MUG, id=BodyId(id), facts=(fact,)) for id in ("a", "b", "c")),
+    )
+    assert unsaid(world) == (Remark("facts", ("a", "b", "c"), "a model has no place for facts"),)
+
+
+def test_the_thesis_map_comes_through_with_nothing_lost_but_what_is_named(shared_data: Path) -> None:
+    from mindstage.knowledge import KnowledgeBase
+
+    kb = KnowledgeBase()
+    kb.load(shared_data / "maps" / "iai-kitchen-original.owl")
+    world = kb.world()
+    request = through_json(spawn_request(world))
+    assert (len(request.models), len(request.constraints), len(request.relations)) == (114, 22, 33)
+    back, remarks = world_from_request(request, iri=world.iri, name=world.name)
+    assert remarks == ()
+    assert back.bodies == tuple(map(without_what_stays_behind, world.bodies))
+    assert back.attachments == world.attachments
+    for constraint, other in zip(world.constraints, back.constraints, strict=True):
+        assert other == replace(constraint, facts=(), tags=(), iri=other.iri, disable_collision=other.disable_collision)
+    named = {(remark.field, id) for remark in unsaid(world) for id in remark.ids}
+    assert {("facts", body.id) for body in world.bodies if body.facts} <= named
+    assert {
+        ("iri", each.id)
+        for each, other in zip(world.constraints, back.constraints, strict=True)
+        if each.iri != other.iri
+    } <= named

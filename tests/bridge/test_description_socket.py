@@ -1,0 +1,44 @@
+"""Messages and worlds over a real socket, through the hub, as a program without any of our code sends them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from mindstage.bridge import Client, Hub
+from mindstage.bridge.description import spawn_request, world_from_json, world_from_request, world_to_json
+from mindstage.bridge.messages import decode_arguments, encode, mindstage_msgs, world_control_msgs
+from mindstage.world import World
+from tests.kitchenette import kitchenette
+
+from .talking import Talker
+
+
+def test_a_kitchenette_is_spawned_over_a_socket(hub: Hub, talker: Callable[..., Talker]) -> None:
+    came: list[World] = []
+
+    def spawn(args: object) -> object:
+        request = decode_arguments(world_control_msgs.SpawnSemanticMap.Request, args, strict=True)
+        came.append(world_from_request(request, iri=kitchenette().iri, name="map")[0])
+        return encode(world_control_msgs.SpawnSemanticMap.Response(success=True))
+
+    hub.offer_service("/unreal/spawn_semantic_map", "world_control_msgs/SpawnSemanticMap", spawn)
+    caller = talker()
+    answer = caller.ask("/unreal/spawn_semantic_map", encode(spawn_request(kitchenette())))
+    assert answer["values"] == {
+        "success": True, "failed_model_ids": [], "failed_constraint_ids": [], "failed_relations": [],
+    }  # fmt: skip
+    assert came[0].bodies == kitchenette().bodies
+    refused = caller.ask("/unreal/spawn_semantic_map", {"models": [], "constraints": []})
+    assert refused["result"] is False
+    assert "SpawnSemanticMapRequest: relations: it is missing" in refused["values"]
+
+
+def test_a_world_is_logged_over_a_socket_with_nothing_lost(hub: Hub, client: Callable[..., Client]) -> None:
+    hub.offer_service(
+        "/mindstage/log_world",
+        "mindstage_msgs/LogWorld",
+        lambda _: encode(mindstage_msgs.LogWorld.Response(success=True, world=world_to_json(kitchenette()))),
+    )
+    values = client().call_service("/mindstage/log_world")
+    reply = decode_arguments(mindstage_msgs.LogWorld.Response, values, strict=True)
+    assert world_from_json(reply.world) == kitchenette()

@@ -1,0 +1,32 @@
+"""What the tests of descriptions share: a body, and what of one a model can carry."""
+
+from __future__ import annotations
+
+import json
+from math import cos, radians, sin
+
+from msgspec.structs import replace
+
+from mindstage.bridge.messages import decode, encode, world_control_msgs
+from mindstage.world import (
+    Body,
+    BodyId,
+    Iri,
+    Pose,
+)
+from tests.kitchenette import KNOWROB, MAP
+
+__all__ = ["ASYMMETRIC", "MUG", "through_json", "without_what_stays_behind"]
+
+ASYMMETRIC = Pose((1.0, 2.0, 3.0), (cos(radians(15.0)), 0.0, 0.0, sin(radians(15.0))))
+MUG = Body(id=BodyId("mug"), iri=Iri(MAP + "mug"), cls=Iri(KNOWROB + "Cup"), pose=ASYMMETRIC)
+
+
+def through_json(request: world_control_msgs.SpawnSemanticMap.Request) -> world_control_msgs.SpawnSemanticMap.Request:
+    return decode(type(request), json.loads(json.dumps(encode(request))), strict=True)
+
+
+def without_what_stays_behind(body: Body) -> Body:
+    """What of a body a model can carry, tags of ours included; `unsaid` is held against this."""
+    materials = tuple(replace(material, colour=None) for material in body.materials)
+    return replace(body, facts=(), materials=materials)
