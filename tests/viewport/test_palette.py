@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mindstage.viewport.palette import Paint, Surface, lit, local_name, nouns, paint, surface, words
+from mindstage.viewport.palette import Paint, Surface, dimmed, lit, local_name, nouns, paint, surface, words
 from mindstage.world import Iri, Material
 from tests.kitchenette import KNOWROB
 
@@ -96,6 +96,14 @@ def test_a_highlight_is_seen_on_glass_too() -> None:
     assert lit(glass, None) == glass
     assert lit(glass, (1.0, 0.0, 0.0)).colour == (1.0, 0.0, 0.0)
     assert lit(glass, (1.0, 0.0, 0.0)).opacity > 0.8
+
+
+def test_what_is_dimmed_is_paler_and_seen_through() -> None:
+    oak = Paint((0.6, 0.4, 0.2))
+    paler = dimmed(oak)
+    assert paler.opacity < 0.5
+    assert max(paler.colour) - min(paler.colour) < 0.5 * (max(oak.colour) - min(oak.colour))
+    assert dimmed(Paint((0.5, 0.5, 0.5), 0.1)).opacity == 0.1
 
 
 def test_codes_and_homonym_marks_are_no_words() -> None:

@@ -12,7 +12,7 @@ from msgspec.structs import replace
 
 from mindstage.viewport.framing import View
 from mindstage.viewport.looks import Form, Look, decide_looks
-from mindstage.viewport.palette import Paint
+from mindstage.viewport.palette import DIMMED_OPACITY, Paint
 from mindstage.viewport.scene import Scene, moved
 from mindstage.world import BodyId, World
 from mindstage.world.geometry import pose_array
@@ -191,17 +191,28 @@ def test_what_can_be_held_from_now_on_answers_to_the_mouse(scene: Scene, prepare
     assert prepared == [("Fridge", True)]
 
 
-def test_a_highlight_paints_the_lit_and_only_them(server: Server, scene: Scene) -> None:
-    before = vars(server.nodes["/bodies/Mug"])["color"]
-    with server.listening() as heard:
-        scene.light_up({BodyId("Mug"): (0.0, 1.0, 0.0)})
-    assert {name for name, _ in heard} == {"/bodies/Mug"}
-    assert vars(server.nodes["/bodies/Mug"])["color"] == (0, 255, 0)
+def test_a_highlight_paints_the_lit_and_dims_the_rest(server: Server, scene: Scene) -> None:
+    def painted(id: str) -> tuple[object, object]:
+        return vars(server.nodes[f"/bodies/{id}"])["color"], vars(server.nodes[f"/bodies/{id}"])["opacity"]
+
+    mug, fridge = painted("Mug"), painted("Fridge")
+    scene.light_up({BodyId("Mug"): (0.0, 1.0, 0.0)})
+    assert painted("Mug") == ((0, 255, 0), None)
+    assert painted("Fridge")[1] == DIMMED_OPACITY
     with server.listening() as heard:
         scene.light_up({BodyId("Mug"): (0.0, 1.0, 0.0)})
     assert heard == []
+    with server.listening() as heard:
+        scene.light_up({BodyId("Mug"): (0.0, 1.0, 0.0), BodyId("Fridge"): (1.0, 0.0, 0.0)})
+    assert {name for name, _ in heard} == {"/bodies/Fridge"}
     scene.light_up({})
-    assert vars(server.nodes["/bodies/Mug"])["color"] == before
+    assert (painted("Mug"), painted("Fridge")) == (mug, fridge)
+
+
+def test_what_is_drawn_while_something_is_lit_is_dimmed_too(server: Server, scene: Scene) -> None:
+    scene.light_up({BodyId("Mug"): (0.0, 1.0, 0.0)})
+    show(scene, looks={**LOOKS, BodyId("Fridge"): replace(LOOKS[BodyId("Fridge")], size=(0.2, 0.2, 0.2))})
+    assert vars(server.nodes["/bodies/Fridge"])["opacity"] == DIMMED_OPACITY
 
 
 def test_a_lit_body_that_is_drawn_anew_stays_lit(server: Server, scene: Scene) -> None:

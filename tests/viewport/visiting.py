@@ -62,7 +62,7 @@ class Visit:
 
     def colours(self) -> int:
         """How many different colours are in the view, but for its background: rows of one colour each."""
-        pixels = self.pixels().reshape(-1, int(self.canvas["width"]), 3)
+        pixels = self.pixels()
         plain = np.all(pixels == pixels[:, :1], axis=(1, 2))
         return len(np.unique(pixels[~plain].reshape(-1, 3), axis=0))
 

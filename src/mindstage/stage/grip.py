@@ -6,15 +6,16 @@ mass that is pulled: one that suits a fridge door would shake a teaspoon to piec
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 
 from mindstage.engines.contract import Poses
-from mindstage.world import BodyId, Vector
+from mindstage.world import BodyId, Vector, World
 from mindstage.world.geometry import Array, rotate, unit
 
-__all__ = ["GRIP_PIECE_S", "Grip"]
+__all__ = ["GRIP_PIECE_S", "Grip", "mass_moved_with"]
 
 GRIP_PIECE_S = 0.004
 """The force is computed anew this often [s]; spring and damper below are stable at this pace."""
@@ -54,6 +55,21 @@ class Grip:
         if size > self.strongest:
             force *= self.strongest / size
         return _vector(force), _vector(held)
+
+
+def mass_moved_with(id: BodyId, worlds: Iterable[World]) -> float:
+    """What one pulls when one pulls that body: its own mass and that of all it hangs on [kg]."""
+    masses: dict[BodyId, float] = {}
+    parents: dict[BodyId, BodyId] = {}
+    for world in worlds:
+        masses |= {body.id: body.physics.mass_kg or 0.0 for body in world.bodies}
+        parents |= {hold.child: hold.parent for hold in world.attachments}
+    mass, above = 0.0, set[BodyId]()
+    while id in masses and id not in above:
+        mass += masses[id]
+        above.add(id)
+        id = parents.get(id, BodyId(""))
+    return mass or 1.0
 
 
 def _vector(array: Array) -> Vector:

@@ -60,10 +60,6 @@ class Loop:
             future.cancel()
             raise StageTimedOut(what, timeout_s=timeout_s) from None
 
-    def wake(self) -> None:
-        """Makes the loop ask `tick` at once."""
-        self._calls.put((Future(), lambda: None))
-
     def stop(self, *, timeout_s: float = 10.0) -> None:
         """Ends the thread after the call it is in; any number of times."""
         if not self._stopping:

@@ -2,20 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from html import escape
 
 import numpy as np
 
-from mindstage.stage import Frame
+from mindstage.stage import Frame, Lit
 from mindstage.viewport.palette import local_name
 from mindstage.world import Body, BodyId, Iri, Vector
+from mindstage.world.colours import colour_text, hex_text
 from mindstage.world.geometry import Array, rotation_matrix, unit
 
-__all__ = ["body_html", "fault_html", "hint_html", "status_html"]
+__all__ = ["body_html", "fault_html", "hint_html", "legend_html", "status_html"]
 
 _ANCESTORS = 5
 """So many are named; what comes after them says little."""
+_NAMED = 3
+"""A group of so many lit bodies is named one by one, a larger one by its classes."""
+_COUNTED = 5
+"""So many classes of a larger group are named."""
 _SMALL = "font-size:0.82em;line-height:1.5;"
 _BLOCK = f"{_SMALL}padding:0.35em 0.9em;"
 _FAINT = "opacity:0.6;"
@@ -33,6 +39,35 @@ def status_html(frame: Frame, *, engine: str) -> str:
 def fault_html(text: str) -> str:
     """Something that went wrong."""
     return f'<div style="{_BLOCK}{_RED}" role="alert">{escape(text)}</div>' if text else ""
+
+
+def legend_html(groups: Sequence[Lit], bodies: Mapping[BodyId, Body]) -> str:
+    """What is lit and why, the latest first.
+
+    Args:
+        groups: bodies that are lit together, the latest last.
+        bodies: what is known of them.
+    """
+    return "".join(_lit_html(group, bodies) for group in reversed(groups))
+
+
+def _lit_html(group: Lit, bodies: Mapping[BodyId, Body]) -> str:
+    swatch = (
+        f'<span role="img" aria-label="{colour_text(group.colour)}" style="display:inline-block;width:0.8em;'
+        f'height:0.8em;border-radius:0.2em;margin-right:0.5em;background:{hex_text(group.colour)}"></span>'
+    )
+    names = f'<div style="{_FAINT}overflow-wrap:anywhere">{escape(_names(group.ids, bodies))}</div>'
+    title = f'<span style="font-weight:600;overflow-wrap:anywhere">{escape(group.label or "lit")}</span>'
+    return f'<div data-lit="{len(group.ids)}" style="{_BLOCK}">{swatch}{title}{names}</div>'
+
+
+def _names(ids: Sequence[BodyId], bodies: Mapping[BodyId, Body]) -> str:
+    kinds = {id: bodies[id].label or local_name(bodies[id].cls) for id in ids if id in bodies}
+    if len(ids) <= _NAMED:
+        return ", ".join(f"{kinds[id]} {id}" if id in kinds else id for id in ids)
+    counts = Counter(kinds.values()).most_common()
+    named = ", ".join(f"{count} {kind}" for kind, count in counts[:_COUNTED])
+    return f"{named} … {len(ids)} in all" if len(counts) > _COUNTED else named
 
 
 def hint_html(text: str) -> str:

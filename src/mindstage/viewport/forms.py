@@ -20,9 +20,11 @@ __all__ = [
     "Hole",
     "Mesh",
     "Side",
+    "arrow",
     "ball",
     "box",
     "boxes",
+    "cone",
     "cylinder",
     "edges",
     "inside",
@@ -136,6 +138,19 @@ def ball(size: Vector) -> Mesh:
     """A ball, or an ellipsoid where the extents differ."""
     angles = np.linspace(-np.pi / 2, np.pi / 2, _SEGMENTS // 2 + 1)
     return _lathe(size, list(zip(np.cos(angles).tolist(), np.sin(angles).tolist(), strict=True)))
+
+
+def cone(size: Vector) -> Mesh:
+    """An upright cone, its tip at the top."""
+    return _lathe(size, [(0.0, -1.0), (1.0, -1.0), (0.0, 1.0)])
+
+
+def arrow(size: Vector) -> Mesh:
+    """An arrow from the origin along x: as long as the first extent, as thick as the others."""
+    length, width, height = size
+    upright = _lathe((width, height, length), [(0.0, -1.0), (0.5, -1.0), (0.5, 0.5), (1.0, 0.5), (0.0, 1.0)])
+    vertices = upright.vertices[:, [2, 0, 1]] + np.array([length / 2, 0.0, 0.0])
+    return Mesh(vertices.astype(np.float32), upright.faces)
 
 
 def inside(size: Vector, side: Side) -> Mesh:

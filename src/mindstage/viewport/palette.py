@@ -17,10 +17,26 @@ import msgspec
 
 from mindstage.world import Colour, Iri, Material
 
-__all__ = ["HIGHLIGHT_OPACITY", "Paint", "Surface", "lit", "local_name", "nouns", "paint", "surface", "words"]
+__all__ = [
+    "DIMMED_OPACITY",
+    "HIGHLIGHT_OPACITY",
+    "Paint",
+    "Surface",
+    "dimmed",
+    "lit",
+    "local_name",
+    "nouns",
+    "paint",
+    "surface",
+    "words",
+]
 
 HIGHLIGHT_OPACITY = 0.85
 """Of a lit body that is see-through otherwise: a highlight must be seen."""
+DIMMED_OPACITY = 0.3
+"""Of everything else while something is lit: what is lit in a cupboard must be seen too."""
+_MIST, _MISTINESS = 0.8, 0.6
+"""The grey that dimmed colours go towards, and how far."""
 
 
 class Surface(Enum):
@@ -197,6 +213,12 @@ def paint(cls: Iri, ancestors: Iterable[Iri] = (), materials: Sequence[Material]
 def lit(paint: Paint, colour: Colour | None) -> Paint:
     """The same surface with a highlight, or as it is."""
     return paint if colour is None else Paint(colour, max(paint.opacity, HIGHLIGHT_OPACITY))
+
+
+def dimmed(paint: Paint) -> Paint:
+    """The same surface stepping back behind what is lit, even if that is inside of it."""
+    red, green, blue = (part + (_MIST - part) * _MISTINESS for part in paint.colour)
+    return Paint((red, green, blue), min(paint.opacity, DIMMED_OPACITY))
 
 
 def local_name(iri: str) -> str:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import viser
 
-from mindstage.stage import Frame, Stage
-from mindstage.viewport.details import fault_html, hint_html, status_html
+from mindstage.stage import Frame, Lit, Stage
+from mindstage.viewport.details import fault_html, hint_html, legend_html, status_html
 from mindstage.viewport.palette import local_name
 from mindstage.world import Body, BodyId
 
@@ -48,6 +48,8 @@ class Panel:
         gui = server.gui
         self._status = gui.add_html("")
         self._fault = gui.add_html("", visible=False)
+        self._legend = gui.add_html("", visible=False)
+        self._put_out = gui.add_button("Put out the lights", visible=False)
         self._time = gui.add_button_group("Time", ("Play", "Pause", "Step", "Reset"))
         self._speed = gui.add_dropdown("Speed", tuple(_SPEEDS), initial_value="1 x")
         self._find = gui.add_text("Find", "", hint="By a part of an id, a name or a class.")
@@ -57,6 +59,7 @@ class Panel:
         self._details = gui.add_html(hint_html(_NOTHING))
         gui.add_divider()
         gui.add_html(hint_html(_HINT))
+        self._put_out.on_click(guard(lambda event: self._stage.put_out()))
         self._time.on_click(guard(self._press))
         self._speed.on_update(guard(self._change_speed))
         self._find.on_update(guard(self._search))
@@ -71,6 +74,11 @@ class Panel:
         speed = next((name for name, speed in _SPEEDS.items() if speed == frame.speed), None)
         if frame.playing and speed is not None:
             self._speed.value = speed  # type: ignore[misc]  # it has a setter, which mypy does not see
+
+    def show_lit(self, groups: Sequence[Lit]) -> None:
+        """What is lit, and why."""
+        self._legend.content = legend_html(groups, self._bodies)
+        self._legend.visible = self._put_out.visible = bool(groups)
 
     def show_body(self, html: str) -> None:
         """What is selected; nothing, if it is empty."""

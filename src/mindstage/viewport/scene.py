@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from mindstage.viewport.forms import Mesh, ball, box, cylinder, edges, inside, open_box, pierced_box, vessel
 from mindstage.viewport.framing import View
 from mindstage.viewport.looks import Form, Look
-from mindstage.viewport.palette import Paint, lit
+from mindstage.viewport.palette import Paint, dimmed, lit
 from mindstage.world import BodyId, Colour, Vector
 from mindstage.world.geometry import Array, unit
 
@@ -98,8 +98,9 @@ class Scene:
         return len(rows)
 
     def light_up(self, highlights: Mapping[BodyId, Colour]) -> None:
-        """Paints lit bodies in their highlight, and all others as they are."""
-        changed = [id for id in self._looks if highlights.get(id) != self._lit.get(id)]
+        """Paints lit bodies in their highlight, and all others as they are; dimmed while anything is lit."""
+        dims = bool(highlights) != bool(self._lit)
+        changed = [id for id in self._looks if dims or highlights.get(id) != self._lit.get(id)]
         self._lit = dict(highlights)
         with self._server.atomic():
             for id in changed:
@@ -177,7 +178,7 @@ class Scene:
         )
 
     def _solid(self, id: BodyId, look: Look) -> viser.MeshHandle:
-        mesh, paint = _mesh(look), lit(look.paint, self._lit.get(id))
+        mesh, paint = _mesh(look), self._painted(id, look)
         return self._server.scene.add_mesh_simple(
             _name(id),
             mesh.vertices,
@@ -196,11 +197,14 @@ class Scene:
 
     def _paint(self, id: BodyId) -> None:
         if id in self._solids:
-            paint = lit(self._looks[id].paint, self._lit.get(id))
+            paint = self._painted(id, self._looks[id])
             self._solids[id].color, self._solids[id].opacity = _bytes(paint.colour), _opacity(paint)
         else:
             colour = _bytes(self._lit[id]) if id in self._lit else _OUTLINE
             self._outlines[id].colors = np.array(colour, dtype=np.uint8)
+
+    def _painted(self, id: BodyId, look: Look) -> Paint:
+        return lit(look.paint, self._lit[id]) if id in self._lit else dimmed(look.paint) if self._lit else look.paint
 
     def _place(self, rows: NDArray[np.intp]) -> None:
         quaternions = unit(self._sent[rows, 3:])

@@ -18,6 +18,7 @@ from mindstage.viewport.details import body_html
 from mindstage.viewport.framing import first_view, ground_height
 from mindstage.viewport.hands import Hands
 from mindstage.viewport.looks import Form, decide_looks
+from mindstage.viewport.markers import MarkerScene
 from mindstage.viewport.panel import Panel
 from mindstage.viewport.scene import Scene
 from mindstage.viewport.server import address, serve, shut_down
@@ -57,6 +58,7 @@ class Viewport:
         self._server = serve(host, port, title="Mindstage")
         self._hands = Hands(stage)
         self._scene = Scene(self._server, prepare=self._prepare)
+        self._markers = MarkerScene(self._server)
         self._panel = Panel(self._server, stage, choose=self.select, show_shells=self._show_shells, guard=self._guarded)
         self._frame: Frame | None = None
         self._described: World | None = None
@@ -128,6 +130,10 @@ class Viewport:
             self._scene.move(frame.poses)
         if before is None or frame.highlights != before.highlights:
             self._scene.light_up(frame.highlights)
+        if before is None or frame.markers is not before.markers:
+            self._markers.show(frame.markers)
+        if before is None or frame.lit is not before.lit:
+            self._panel.show_lit(frame.lit)
         self._frame = frame
         self._mark()
         if time.monotonic() >= self._words_due:

@@ -1,0 +1,142 @@
+"""Markers: what programs want to be seen beside the bodies, as simple forms.
+
+Only one thread may call it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from urllib.parse import quote
+
+import numpy as np
+import viser
+from msgspec.structs import replace
+from numpy.typing import NDArray
+
+from mindstage.stage import Marker, MarkerForm
+from mindstage.viewport.forms import Mesh, arrow, ball, box, cone, cylinder
+from mindstage.world import Vector
+from mindstage.world.geometry import Array, unit
+
+__all__ = ["MarkerScene"]
+
+_MESHES: dict[MarkerForm, Callable[[Vector], Mesh]] = {
+    MarkerForm.CUBE: box,
+    MarkerForm.SPHERE: ball,
+    MarkerForm.CYLINDER: cylinder,
+    MarkerForm.CONE: cone,
+    MarkerForm.ARROW: arrow,
+}
+_THINNEST_M = 1e-3
+
+Node = viser.MeshHandle | viser.LineSegmentsHandle | viser.PointCloudHandle | viser.LabelHandle
+
+
+class MarkerScene:
+    """The markers that the visitors see."""
+
+    def __init__(self, server: viser.ViserServer) -> None:
+        """Shows none.
+
+        Args:
+            server: where the visitors come.
+        """
+        self._server = server
+        self._shown: dict[str, Marker] = {}
+        self._nodes: dict[str, Node] = {}
+
+    def show(self, markers: Iterable[Marker]) -> None:
+        """Shows these and no others; what only moved is not drawn anew."""
+        wanted = {marker.id: marker for marker in markers}
+        with self._server.atomic():
+            for id in self._shown.keys() - wanted.keys():
+                self._remove(id)
+            for id, marker in wanted.items():
+                before = self._shown.get(id)
+                if before == marker:
+                    continue
+                if before is None or replace(before, pose=marker.pose) != marker:
+                    self._remove(id)
+                    self._draw(marker)
+                elif id in self._nodes:
+                    self._nodes[id].position, self._nodes[id].wxyz = _place(marker)
+                self._shown[id] = marker
+
+    def _remove(self, id: str) -> None:
+        self._shown.pop(id, None)
+        if (node := self._nodes.pop(id, None)) is not None:
+            node.remove()
+
+    def _draw(self, marker: Marker) -> None:
+        """Draws what can be seen: a line of one point cannot, nor what is wholly transparent."""
+        position, turn = _place(marker)
+        name, scene = f"/markers/{quote(marker.id, safe='')}", self._server.scene
+        size = _at_least(marker.size)
+        if marker.opacity <= 0.0:
+            return
+        if marker.form is MarkerForm.TEXT:
+            self._nodes[marker.id] = scene.add_label(name, marker.text, position=position, wxyz=turn)
+        elif marker.form is MarkerForm.POINTS and marker.points:
+            points, colours = np.array(marker.points), _bytes(_colours(marker))
+            self._nodes[marker.id] = scene.add_point_cloud(
+                name,
+                points,
+                colours,
+                point_size=size[0],
+                point_shape="circle",
+                precision="float32",  # half as many bits would round to centimetres ten metres away
+                position=position,
+                wxyz=turn,
+            )
+        elif marker.form in {MarkerForm.LINE, MarkerForm.LINES} and len(marker.points) >= 2:
+            ends = _segments(marker)
+            points, colours = np.array(marker.points)[ends], _bytes(_linear(_colours(marker)))[ends]
+            self._nodes[marker.id] = scene.add_line_segments(
+                name, points, colours, thickness=size[0], thickness_units="world", position=position, wxyz=turn
+            )
+        elif marker.form in _MESHES:
+            mesh = _MESHES[marker.form](size)
+            self._nodes[marker.id] = scene.add_mesh_simple(
+                name,
+                mesh.vertices,
+                mesh.faces,
+                color=_bytes(np.array(marker.colour)),
+                opacity=marker.opacity if marker.opacity < 1.0 else None,
+                cast_shadow=False,
+                position=position,
+                wxyz=turn,
+            )
+
+
+def _place(marker: Marker) -> tuple[Array, Array]:
+    quaternion = np.array(marker.pose.quaternion)
+    turn = unit(quaternion) if quaternion.any() else np.array([1.0, 0.0, 0.0, 0.0])
+    return np.array(marker.pose.position), turn
+
+
+def _at_least(size: Vector) -> Vector:
+    x, y, z = (max(abs(extent), _THINNEST_M) for extent in size)
+    return x, y, z
+
+
+def _segments(marker: Marker) -> NDArray[np.intp]:
+    """The two ends of each piece of a line, as rows of its points."""
+    count = len(marker.points)
+    starts = np.arange(count - 1) if marker.form is MarkerForm.LINE else np.arange(0, count - 1, 2)
+    return np.stack([starts, starts + 1], axis=1)
+
+
+def _colours(marker: Marker) -> Array:
+    """One for each point."""
+    count = len(marker.points)
+    return np.array(marker.colours if len(marker.colours) == count else (marker.colour,) * count)
+
+
+def _linear(colours: Array) -> Array:
+    """As light adds up (by sRGB's curve): the page takes the colours of lines so, and all others as they are."""
+    clipped = np.clip(colours, 0.0, 1.0)
+    return np.where(clipped <= 0.04045, clipped / 12.92, ((clipped + 0.055) / 1.055) ** 2.4)
+
+
+def _bytes(colours: Array) -> NDArray[np.uint8]:
+    return np.asarray(np.round(255 * np.clip(colours, 0.0, 1.0)), dtype=np.uint8)

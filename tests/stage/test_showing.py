@@ -1,0 +1,202 @@
+"""Showing: answers light up, and the stage knows what is lit and why."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import pytest
+from msgspec.structs import replace
+
+from mindstage.engines import MujocoEngine, NullEngine
+from mindstage.errors import BodyUnknown
+from mindstage.knowledge import KnowledgeBase, bundled_kitchen, save_map
+from mindstage.knowledge.moment import Moment
+from mindstage.stage import Lit, NotLit, Stage
+from mindstage.world import BodyId
+from mindstage.world.colours import COLOURS
+from tests.kitchenette import kitchenette
+
+RED, GREEN = COLOURS["red"], COLOURS["green"]
+MUG, FRIDGE = BodyId("Mug"), BodyId("Fridge")
+
+
+@pytest.fixture(scope="module")
+def knowledge(tmp_path_factory: pytest.TempPathFactory) -> KnowledgeBase:
+    path = tmp_path_factory.mktemp("maps") / "kitchenette.owl"
+    save_map(kitchenette(), path)
+    knowledge = KnowledgeBase()
+    knowledge.load(path)
+    return knowledge
+
+
+@pytest.fixture(params=[NullEngine, MujocoEngine])
+def stage(request: pytest.FixtureRequest, knowledge: KnowledgeBase) -> Iterator[Stage]:
+    with Stage(knowledge, request.param()) as stage:
+        stage.spawn()
+        yield stage
+
+
+def lit(stage: Stage) -> dict[str, tuple[str, ...]]:
+    """The ids of each group by its reason; they are what the engine has lit."""
+    groups = {group.label: group.ids for group in stage.frame.lit}
+    assert {id for ids in groups.values() for id in ids} == set(stage.frame.highlights)
+    return groups
+
+
+def test_the_handle_of_a_door_lights_up_and_not_the_door(stage: Stage) -> None:
+    shown = stage.show(stage.ask("handle_of", individual="FridgeDoor"), RED)
+    assert (shown.lit, shown.not_lit) == (("FridgeHandle",), ())
+    assert stage.frame.highlights == {"FridgeHandle": RED}
+    assert stage.frame.lit == (
+        Lit(
+            ids=(BodyId("FridgeHandle"),),
+            colour=RED,
+            label="handle_of individual=FridgeDoor",
+            question="handle_of",
+            args={"individual": "FridgeDoor"},
+        ),
+    )
+
+
+@pytest.mark.parametrize(
+    ("question", "args", "ids"),
+    [
+        ("handle_of", {"handle": "FridgeHandle"}, {"FridgeDoor", "Fridge"}),
+        ("handle_of", {"handle": "FridgeHandle", "individual": "FridgeDoor"}, {"FridgeHandle"}),
+        ("storage_place_in_environment", {"item": "CowsMilk"}, {"Fridge"}),
+        ("individual_of_class", {"cls": "Handle"}, {"FridgeHandle", "DrawerHandle"}),
+        ("where_is", {"other": "Cupboard", "relation": "on"}, {"Mug"}),
+        ("where_is", {"thing": "Mug", "relation": "on"}, {"Cupboard"}),
+        ("openings", {"state": "closed"}, {"Fridge", "Cupboard"}),
+        ("openings", {"thing": "Fridge"}, {"FridgeDoor"}),
+    ],
+)
+def test_what_was_asked_for_is_what_lights_up(stage: Stage, question: str, args: dict[str, str], ids: set[str]) -> None:
+    assert set(stage.show(stage.ask(question, **args), RED).lit) == ids
+
+
+def test_what_has_no_body_is_named_with_the_reason(stage: Stage) -> None:
+    shown = stage.show(stage.ask("storage_place", item="CowsMilk"), RED)
+    assert shown.not_lit == (NotLit("Refrigerator", "it is a class, which has no body"),)
+    shown = stage.show(stage.ask("maps"), RED)
+    assert shown.not_lit == (NotLit("map", "it is a map, which has no body"),)
+    shown = stage.show(stage.ask("everything_in_map"), RED)
+    assert NotLit("DrawerSlide", "it is a constraint, which has no body") in shown.not_lit
+    assert len(shown.lit) == len(kitchenette().bodies)
+    shown = stage.show(["Mug", "Mugg", "http://example.org/maps/M.owl#nobody"], GREEN, label="by hand")
+    assert shown.lit == ("Mug",)
+    assert shown.not_lit == (
+        NotLit("Mugg", "no body 'Mugg' in 'map'; near: 'Mug'"),
+        NotLit("nobody", "it has no body here"),
+    )
+    assert lit(stage)["by hand"] == ("Mug",)
+
+
+def test_answers_without_any_row_light_nothing(stage: Stage) -> None:
+    shown = stage.show(stage.ask("handle_of", individual="Mug"), RED)
+    assert (shown.lit, shown.not_lit, stage.frame.lit) == ((), (), ())
+
+
+def test_a_later_show_adds_and_what_is_in_both_has_its_colour(stage: Stage) -> None:
+    stage.show([MUG, FRIDGE], RED, label="first")
+    stage.show([FRIDGE], GREEN, label="second")
+    assert lit(stage) == {"first": ("Mug",), "second": ("Fridge",)}
+    assert stage.frame.highlights == {"Mug": RED, "Fridge": GREEN}
+
+
+def test_the_same_reason_again_replaces_what_it_lit(stage: Stage) -> None:
+    stage.show([MUG, FRIDGE], RED, label="this")
+    stage.show(["Drawer"], GREEN, label="that")
+    stage.show([FRIDGE, BodyId("Floor")], GREEN, label="this")
+    assert lit(stage) == {"that": ("Drawer",), "this": ("Fridge", "Floor")}
+
+
+def test_replacing_puts_all_else_out(stage: Stage) -> None:
+    stage.show([MUG], RED, label="first")
+    stage.highlight([FRIDGE], GREEN)
+    stage.show(["Drawer"], GREEN, label="second", replace=True)
+    assert lit(stage) == {"second": ("Drawer",)}
+
+
+def test_no_colour_puts_out_what_is_shown_and_nothing_else(stage: Stage) -> None:
+    stage.show([MUG, FRIDGE], RED, label="first")
+    assert stage.show([MUG], None).lit == ("Mug",)
+    assert lit(stage) == {"first": ("Fridge",)}
+    stage.put_out()
+    assert lit(stage) == {}
+
+
+def test_what_is_lit_without_a_reason_is_a_group_too(stage: Stage) -> None:
+    stage.highlight([MUG], RED)
+    stage.call(lambda engine: engine.highlight([FRIDGE], RED))
+    assert stage.frame.lit == (Lit(ids=(MUG, FRIDGE), colour=RED),)
+    stage.highlight([MUG], GREEN)
+    assert {group.colour: group.ids for group in stage.frame.lit} == {RED: (FRIDGE,), GREEN: (MUG,)}
+    with pytest.raises(BodyUnknown):
+        stage.highlight([BodyId("nobody")], RED)
+
+
+def test_deleting_and_clearing_put_out(stage: Stage) -> None:
+    stage.show([MUG, FRIDGE], RED, label="both")
+    stage.call(lambda engine: engine.delete([FRIDGE]), edits=True)
+    assert lit(stage) == {"both": ("Mug",)}
+    stage.clear()
+    assert lit(stage) == {}
+    stage.spawn()
+    assert lit(stage) == {}, "a body of the same name is another body"
+
+
+def test_a_reset_leaves_lit_what_is_lit(stage: Stage) -> None:
+    stage.show([MUG], RED, label="first")
+    stage.step(0.1)
+    stage.show([FRIDGE], GREEN, label="second")
+    stage.show([MUG], None)
+    stage.reset()
+    assert lit(stage) == {"second": ("Fridge",)}
+
+
+def test_groups_stay_the_same_values_while_nothing_changes(stage: Stage) -> None:
+    stage.show([MUG], RED, label="first")
+    before = stage.frame
+    stage.step(0.1)
+    assert stage.frame is not before
+    assert stage.frame.lit is before.lit
+
+
+def test_many_ask_at_once_and_each_sees_one_moment(stage: Stage) -> None:
+    stage.play()
+    with ThreadPoolExecutor(8) as pool:
+        answers = list(pool.map(lambda _: stage.ask("where_is", other="Cupboard", relation="on"), range(24)))
+    assert all(
+        [(row.thing.rpartition("#")[2], row.source) for row in each] == [("Mug", stage.engine_name)] for each in answers
+    )
+
+
+def test_a_moment_is_the_place_as_it_is(stage: Stage) -> None:
+    moment = stage.moment()
+    assert isinstance(moment, Moment)
+    assert moment.world == stage.log()
+    assert moment.told == stage.worlds
+    assert (moment.joints is not None) == (stage.engine_name == "mujoco")
+    assert set(moment.homes().values()) == {kitchenette().iri}
+
+
+def test_of_two_worlds_with_one_id_the_body_that_stands_counts(stage: Stage) -> None:
+    other = replace(
+        kitchenette(), iri=kitchenette().iri + "2", bodies=kitchenette().bodies[-1:], constraints=(), attachments=()
+    )
+    assert stage.spawn(other).failed_bodies
+    assert stage.moment().homes()[MUG] == kitchenette().iri
+
+
+def test_the_bundled_kitchen_shows_where_milk_is_kept_and_what_is_there() -> None:
+    knowledge = KnowledgeBase()
+    knowledge.load(Path(bundled_kitchen()))
+    with Stage(knowledge, NullEngine()) as stage:
+        stage.spawn()
+        assert stage.show(stage.ask("storage_place_in_environment", item="CowsMilk"), RED).lit == ("fridge",)
+        inside = stage.show(stage.ask("where_is", relation="inside", other="fridge"), GREEN)
+        assert {"milk_carton_1", "egg_box_1"} <= set(inside.lit)
+        assert len(stage.frame.highlights) == 1 + len(inside.lit)

@@ -1,0 +1,70 @@
+"""Answers that light up, by what a visitor sees in a real browser."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mindstage import KnowledgeBase, NullEngine, Stage
+from mindstage.knowledge import save_map
+from mindstage.viewport import Viewport
+from mindstage.world import Colour
+from mindstage.world.colours import COLOURS
+from tests.kitchenette import kitchenette
+from tests.viewport.visiting import Visit
+from tests.viewport.waiting import wait_until
+
+Visiting = Callable[[Viewport], Visit]
+LABEL = "handle_of individual=FridgeDoor"
+
+
+@pytest.fixture
+def stage(tmp_path: Path) -> Iterator[Stage]:
+    """The small kitchen as a map that is known, standing still."""
+    save_map(kitchenette(), tmp_path / "kitchenette.owl")
+    knowledge = KnowledgeBase()
+    knowledge.load(tmp_path / "kitchenette.owl")
+    with Stage(knowledge, NullEngine()) as stage:
+        stage.spawn()
+        yield stage
+
+
+def seen(visitor: Visit, colour: Colour) -> int:
+    """How many pixels of the picture are of about that hue, lit or in the shade; greys are of none."""
+    pixels = visitor.pixels().astype(float)
+    strength = np.linalg.norm(pixels, axis=2)
+    wanted = np.array(colour) / np.linalg.norm(colour)
+    likeness = (pixels @ wanted) / np.maximum(strength, 1.0)
+    return int(np.sum((likeness > 0.97) & (strength > 60.0)))
+
+
+def test_answers_light_up_with_a_legend_until_they_are_put_out(
+    stage: Stage, viewport: Viewport, visit: Visiting
+) -> None:
+    visitor = visit(viewport)
+    assert seen(visitor, COLOURS["red"]) == 0
+    assert not visitor.says("Put out the lights")
+    assert stage.show(stage.ask("handle_of", individual="FridgeDoor"), COLOURS["red"]).lit == ("FridgeHandle",)
+    wait_until(lambda: visitor.says(LABEL) and visitor.says("FridgeHandle"), "the legend says what is lit and why")
+    wait_until(lambda: seen(visitor, COLOURS["red"]) > 50, "the handle is red")
+    stage.show(stage.ask("where_is", relation="on", other="Cupboard"), COLOURS["blue"])
+    wait_until(lambda: seen(visitor, COLOURS["blue"]) > 50, "the mug is blue, and the handle still red")
+    assert seen(visitor, COLOURS["red"]) > 50
+    visitor.press("Put out the lights")
+    wait_until(lambda: stage.frame.lit == (), "nothing is lit any more")
+    wait_until(lambda: not visitor.says(LABEL), "the legend is gone")
+    wait_until(lambda: seen(visitor, COLOURS["red"]) == 0, "nothing is red")
+
+
+def test_a_late_visitor_sees_what_is_lit_even_inside_of_something(
+    stage: Stage, viewport: Viewport, visit: Visiting
+) -> None:
+    stage.show(["Drawer"], COLOURS["red"], label="behind its front")
+    late = visit(viewport)
+    wait_until(lambda: late.says("behind its front"), "the legend says what is lit")
+    wait_until(lambda: seen(late, COLOURS["red"]) > 50, "the drawer is seen through its cupboard")
+    stage.clear()
+    wait_until(lambda: not late.says("behind its front"), "an empty world has no lights")

@@ -1,0 +1,67 @@
+"""Markers on the page, by what a visitor sees in a real browser."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from msgspec.structs import replace
+
+from mindstage import Stage
+from mindstage.stage import Marker, MarkerForm
+from mindstage.viewport import Viewport
+from mindstage.viewport.forms import arrow, cone
+from mindstage.world import Colour, Pose
+from mindstage.world.colours import COLOURS
+from tests.viewport.visiting import Visit
+from tests.viewport.waiting import wait_until
+
+Visiting = Callable[[Viewport], Visit]
+RED, BLUE = COLOURS["red"], COLOURS["blue"]
+IN_FRONT = Pose((1.2, 0.3, 1.2))
+
+
+def seen(visitor: Visit, colour: Colour) -> int:
+    """How many pixels are of about that hue, in whatever light."""
+    pixels = visitor.pixels().astype(float)
+    strength = np.linalg.norm(pixels, axis=2)
+    likeness = (pixels @ (np.array(colour) / np.linalg.norm(colour))) / np.maximum(strength, 1.0)
+    return int(np.sum((likeness > 0.97) & (strength > 60.0)))
+
+
+def test_markers_are_seen_change_move_and_go(stage: Stage, viewport: Viewport, visit: Visiting) -> None:
+    points = ((0.0, -0.2, 0.0), (0.0, 0.2, 0.0))
+    for number, form in enumerate(MarkerForm):
+        pose = Pose((1.2, 0.25 * number - 0.75, 1.3))
+        stage.mark([Marker(id=f"a/{form.value}", form=form, pose=pose, colour=RED, points=points, text="I plan")])
+    visitor = visit(viewport)
+    wait_until(lambda: seen(visitor, RED) > 100, "who comes late sees them")
+    assert set(viewport._markers._nodes) == {f"a/{form.value}" for form in MarkerForm}
+    line = Marker(id="line", form=MarkerForm.LINE, pose=IN_FRONT, size=(0.1, 0.1, 0.1), colour=BLUE, points=points)
+    stage.mark([line])
+    wait_until(lambda: seen(visitor, BLUE) > 100, "a line has the colour that was asked for")
+    stage.mark([replace(line, pose=Pose((1.2, 0.3, 100.0)))])
+    wait_until(lambda: seen(visitor, BLUE) == 0, "it is far away")
+    stage.unmark([marker.id for marker in stage.frame.markers])
+    wait_until(lambda: seen(visitor, RED) == 0, "all are gone")
+
+
+def test_what_cannot_be_seen_is_no_fault(stage: Stage, viewport: Viewport) -> None:
+    for form in MarkerForm:
+        stage.mark([Marker(id=f"{form.value} of nothing", form=form, size=(0.0, 0.0, 0.0))])
+        stage.mark([Marker(id=f"{form.value} of glass", form=form, opacity=0.0, points=((0.0, 0.0, 0.0),))])
+    stage.mark([Marker(id="turned by nothing", form=MarkerForm.CUBE, pose=Pose((0, 0, 0), (0, 0, 0, 0)))])
+    frame = stage.frame
+    wait_until(lambda: viewport._frame is not None and viewport._frame.markers is frame.markers, "the page follows")
+    assert not viewport._reported
+
+
+def test_an_arrow_starts_at_its_place_and_a_cone_has_its_tip_at_the_top() -> None:
+    vertices = arrow((2.0, 0.2, 0.1)).vertices
+    assert vertices.min(axis=0) == pytest.approx([0.0, -0.1, -0.05])
+    assert vertices.max(axis=0) == pytest.approx([2.0, 0.1, 0.05])
+    tip = vertices[vertices[:, 0].argmax()]
+    assert tip == pytest.approx([2.0, 0.0, 0.0], abs=1e-6)
+    vertices = cone((0.2, 0.2, 1.0)).vertices
+    assert vertices[vertices[:, 2].argmax()] == pytest.approx([0.0, 0.0, 0.5], abs=1e-6)
