@@ -7,7 +7,7 @@ PYTHON ?=
 export PYTHON
 
 python := .venv/bin/python
-pytest_options ?= -ra
+pytest_options ?= -ra -n auto --dist worksteal
 
 .DEFAULT_GOAL := help
 .PHONY: help demo test check bench kitchen pin clean
@@ -20,7 +20,8 @@ demo: .venv/run.stamp  ## the bundled kitchen, alive in the browser
 	@.venv/bin/mindstage demo
 
 test: .venv/dev.stamp  ## all tests; `make test pytest_options="-k word"` for some
-	@scripts/install_system.sh chromium:chromium swipl:swi-prolog-nox
+	@scripts/install_system.sh chromium:chromium swipl:swi-prolog-nox node:nodejs npm:npm
+	@scripts/install_node.sh
 	@$(python) -m pytest $(pytest_options)
 
 check: .venv/dev.stamp  ## style, types, rooms, and that the bundled kitchen is what its script makes

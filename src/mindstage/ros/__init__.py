@@ -1,3 +1,7 @@
 """ROS: the face of a stage for a robot's programs, over the bridge."""
 
-__all__: list[str] = []
+from mindstage.bridge.messages import Ros
+from mindstage.ros.broadcast import Rates
+from mindstage.ros.face import RosFace
+
+__all__ = ["Rates", "Ros", "RosFace"]

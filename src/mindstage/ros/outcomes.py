@@ -1,0 +1,62 @@
+"""Outcomes: the three ends of a call on the wire.
+
+It succeeds; the world says no (`success: false`, or a result code of simulation_interfaces), and why is told on the
+diagnostics too; or it breaks for a reason outside of the world, and whoever called hears a text (`result: false`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from mindstage.bridge.description import error_text, refusal
+from mindstage.bridge.messages import Message, Ros, Service, decode_arguments, encode
+from mindstage.bridge.messages.simulation_interfaces import Result, ResultCode
+from mindstage.errors import BodyUnknown, EngineError, MindstageError, WorldError
+from mindstage.ros.diagnostics import Diagnostics
+from mindstage.ros.results import ResultError
+
+__all__ = ["answering", "engine_text", "refused"]
+
+
+def answering(
+    name: str, service: type[Service], answer: Callable[[Any], Any], *, diagnostics: Diagnostics, ros: Ros
+) -> Callable[[object], object]:
+    """The handler of a service: messages in and out, and every end told as it has to be."""
+
+    def handle(args: object) -> object:
+        request = decode_arguments(service.Request, args)
+        try:
+            reply = answer(request)
+        except WorldError as error:
+            diagnostics.refused(name, error)
+            reply = refused(service.Response, error)
+        except ResultError as error:
+            diagnostics.failed(name, [(str(getattr(request, "entity", "")), str(error))])
+            reply = service.Response(result=error.result)
+        except EngineError as error:
+            diagnostics.broke(name, error)
+            raise MindstageError(error_text(error)) from error
+        return encode(reply, ros=ros)
+
+    return handle
+
+
+def refused(response: type[Message], error: WorldError) -> Message:
+    """The reply that says no.
+
+    Raises:
+        WorldError: the type has no way to say it.
+    """
+    fields = response.__struct_fields__
+    if "result" in fields:
+        code = ResultCode.RESULT_NOT_FOUND if isinstance(error, BodyUnknown) else ResultCode.RESULT_OPERATION_FAILED
+        return response(result=Result(result=code, error_message=str(error)))
+    if "success" not in fields:
+        raise error
+    return response(refusal=refusal(error)) if "refusal" in fields else response()
+
+
+def engine_text(error: MindstageError) -> str:
+    """What broke, as the text that ends a call or a goal."""
+    return error_text(error) if isinstance(error, EngineError) else str(error)

@@ -1,0 +1,116 @@
+"""Pictures: a frame as the messages by which robots know a place: transforms, joint states, markers.
+
+There are many of them every second, so those with many parts are written as JSON objects at once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import numpy as np
+
+from mindstage.bridge.messages import Ros, encode
+from mindstage.bridge.messages.builtin_interfaces import Time
+from mindstage.bridge.messages.sensor_msgs import JointState
+from mindstage.bridge.messages.std_msgs import Header
+from mindstage.bridge.messages.visualization_msgs import Marker, MarkerAction, MarkerType
+from mindstage.errors import EngineError
+from mindstage.stage import Frame
+from mindstage.world import Body, BodyId, Colour, Constraint, Motion, ShapeKind
+
+__all__ = ["joint_state", "transforms", "world_markers"]
+
+_WORLD = "world"
+_NAMESPACE = "mindstage"
+_UNTOLD_M = 0.05
+_GREY: Colour = (0.7, 0.7, 0.7)
+_AXES = ("x", "y", "z", "twist", "swing2", "swing1")
+_FORMS = {ShapeKind.SPHERE: MarkerType.SPHERE, ShapeKind.CYLINDER: MarkerType.CYLINDER}
+
+Written = dict[str, Any]
+
+
+def transforms(frame: Frame, *, ros: Ros) -> Written:
+    """Where every body is in the world, as a `tf2_msgs/TFMessage`.
+
+    Raises:
+        EngineError: the engine tells of places that are no numbers.
+    """
+    header = encode(_header(frame), ros=ros)
+    return {
+        "transforms": [
+            {
+                "header": header,
+                "child_frame_id": id,
+                "transform": {
+                    "translation": {"x": x, "y": y, "z": z},
+                    "rotation": {"x": i, "y": j, "z": k, "w": w},
+                },
+            }
+            for id, (x, y, z, w, i, j, k) in zip(frame.ids, _numbers(frame), strict=True)
+        ]
+    }
+
+
+def joint_state(
+    frame: Frame, constraints: Iterable[Constraint], positions: Mapping[BodyId, tuple[float, ...]]
+) -> JointState:
+    """How far every constraint has moved since it was spawned; one that moves in several ways has several names."""
+    names: list[str] = []
+    numbers: list[float] = []
+    for constraint in constraints:
+        if constraint.id not in positions:
+            continue
+        axes = [at for at, axis in enumerate(_AXES) if _motion(constraint, axis) is not Motion.LOCKED]
+        for at in axes:
+            names.append(constraint.id if len(axes) == 1 else f"{constraint.id}/{_AXES[at]}")
+            numbers.append(positions[constraint.id][at])
+    return JointState(header=_header(frame), name=tuple(names), position=tuple(numbers))
+
+
+def world_markers(frame: Frame, bodies: Iterable[Body], *, ros: Ros) -> Written:
+    """Every body as a form, as a `visualization_msgs/MarkerArray` that replaces the one before."""
+    described = {body.id: body for body in bodies}
+    header = _header(frame)
+    blank = encode(Marker(header=header, ns=_NAMESPACE), ros=ros)
+    markers: list[Written] = [{**blank, "action": int(MarkerAction.DELETEALL)}]
+    for number, (id, (x, y, z, w, i, j, k)) in enumerate(zip(frame.ids, _numbers(frame), strict=True)):
+        body = described.get(id)
+        width, depth, height = body.size if body and body.size else (_UNTOLD_M,) * 3
+        red, green, blue = frame.highlights.get(id) or _colour(body)
+        form = _FORMS.get(body.shape.kind, MarkerType.CUBE) if body and body.shape else MarkerType.CUBE
+        pose = {"position": {"x": x, "y": y, "z": z}, "orientation": {"x": i, "y": j, "z": k, "w": w}}
+        markers.append(
+            {
+                **blank,
+                "id": number,
+                "type": int(form),
+                "pose": pose,
+                "scale": {"x": width, "y": depth, "z": height},
+                "color": {"r": red, "g": green, "b": blue, "a": 1.0},
+                "text": id,
+            }
+        )
+    return {"markers": markers}
+
+
+def _header(frame: Frame) -> Header:
+    return Header(stamp=Time.at(frame.time_s), frame_id=_WORLD)
+
+
+def _numbers(frame: Frame) -> list[list[float]]:
+    if not np.isfinite(frame.poses).all():
+        raise EngineError("the engine tells of places that are no numbers")
+    rows: list[list[float]] = frame.poses.tolist()
+    return rows
+
+
+def _motion(constraint: Constraint, axis: str) -> Motion:
+    motion: Motion = getattr(constraint.linear if axis in {"x", "y", "z"} else constraint.angular, axis)
+    return motion
+
+
+def _colour(body: Body | None) -> Colour:
+    colours = (material.colour for material in body.materials if material.colour) if body else ()
+    return next(iter(colours), _GREY)

@@ -1,0 +1,186 @@
+"""Rosapi: what tools ask to look around at our own hub. Another rosbridge has its own."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+from mindstage.bridge import Directory, Hub, TopicListing
+from mindstage.bridge.messages import (
+    Message,
+    Ros,
+    action_type,
+    definition_text,
+    message_type,
+    message_types,
+    service_type,
+    type_definitions,
+)
+from mindstage.bridge.messages import rosapi as wire
+from mindstage.bridge.messages.builtin_interfaces import Time
+from mindstage.bridge.names import resolved, same_type
+from mindstage.errors import TypeUnknown
+from mindstage.ros.offer import ServiceOffer
+from mindstage.stage import Stage
+
+__all__ = ["Rosapi"]
+
+_PLACE = "/rosapi"
+
+
+class Rosapi:
+    """Tells who and what is at a hub."""
+
+    def __init__(self, hub: Hub, stage: Stage, *, ros: Ros) -> None:
+        self._hub = hub
+        self._stage = stage
+        self._ros = ros
+
+    def offers(self) -> Iterator[ServiceOffer]:
+        """All services, most of them one line."""
+        for name, type, answer in (*self._about_topics(), *self._about_services(), *self._about_others()):
+            yield ServiceOffer(type, answer, name=f"{_PLACE}/{name}")
+
+    def _about_topics(self) -> Iterator[tuple[str, Any, Callable[[Any], Message]]]:
+        yield "topics", wire.Topics, lambda _: wire.Topics.Response(**self._topics())
+        yield "topics_and_raw_types", wire.TopicsAndRawTypes, self._raw_types
+        yield (
+            "topics_for_type",
+            wire.TopicsForType,
+            lambda asked: wire.TopicsForType.Response(
+                topics=tuple(
+                    topic.name for topic in self._look().topics if topic.type and same_type(topic.type, asked.type)
+                )
+            ),
+        )
+        yield "topic_type", wire.TopicType, lambda asked: wire.TopicType.Response(type=self._topic(asked.topic).type)
+        yield (
+            "publishers",
+            wire.Publishers,
+            lambda asked: wire.Publishers.Response(publishers=self._topic(asked.topic).publishers),
+        )
+        yield (
+            "subscribers",
+            wire.Subscribers,
+            lambda asked: wire.Subscribers.Response(subscribers=self._topic(asked.topic).subscribers),
+        )
+
+    def _about_services(self) -> Iterator[tuple[str, Any, Callable[[Any], Message]]]:
+        yield (
+            "services",
+            wire.Services,
+            lambda _: wire.Services.Response(services=tuple(each.name for each in self._look().services)),
+        )
+        yield (
+            "services_for_type",
+            wire.ServicesForType,
+            lambda asked: wire.ServicesForType.Response(
+                services=tuple(each.name for each in self._look().services if same_type(each.type, asked.type))
+            ),
+        )
+        yield (
+            "service_type",
+            wire.ServiceType,
+            lambda asked: wire.ServiceType.Response(type=self._of_service(asked.service, "type")),
+        )
+        yield (
+            "service_node",
+            wire.ServiceNode,
+            lambda asked: wire.ServiceNode.Response(node=self._of_service(asked.service, "provider")),
+        )
+        yield (
+            "service_providers",
+            wire.ServiceProviders,
+            lambda asked: wire.ServiceProviders.Response(
+                providers=tuple(
+                    {each.provider: 0 for each in self._look().services if same_type(each.type, asked.service)}
+                )
+            ),
+        )
+        yield (
+            "action_servers",
+            wire.GetActionServers,
+            lambda _: wire.GetActionServers.Response(action_servers=tuple(each.name for each in self._look().actions)),
+        )
+        yield (
+            "action_type",
+            wire.ActionType,
+            lambda asked: wire.ActionType.Response(
+                type=next((each.type for each in self._look().actions if each.name == resolved(asked.action)), "")
+            ),
+        )
+
+    def _about_others(self) -> Iterator[tuple[str, Any, Callable[[Any], Message]]]:
+        yield "nodes", wire.Nodes, lambda _: wire.Nodes.Response(nodes=self._look().peers)
+        yield "node_details", wire.NodeDetails, self._node_details
+        yield "interfaces", wire.Interfaces, lambda _: wire.Interfaces.Response(interfaces=tuple(message_types()))
+        yield "get_time", wire.GetTime, lambda _: wire.GetTime.Response(time=Time.at(self._stage.frame.time_s))
+        yield (
+            "get_ros_version",
+            wire.GetROSVersion,
+            lambda _: wire.GetROSVersion.Response(version=self._ros.value, distro="mindstage"),
+        )
+        yield "get_param_names", wire.GetParamNames, lambda _: wire.GetParamNames.Response()
+        yield (
+            "get_param",
+            wire.GetParam,
+            lambda asked: wire.GetParam.Response(
+                value=asked.default,
+                successful=bool(asked.default),
+                reason="" if asked.default else "there are no parameters",
+            ),
+        )
+        yield "has_param", wire.HasParam, lambda _: wire.HasParam.Response()
+        for name, type, part in (
+            ("message_details", wire.MessageDetails, message_type),
+            ("service_request_details", wire.ServiceRequestDetails, lambda name: service_type(name).request),
+            ("service_response_details", wire.ServiceResponseDetails, lambda name: service_type(name).response),
+            ("action_goal_details", wire.ActionGoalDetails, lambda name: action_type(name).goal),
+            ("action_result_details", wire.ActionResultDetails, lambda name: action_type(name).result),
+            ("action_feedback_details", wire.ActionFeedbackDetails, lambda name: action_type(name).feedback),
+        ):
+            yield name, type, self._details(type, part)
+
+    # -- looking -------------------------------------------------------------------------------------------------------
+
+    def _look(self) -> Directory:
+        return self._hub.directory()
+
+    def _topics(self) -> dict[str, tuple[str, ...]]:
+        topics = self._look().topics
+        return {"topics": tuple(each.name for each in topics), "types": tuple(each.type for each in topics)}
+
+    def _topic(self, name: str) -> TopicListing:
+        found = (topic for topic in self._look().topics if topic.name == resolved(name))
+        return next(found, TopicListing(resolved(name), "", (), ()))
+
+    def _of_service(self, name: str, field: str) -> str:
+        found = (str(getattr(each, field)) for each in self._look().services if each.name == resolved(name))
+        return next(found, "")
+
+    def _raw_types(self, _: wire.TopicsAndRawTypes.Request) -> wire.TopicsAndRawTypes.Response:
+        told = self._topics()
+        texts = tuple(self._definition(type) for type in told["types"])
+        return wire.TopicsAndRawTypes.Response(**told, typedefs_full_text=texts)
+
+    def _definition(self, type: str) -> str:
+        """What a type is made of; of one that others brought, nobody here knows it."""
+        try:
+            return definition_text(message_type(type), ros=self._ros)
+        except TypeUnknown:
+            return ""
+
+    def _node_details(self, asked: wire.NodeDetails.Request) -> wire.NodeDetails.Response:
+        seen, node = self._look(), resolved(asked.node)
+        return wire.NodeDetails.Response(
+            subscribing=tuple(topic.name for topic in seen.topics if node in topic.subscribers),
+            publishing=tuple(topic.name for topic in seen.topics if node in topic.publishers),
+            services=tuple(each.name for each in seen.services if each.provider == node),
+        )
+
+    def _details(self, type: Any, part: Callable[[str], Any]) -> Callable[[Any], Message]:
+        def tell(asked: Any) -> Message:
+            told: Message = type.Response(typedefs=type_definitions(part(asked.type), ros=self._ros))
+            return told
+
+        return tell

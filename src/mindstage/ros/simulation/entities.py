@@ -1,0 +1,116 @@
+"""Entities: which there are, where they are and what they are.
+
+An entity is a body, and its name is the body's id.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from mindstage.bridge.description import pose_from, pose_messages
+from mindstage.bridge.messages import simulation_interfaces as wire
+from mindstage.bridge.messages.builtin_interfaces import Time
+from mindstage.bridge.messages.geometry_msgs import Vector3
+from mindstage.bridge.messages.simulation_interfaces import Bounds, BoundsType, EntityCategory, EntityInfo, EntityState
+from mindstage.bridge.messages.std_msgs import Header
+from mindstage.errors import BodyUnknown, PoseUnreachable
+from mindstage.knowledge.names import local_name
+from mindstage.ros.offer import ServiceOffer
+from mindstage.ros.results import OK, ResultError, unsupported
+from mindstage.ros.sight import Sight
+from mindstage.ros.simulation.filters import category_of, chosen, tags_of
+from mindstage.world import BodyId
+
+__all__ = ["WORLD", "Entities", "bounds_of"]
+
+WORLD = "world"
+"""What the world's frame is called in replies."""
+
+
+class Entities:
+    """Tells of bodies and moves them."""
+
+    def __init__(self, sight: Sight) -> None:
+        self._sight = sight
+        self._stage = sight.stage
+
+    def offers(self) -> Iterator[ServiceOffer]:
+        """All services."""
+        yield ServiceOffer(wire.GetEntities, self.get_entities)
+        yield ServiceOffer(wire.GetEntitiesStates, self.get_states)
+        yield ServiceOffer(wire.GetEntityState, self.get_state, quick=True)
+        yield ServiceOffer(wire.SetEntityState, self.set_state)
+        yield ServiceOffer(wire.GetEntityInfo, self.get_info)
+        yield ServiceOffer(wire.SetEntityInfo, self.set_info)
+        yield ServiceOffer(wire.GetEntityBounds, self.get_bounds)
+        yield ServiceOffer(wire.DeleteEntity, self.delete)
+
+    def get_entities(self, request: wire.GetEntities.Request) -> wire.GetEntities.Response:
+        """The names of those that pass the filters."""
+        return wire.GetEntities.Response(result=OK, entities=chosen(self._sight, request.filters))
+
+    def get_states(self, request: wire.GetEntitiesStates.Request) -> wire.GetEntitiesStates.Response:
+        """The same with where they are."""
+        ids = chosen(self._sight, request.filters)
+        frame = self._sight.frame()
+        rows = self._sight.rows(frame)
+        there = tuple(id for id in ids if id in rows)
+        poses = pose_messages(frame.poses[[rows[id] for id in there]].reshape(-1, 7))
+        header = self._header()
+        states = tuple(EntityState(header=header, pose=pose) for pose in poses)
+        return wire.GetEntitiesStates.Response(result=OK, entities=there, states=states)
+
+    def get_state(self, request: wire.GetEntityState.Request) -> wire.GetEntityState.Response:
+        """Where one is. Engines do not tell how fast a body is, so twist and acceleration are zero."""
+        (pose,) = pose_messages(self._sight.row(request.entity)[None])
+        return wire.GetEntityState.Response(result=OK, state=EntityState(header=self._header(), pose=pose))
+
+    def set_state(self, request: wire.SetEntityState.Request) -> wire.SetEntityState.Response:
+        """Puts one somewhere else, at rest; the pose may be told in the frame of another one."""
+        self._sight.require([request.entity])
+        if request.set_twist or request.set_acceleration:
+            raise unsupported("only the pose of an entity can be set, not how it moves")
+        if request.set_pose:
+            state, id = request.state, BodyId(request.entity)
+            try:
+                pose = self._sight.in_world(pose_from(state.pose), state.header.frame_id)
+                self._stage.call(lambda engine: engine.set_pose(id, pose), what="set pose")
+            except (BodyUnknown, PoseUnreachable) as error:
+                raise ResultError(wire.SetEntityStateCode.INVALID_POSE, str(error)) from error
+        return wire.SetEntityState.Response(result=OK)
+
+    def get_info(self, request: wire.GetEntityInfo.Request) -> wire.GetEntityInfo.Response:
+        """What one is: its label or else its class; among the tags, its class is the first."""
+        body = self._sight.body(request.entity)
+        info = EntityInfo(
+            category=EntityCategory(category=category_of(body)),
+            description=body.label or local_name(body.cls),
+            tags=tags_of(body),
+        )
+        return wire.GetEntityInfo.Response(result=OK, info=info)
+
+    def set_info(self, request: wire.SetEntityInfo.Request) -> wire.SetEntityInfo.Response:
+        """Refuses: what a thing is stands in its map."""
+        self._sight.require([request.entity])
+        raise unsupported("what an entity is comes from its map; tell the knowledge base more instead")
+
+    def get_bounds(self, request: wire.GetEntityBounds.Request) -> wire.GetEntityBounds.Response:
+        """How much room one takes, seen from itself; empty where nobody told its size."""
+        return wire.GetEntityBounds.Response(result=OK, bounds=bounds_of(self._sight.body(request.entity).size))
+
+    def delete(self, request: wire.DeleteEntity.Request) -> wire.DeleteEntity.Response:
+        """Takes one away."""
+        id = BodyId(request.entity)
+        self._stage.call(lambda engine: engine.delete((id,)), what="delete", edits=True)
+        return wire.DeleteEntity.Response(result=OK)
+
+    def _header(self) -> Header:
+        return Header(stamp=Time.at(self._stage.frame.time_s), frame_id=WORLD)
+
+
+def bounds_of(size: tuple[float, float, float] | None) -> Bounds:
+    """The box around a body, in its own frame: the upper and the lower corner."""
+    if size is None:
+        return Bounds()
+    x, y, z = (extent / 2 for extent in size)
+    return Bounds(type=BoundsType.TYPE_BOX, points=(Vector3(x=x, y=y, z=z), Vector3(x=-x, y=-y, z=-z)))

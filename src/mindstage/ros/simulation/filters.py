@@ -1,0 +1,100 @@
+"""Filters: which entities a call means, by name, category, tags and place; all of it must be true."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mindstage.bridge.description import vector_from
+from mindstage.bridge.messages.simulation_interfaces import (
+    Bounds,
+    BoundsType,
+    Category,
+    EntityFilters,
+    FilterMode,
+    TagsFilter,
+)
+from mindstage.knowledge.names import local_name
+from mindstage.ros.results import failed, unsupported
+from mindstage.ros.sight import Sight
+from mindstage.ros.simulation.patterns import Pattern, PatternRefused
+from mindstage.world import Body, BodyId, Mobility
+from mindstage.world.boxes import Boxes
+from mindstage.world.geometry import Array, unit
+
+__all__ = ["category_of", "chosen", "has_tags", "tags_of"]
+
+
+def chosen(sight: Sight, filters: EntityFilters) -> tuple[BodyId, ...]:
+    """The entities that pass, in the order of the frame.
+
+    Raises:
+        ResultError: the name's pattern is none, or the bounds are of a kind that cannot be compared.
+    """
+    ids: tuple[BodyId, ...] = sight.frame().ids
+    if filters.filter:
+        try:
+            pattern = Pattern(filters.filter)
+        except PatternRefused as error:
+            raise failed(str(error)) from error
+        ids = tuple(id for id in ids if pattern.found_in(id))
+    categories = {each.category for each in filters.categories}
+    if categories or filters.tags.tags:
+        bodies = {body.id: body for body in sight.world().bodies}
+        ids = tuple(id for id in ids if id in bodies and not (categories and category_of(bodies[id]) not in categories))
+        ids = tuple(id for id in ids if has_tags(tags_of(bodies[id]), filters.tags))
+    return _within(sight, ids, filters.bounds) if filters.bounds.type is not BoundsType.TYPE_EMPTY else ids
+
+
+def category_of(body: Body) -> Category:
+    """What kind of thing a body is: whether it moves by itself is all that is known for sure."""
+    match body.physics.mobility:
+        case Mobility.DYNAMIC:
+            return Category.CATEGORY_DYNAMIC_OBJECT
+        case Mobility.KINEMATIC:
+            return Category.CATEGORY_OBJECT
+    return Category.CATEGORY_STATIC_OBJECT
+
+
+def tags_of(body: Body) -> tuple[str, ...]:
+    """A body's class in short, and its tags as `type/key=value`."""
+    return (local_name(body.cls), *(f"{tag.type}/{tag.key}={tag.value}" for tag in body.tags))
+
+
+def has_tags(tags: tuple[str, ...], wanted: TagsFilter) -> bool:
+    """Whether tags are what a filter wants; without any, everything is."""
+    if not wanted.tags:
+        return True
+    found = [tag in tags for tag in wanted.tags]
+    return all(found) if wanted.filter_mode is FilterMode.FILTER_MODE_ALL else any(found)
+
+
+def _within(sight: Sight, ids: tuple[BodyId, ...], bounds: Bounds) -> tuple[BodyId, ...]:
+    """Those whose upright box meets the bounds."""
+    if not ids:
+        return ids
+    frame = sight.frame()
+    rows = sight.rows(frame)
+    bodies = {body.id: body for body in sight.world().bodies}
+    ids = tuple(id for id in ids if id in bodies and id in rows)
+    poses = frame.poses[[rows[id] for id in ids]].reshape(-1, 7).copy()
+    poses[:, 3:] = unit(poses[:, 3:])
+    sizes = np.array([bodies[id].size or (0.0, 0.0, 0.0) for id in ids], dtype=np.float64).reshape(-1, 3)
+    low, high = Boxes.of(poses, sizes).bounds()
+    meets = _meets(bounds, low, high)
+    return tuple(id for id, kept in zip(ids, meets, strict=True) if kept)
+
+
+def _meets(bounds: Bounds, low: Array, high: Array) -> NDArray[np.bool_]:
+    points = np.array([vector_from(point) for point in bounds.points], dtype=np.float64).reshape(-1, 3)
+    match bounds.type:
+        case BoundsType.TYPE_BOX | BoundsType.TYPE_SPHERE if len(points) != 2:
+            raise failed(f"a {bounds.type.name} has two points, not {len(points)}")
+        case BoundsType.TYPE_BOX:
+            inside = np.all((low <= points.max(axis=0)) & (high >= points.min(axis=0)), axis=1)
+        case BoundsType.TYPE_SPHERE:
+            nearest = np.clip(points[0], low, high)
+            inside = np.linalg.norm(nearest - points[0], axis=1) <= points[1, 0]
+        case _:
+            raise unsupported("entities can be chosen by a box or a sphere, not by a convex hull")
+    return np.asarray(inside)

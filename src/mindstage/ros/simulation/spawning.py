@@ -1,0 +1,174 @@
+"""Spawning: new entities after the pattern of what the maps know, of files, or of a text; and what this face can do."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+
+from mindstage.bridge.description import pose_from
+from mindstage.bridge.messages import modul_spawner_msgs
+from mindstage.bridge.messages import simulation_interfaces as wire
+from mindstage.bridge.messages.simulation_interfaces import (
+    Feature,
+    Resource,
+    Result,
+    SimulatorFeatures,
+    Spawnable,
+    SpawnCode,
+    SpawnEntitiesCode,
+    SpawnResult,
+)
+from mindstage.errors import BodyUnknown
+from mindstage.knowledge.names import local_name
+from mindstage.ros.diagnostics import Diagnostics
+from mindstage.ros.names import free_id, map_iri
+from mindstage.ros.offer import ServiceOffer
+from mindstage.ros.resources import FORMATS, Resources, Trouble, TroubleKind
+from mindstage.ros.results import OK, ResultError
+from mindstage.ros.sight import Sight
+from mindstage.ros.simulation.entities import bounds_of
+from mindstage.ros.templates import part_of, placed, root_of
+from mindstage.world import Body, Pose, World
+
+__all__ = ["Spawning"]
+
+_PATIENCE_S = 120.0
+_LACKING = {
+    Feature.NAMED_POSES,
+    Feature.POSE_BOUNDS,
+    Feature.ENTITY_BOUNDS_CONVEX,
+    Feature.ENTITY_INFO_SETTING,
+    Feature.SIMULATION_RESET_TIME,
+}
+_CODES = {
+    TroubleKind.MISSING: SpawnCode.NO_RESOURCE,
+    TroubleKind.FORMAT: SpawnCode.UNSUPPORTED_FORMAT,
+    TroubleKind.BROKEN: SpawnCode.RESOURCE_PARSE_ERROR,
+}
+_Request = wire.SpawnEntity.Request | wire.messages.SpawnEntity
+
+
+class Spawning:
+    """Spawns."""
+
+    def __init__(self, sight: Sight, resources: Resources, diagnostics: Diagnostics, *, step_s: float) -> None:
+        self._sight = sight
+        self._stage = sight.stage
+        self._resources = resources
+        self._diagnostics = diagnostics
+        self._step_s = step_s
+
+    def offers(self) -> Iterator[ServiceOffer]:
+        """All services."""
+        yield ServiceOffer(wire.GetSimulatorFeatures, self.features)
+        yield ServiceOffer(wire.GetSpawnables, self.spawnables, patience_s=_PATIENCE_S)
+        yield ServiceOffer(wire.SpawnEntity, self.spawn_entity, patience_s=_PATIENCE_S)
+        yield ServiceOffer(wire.SpawnEntities, self.spawn_entities, patience_s=_PATIENCE_S)
+        yield ServiceOffer(modul_spawner_msgs.SpawnRobot, self.spawn_robot, patience_s=_PATIENCE_S)
+
+    def features(self, _: wire.GetSimulatorFeatures.Request) -> wire.GetSimulatorFeatures.Response:
+        """What works here."""
+        told = {"engine": self._stage.engine_name, "step_s": self._step_s}
+        features = SimulatorFeatures(
+            features=tuple(feature for feature in Feature if feature not in _LACKING),
+            spawn_formats=tuple(FORMATS.values()),
+            custom_info=json.dumps(told),
+        )
+        return wire.GetSimulatorFeatures.Response(features=features)
+
+    def spawnables(self, request: wire.GetSpawnables.Request) -> wire.GetSpawnables.Response:
+        """Each thing of a known map, and each file of the folder; sources, where given, are the maps' IRIs."""
+        chosen = set(request.sources)
+        found: list[Spawnable] = []
+        for map in self._resources.knowledge.maps():
+            if not chosen or map in chosen:
+                found += (_spawnable(body) for body in self._resources.knowledge.world(map).bodies)
+        if not chosen:
+            files = self._resources.files()
+            found += (Spawnable(entity_resource=Resource(uri=name), description=f"the file {name}") for name in files)
+        return wire.GetSpawnables.Response(result=OK, spawnables=tuple(found))
+
+    def spawn_entity(self, request: wire.SpawnEntity.Request) -> wire.SpawnEntity.Response:
+        """One entity."""
+        return wire.SpawnEntity.Response(result=OK, entity_name=self._spawn(request))
+
+    def spawn_entities(self, request: wire.SpawnEntities.Request) -> wire.SpawnEntities.Response:
+        """Some, one after the other; one that fails does not stop the rest."""
+        results = tuple(self._tried(each) for each in request.spawn_requests)
+        lost = sum(each.result.result != OK.result for each in results)
+        if not lost:
+            return wire.SpawnEntities.Response(result=OK, results=results)
+        text = f"{lost} of {len(results)} were not spawned"
+        result = Result(result=SpawnEntitiesCode.ENTITIES_SPAWN_FAILED, error_message=text)
+        return wire.SpawnEntities.Response(result=result, results=results)
+
+    def spawn_robot(self, request: modul_spawner_msgs.SpawnRobot.Request) -> modul_spawner_msgs.SpawnRobot.Response:
+        """A robot from a file of the folder, or from the text of a URDF in the place of its name."""
+        is_text = request.name.lstrip().startswith("<")
+        name = request.id or self._free("Robot" if is_text else request.name.rpartition("/")[2].partition(".")[0])
+        try:
+            world = self._resources.world("" if is_text else request.name, request.name if is_text else "")
+            self._put(world, root_of(world), name=name, pose=None)
+        except (Trouble, ResultError) as error:
+            self._diagnostics.failed("spawn_robot", [(name, str(error))])
+            return modul_spawner_msgs.SpawnRobot.Response(id=name)
+        return modul_spawner_msgs.SpawnRobot.Response(id=name, name=name, success=True)
+
+    def _tried(self, request: wire.messages.SpawnEntity) -> SpawnResult:
+        try:
+            return SpawnResult(result=OK, entity_name=self._spawn(request))
+        except ResultError as error:
+            self._diagnostics.failed("spawn_entities", [(request.name, str(error))])
+            return SpawnResult(result=error.result, entity_name=request.name)
+
+    def _spawn(self, request: _Request) -> str:
+        world, root = self._template(request.entity_resource)
+        name = self._name(request, root)
+        try:
+            pose = self._sight.in_world(pose_from(request.initial_pose.pose), request.initial_pose.header.frame_id)
+        except BodyUnknown as error:
+            raise ResultError(SpawnCode.INVALID_POSE, str(error)) from error
+        self._put(world, root, name=name, pose=pose)
+        return name
+
+    def _put(self, world: World, root: Body | None, *, name: str, pose: Pose | None) -> None:
+        if root is None:
+            raise ResultError(SpawnCode.RESOURCE_PARSE_ERROR, "there is no body in it")
+        worlds = self._stage.worlds
+        report = self._stage.spawn(
+            placed(world, root, name=name, pose=pose, map=worlds[0].iri if worlds else map_iri("spawned"))
+        )
+        self._diagnostics.spawned("spawn", report)
+        if report.failed_bodies:
+            raise ResultError(SpawnCode.INVALID_POSE, "; ".join(each.reason for each in report.failed_bodies[:3]))
+
+    def _template(self, resource: Resource) -> tuple[World, Body | None]:
+        if resource.uri and (known := self._resources.body(resource.uri)):
+            world, body = known
+            return part_of(world, body.id), body
+        try:
+            world = self._resources.world(resource.uri, resource.resource_string)
+        except Trouble as trouble:
+            raise ResultError(_CODES[trouble.kind], str(trouble)) from trouble
+        return world, root_of(world)
+
+    def _name(self, request: _Request, root: Body | None) -> str:
+        taken = self._sight.rows(self._sight.frame())
+        if not request.name and not request.allow_renaming:
+            raise ResultError(SpawnCode.NAME_INVALID, "it needs a name, unless it may be renamed")
+        if request.name and request.name not in taken:
+            return request.name
+        if not request.allow_renaming:
+            raise ResultError(SpawnCode.NAME_NOT_UNIQUE, f"{request.name!r} is taken")
+        return free_id(request.name or (local_name(root.cls) if root else "Entity"), taken)
+
+    def _free(self, stem: str) -> str:
+        return free_id(stem or "Robot", self._sight.rows(self._sight.frame()))
+
+
+def _spawnable(body: Body) -> Spawnable:
+    return Spawnable(
+        entity_resource=Resource(uri=body.iri),
+        description=body.label or local_name(body.cls),
+        spawn_bounds=bounds_of(body.size),
+    )

@@ -1,0 +1,70 @@
+"""Asking: every declared question over the wire, by one service and by its own."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from mindstage.bridge import Hub
+from mindstage.errors import ServiceFailed
+from mindstage.knowledge import KnowledgeBase
+from mindstage.knowledge.questions import answers_to_builtins, questions
+from mindstage.stage import Stage
+
+from .asking import Ask, Call, wire_pose
+
+
+def test_every_question_has_a_service_that_answers_as_the_shell_does(call: Call, stage: Stage, hub: Hub) -> None:
+    offered = {each.name for each in hub.directory().services}
+    for question in questions():
+        assert f"/mindstage/{question.name}" in offered
+        if question.is_live:
+            continue  # those are asked of the stage, below
+        expected = json.loads(json.dumps(answers_to_builtins(stage.knowledge, stage.ask(question))))
+        reply = call(f"/mindstage/{question.name}")
+        assert reply["success"], question.name
+        assert json.loads(reply["answers"]) == expected
+        assert call("/mindstage/ask", question=question.name) == reply
+
+
+def test_arguments_are_told_by_name(call: Call, ask: Ask, knowledge: KnowledgeBase) -> None:
+    answers = ask("storage_place", item="CowsMilk")
+    assert answers["args"]["item"].endswith("#CowsMilk")
+    assert answers["answers"][0]["id"] == "Refrigerator"
+    reply = call("/mindstage/ask", question="storage-place", args='{"item": "CowsMilk"}')
+    assert json.loads(reply["answers"]) == answers
+
+
+def test_a_question_without_an_answer_says_what_is_missing(ask: Ask) -> None:
+    answers = ask("storage_place", item="Drawer")
+    assert not answers["answers"]
+    assert answers["missing"]
+
+
+def test_the_place_is_asked_about_as_it_is_now(call: Call, ask: Ask) -> None:
+    def under_the_mug() -> set[str]:
+        answers = ask("where_is", thing="Mug", relation="on")["answers"]
+        return {row["other"].rpartition("#")[2] for row in answers}
+
+    assert under_the_mug() == {"Cupboard"}
+    call("set_model_pose", id="Mug", pose=wire_pose(0.0, -2.0, 0.05))
+    assert under_the_mug() == {"Floor"}
+
+
+@pytest.mark.parametrize(
+    ("service", "args", "text"),
+    [
+        ("/mindstage/ask", {"question": "storage_plase"}, "storage_place"),
+        ("/mindstage/ask", {"question": "storage_place", "args": "[]"}, "send an object in a string"),
+        ("/mindstage/ask", {"question": "storage_place", "args": "{"}, "send an object in a string"),
+        ("/mindstage/ask", {"question": "storage_place", "args": '{"question": 1}'}, "no question is asked about that"),
+        ("/mindstage/storage_place", {"args": '{"itm": "Milk"}'}, "it has no argument 'itm'"),
+        ("/mindstage/storage_place", {"args": '{"item": "NothingAtAll"}'}, "NothingAtAll"),
+        ("/mindstage/storage_place", {"question": "handle_of"}, "this service asks storage_place"),
+    ],
+)
+def test_what_is_no_question_ends_with_words(call: Call, service: str, args: dict[str, str], text: str) -> None:
+    with pytest.raises(ServiceFailed) as failure:
+        call(service, **args)
+    assert text in str(failure.value)

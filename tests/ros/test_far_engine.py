@@ -1,0 +1,197 @@
+"""Far engine: the engine's whole contract over the wire, exact, with the same refusals."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from mindstage.bridge import GoalStatus, Hub
+from mindstage.bridge.description import error_from_text, to_json, world_error, world_from_json, world_to_json
+from mindstage.bridge.messages import decode, engine_service, mindstage_msgs, service_types
+from mindstage.engines import NullEngine
+from mindstage.errors import BodyUnknown, PoseUnreachable, ServiceFailed, SimulationUnstable
+from mindstage.knowledge import KnowledgeBase
+from mindstage.ros import RosFace
+from mindstage.stage import Stage
+from mindstage.world import Material, Mobility, Physics, difference
+from tests.bridge.talking import PATIENCE_S, eventually
+from tests.kitchenette import kitchenette
+
+from .asking import TURNED, Call, at, wire_pose
+
+
+@pytest.fixture
+def engine(call: Call) -> Call:
+    return lambda name, /, **args: call(f"mindstage/{name}", **args)
+
+
+def test_every_service_of_the_package_is_offered_where_it_is_agreed(face: RosFace, hub: Hub) -> None:
+    offered = {each.name for each in hub.directory().services}
+    engines = [cls for cls in vars(mindstage_msgs.services).values() if isinstance(cls, type)]
+    expected = {
+        engine_service(cls, "unreal")
+        for cls in engines
+        if f"mindstage_msgs/{cls.__name__}" in service_types() and cls is not mindstage_msgs.Ask
+    }
+    assert len(expected) >= 19
+    assert expected <= offered
+
+
+def test_a_world_goes_in_and_comes_back_with_nothing_lost(engine: Call, stage: Stage) -> None:
+    assert engine("clear") == {"success": True, "refusal": EMPTY}
+    reply = engine("spawn_world", world=world_to_json(kitchenette()))
+    assert reply["success"]
+    assert (reply["report"]["bodies"], reply["report"]["constraints"], reply["report"]["attachments"]) == (8, 2, 2)
+    assert difference(kitchenette(), world_from_json(engine("log_world")["world"])).identical(0.0)
+
+
+def test_what_cannot_be_spawned_stands_in_the_report(engine: Call) -> None:
+    reply = engine("spawn_world", world=world_to_json(kitchenette()))
+    assert not reply["success"]
+    assert {each["id"] for each in reply["report"]["failed_bodies"]} >= {"Mug", "Fridge"}
+
+
+def test_it_says_what_it_is(engine: Call) -> None:
+    told = engine("describe")
+    assert (told["engine"], told["abilities"], told["format_version"]) == ("mujoco", ["joints", "save"], 1)
+
+
+def test_bodies_are_edited(engine: Call, stage: Stage) -> None:
+    assert engine("set_pose", id="Mug", pose=wire_pose(4, 4, 4, TURNED))["success"]
+    poses = engine("get_poses")
+    assert at(dict(zip(poses["ids"], poses["poses"], strict=True))["Mug"]) == (4, 4, 4)
+    assert engine("set_physics", id="Mug", physics=to_json(Physics(mobility=Mobility.KINEMATIC)))["success"]
+    materials = (Material(name="Oak", colour=(0.5, 0.25, 0.125)),)
+    assert engine("set_materials", id="Mug", materials=to_json(materials, tuple[Material, ...]))["success"]
+    body = stage.log().body("Mug")
+    assert (body.physics, body.materials) == (Physics(mobility=Mobility.KINEMATIC), materials)
+    assert engine("attach", parent="Fridge", child="Mug")["success"]
+    assert engine("detach", child="Mug")["success"]
+    assert engine("delete", ids=["Mug", "Drawer"])["success"]
+    assert not {"Mug", "Drawer"} & set(stage.frame.ids)
+
+
+def test_any_colour_lights_up(engine: Call, stage: Stage) -> None:
+    colour = {"r": 0.1, "g": 0.2, "b": 0.3, "a": 1.0}
+    assert engine("highlight", ids=["Mug", "Fridge"], lit=True, color=colour)["success"]
+    assert stage.frame.highlights == {"Mug": (0.1, 0.2, 0.3), "Fridge": (0.1, 0.2, 0.3)}
+    lit = engine("get_highlights")
+    assert lit["ids"] == ["Mug", "Fridge"]
+    assert lit["colors"] == [colour, colour]
+    assert engine("highlight", ids=["Mug"])["success"]
+    assert set(stage.frame.highlights) == {"Fridge"}
+
+
+def test_a_push_is_felt_throughout_the_step_and_seen_at_the_joint(engine: Call) -> None:
+    before = engine("describe")["time_s"]
+    force = {"x": -40.0, "y": 0.0, "z": 0.0}
+    assert engine("push", id="Drawer", force=force)["success"]
+    assert engine("step", duration_s=0.2)["time_s"] == pytest.approx(before + 0.2)
+    joints = {each["id"]: each for each in engine("get_joint_positions")["joints"]}
+    assert joints["DrawerSlide"]["x"] < -0.05
+    assert abs(joints["FridgeHinge"]["swing1"]) < 1e-3
+
+
+def test_states_are_kept_over_there_and_brought_back_exactly(engine: Call, stage: Stage) -> None:
+    handle = engine("save_state")["handle"]
+    before = stage.frame.poses.copy()
+    engine("push", id="Drawer", force={"x": -40.0, "y": 0.0, "z": 0.0})
+    engine("step", duration_s=0.2)
+    assert (stage.frame.poses != before).any()
+    assert engine("restore_state", handle=handle)["success"]
+    assert (stage.frame.poses == before).all()
+    assert engine("forget_state", handle=handle)["success"]
+    with pytest.raises(ServiceFailed, match="no state"):
+        engine("restore_state", handle=handle)
+
+
+def test_states_are_not_kept_without_end(engine: Call) -> None:
+    for _ in range(64):
+        engine("save_state")
+    with pytest.raises(ServiceFailed, match="64 states are kept already"):
+        engine("save_state")
+
+
+def test_refusals_are_the_same_errors_over_there(engine: Call) -> None:
+    def refused(name: str, **args: Any) -> Exception:
+        reply = engine(name, **args)
+        assert not reply["success"]
+        return world_error(decode(mindstage_msgs.Refusal, reply["refusal"]))
+
+    unknown = refused("set_pose", id="Mugg", pose=wire_pose(0, 0, 0))
+    assert isinstance(unknown, BodyUnknown)
+    assert (unknown.body, unknown.near) == ("Mugg", ("Mug",))
+    unreachable = refused("set_pose", id="Drawer", pose=wire_pose(9, 9, 9))
+    assert isinstance(unreachable, PoseUnreachable)
+    assert unreachable.reason
+    for name, args in (
+        ("delete", {"ids": ["nobody"]}),
+        ("attach", {"parent": "nobody", "child": "Mug"}),
+        ("detach", {"child": "nobody"}),
+        ("highlight", {"ids": ["nobody"], "lit": True}),
+        ("push", {"id": "nobody"}),
+        ("set_physics", {"id": "nobody", "physics": "{}"}),
+        ("set_materials", {"id": "nobody", "materials": "[]"}),
+    ):
+        assert isinstance(refused(name, **args), BodyUnknown), name
+
+
+@pytest.mark.parametrize(
+    ("service", "args", "text"),
+    [
+        ("spawn_world", {"world": "{}"}, "format_version"),
+        ("spawn_world", {"world": '{"format_version": 99}'}, "this Mindstage reads 1"),
+        ("set_physics", {"id": "Mug", "physics": '{"mass": 1}'}, "mass"),
+        ("set_materials", {"id": "Mug", "materials": "{}"}, "expected array"),
+        ("step", {"duration_s": -1.0}, "time does not pass backwards"),
+    ],
+)
+def test_what_is_no_part_of_a_world_ends_the_call(engine: Call, service: str, args: Any, text: str) -> None:
+    with pytest.raises(ServiceFailed) as failure:
+        engine(service, **args)
+    assert text in str(failure.value)
+
+
+def test_an_engine_without_an_ability_says_so(knowledge: KnowledgeBase) -> None:
+    with Stage(knowledge, NullEngine()) as stage, Hub() as hub, RosFace(stage, hub):
+        assert hub.call_service("/unreal/mindstage/describe")["abilities"] == ["save"]
+        with pytest.raises(ServiceFailed, match="cannot tell where joints stand"):
+            hub.call_service("/unreal/mindstage/get_joint_positions")
+
+
+class ExplodingEngine(NullEngine):
+    def step(self, duration_s: float) -> None:
+        raise SimulationUnstable(time_s=1.5, what="everything flies")
+
+
+def test_what_breaks_over_there_is_the_same_error_here(knowledge: KnowledgeBase) -> None:
+    with (
+        Stage(knowledge, ExplodingEngine()) as stage,
+        Hub() as hub,
+        RosFace(stage, hub),
+        pytest.raises(ServiceFailed) as failure,
+    ):
+        hub.call_service("/unreal/mindstage/step", {"duration_s": 0.1})
+    error = error_from_text(failure.value.cause)
+    assert isinstance(error, SimulationUnstable)
+    assert (error.time_s, error.what) == (1.5, "everything flies")
+
+
+def test_spawning_as_a_goal_tells_how_far_it_is(engine: Call, hub: Hub, stage: Stage) -> None:
+    engine("clear")
+    told: list[Any] = []
+    goal = {"world": world_to_json(kitchenette())}
+    sent = hub.send_goal("/unreal/mindstage/spawn_map", "mindstage_msgs/SpawnMap", goal, on_feedback=told.append)
+    outcome = sent.wait(PATIENCE_S)
+    assert outcome.status is GoalStatus.SUCCEEDED
+    assert outcome.values["report"]["bodies"] == 8
+    assert told[0]["phase"] == "reading"
+    assert told[-1] == {"phase": "spawned", "done": 12, "total": 12}
+    again = hub.send_goal("/unreal/mindstage/spawn_map", "mindstage_msgs/SpawnMap", goal).wait(PATIENCE_S)
+    assert again.status is GoalStatus.ABORTED
+    assert len(again.values["report"]["failed_bodies"]) == 8
+    eventually(lambda: len(stage.frame.ids) == 8)
+
+
+EMPTY = {"kind": "", "text": "", "body": "", "parent": "", "child": "", "reason": "", "world": "", "near": []}

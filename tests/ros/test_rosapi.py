@@ -1,0 +1,75 @@
+"""Rosapi: tools that look around find everything, with its types."""
+
+from __future__ import annotations
+
+import pytest
+
+from mindstage.bridge import Hub
+from mindstage.errors import ServiceFailed
+from mindstage.ros import RosFace
+
+from .asking import Call
+
+
+def test_topics_services_and_actions_are_listed_with_their_types(call: Call) -> None:
+    topics = call("/rosapi/topics")
+    types = dict(zip(topics["topics"], topics["types"], strict=True))
+    assert types["/tf"] == "tf2_msgs/msg/TFMessage"
+    assert types["/unreal/markers"] == "visualization_msgs/msg/MarkerArray"
+    assert call("/rosapi/topic_type", topic="tf") == {"type": "tf2_msgs/msg/TFMessage"}
+    assert call("/rosapi/topic_type", topic="/nobody") == {"type": ""}
+    assert call("/rosapi/topics_for_type", type="tf2_msgs/TFMessage") == {"topics": ["/tf"]}
+    assert "/unreal/spawn_model" in call("/rosapi/services")["services"]
+    assert call("/rosapi/service_type", service="/unreal/spawn_model") == {"type": "world_control_msgs/srv/SpawnModel"}
+    assert call("/rosapi/services_for_type", type="world_control_msgs/SpawnModel") == {
+        "services": ["/unreal/spawn_model"]
+    }
+    assert "/unreal/simulate_steps" in call("/rosapi/action_servers")["action_servers"]
+    action = call("/rosapi/action_type", action="/unreal/simulate_steps")
+    assert action == {"type": "simulation_interfaces/action/SimulateSteps"}
+
+
+def test_who_is_at_the_ends_is_told(call: Call, hub: Hub) -> None:
+    hub.subscribe("/tf", lambda _: None)
+    assert call("/rosapi/nodes") == {"nodes": ["/mindstage"]}
+    assert call("/rosapi/publishers", topic="/tf") == {"publishers": ["/mindstage"]}
+    assert call("/rosapi/subscribers", topic="/tf") == {"subscribers": ["/mindstage"]}
+    assert call("/rosapi/subscribers", topic="/clock") == {"subscribers": []}
+    assert call("/rosapi/service_node", service="/unreal/spawn_model") == {"node": "/mindstage"}
+    assert call("/rosapi/service_providers", service="world_control_msgs/SpawnModel") == {"providers": ["/mindstage"]}
+    details = call("/rosapi/node_details", node="mindstage")
+    assert "/tf" in details["subscribing"]
+    assert "/clock" in details["publishing"]
+    assert "/unreal/spawn_model" in details["services"]
+
+
+def test_types_are_told_down_to_their_primitives(call: Call) -> None:
+    first, *parts = call("/rosapi/message_details", type="geometry_msgs/Pose")["typedefs"]
+    assert (first["type"], first["fieldnames"]) == ("geometry_msgs/Pose", ["position", "orientation"])
+    assert {part["type"] for part in parts} == {"geometry_msgs/Point", "geometry_msgs/Quaternion"}
+    for kind in ("service_request", "service_response"):
+        assert call(f"/rosapi/{kind}_details", type="world_control_msgs/SpawnModel")["typedefs"]
+    for kind in ("goal", "result", "feedback"):
+        assert call(f"/rosapi/action_{kind}_details", type="simulation_interfaces/SimulateSteps")["typedefs"]
+    with pytest.raises(ServiceFailed, match="geometry_msgs/Pos"):
+        call("/rosapi/message_details", type="geometry_msgs/Pos")
+
+
+def test_what_a_viewer_needs_before_it_subscribes_is_all_in_one(call: Call, hub: Hub) -> None:
+    hub.advertise("/theirs", "their_msgs/Thing")
+    told = call("/rosapi/topics_and_raw_types")
+    texts = dict(zip(told["topics"], told["typedefs_full_text"], strict=True))
+    assert "geometry_msgs/TransformStamped[] transforms" in texts["/tf"]
+    assert "MSG: geometry_msgs/Vector3" in texts["/tf"]
+    assert texts["/theirs"] == ""
+
+
+def test_the_rest_of_what_clients_ask_has_an_answer(call: Call, face: RosFace) -> None:
+    assert call("/rosapi/get_time")["time"] == {"sec": 0, "nanosec": 0}
+    face.stage.step(1.5)
+    assert call("/rosapi/get_time")["time"] == {"sec": 1, "nanosec": 500_000_000}
+    assert call("/rosapi/get_ros_version")["version"] == 2
+    assert "geometry_msgs/Pose" in call("/rosapi/interfaces")["interfaces"]
+    assert call("/rosapi/get_param_names") == {"names": []}
+    assert call("/rosapi/has_param", name="x") == {"exists": False}
+    assert call("/rosapi/get_param", name="x", default="7")["value"] == "7"
