@@ -1,0 +1,81 @@
+"""RemoteEngine: an engine at the other end of a rosbridge.
+
+There are two kinds, and `RemoteEngine.connect` finds out which one answers: another Mindstage offers the whole contract
+(`MindstageEngine`), Unreal's plugin what its services can do (`UnrealEngine`). Both are the contract's `Engine`, with
+a `ping`, and both raise an `EngineError` within their timeout when the far side is gone; once it is back, the next
+call reaches it again.
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+
+from mindstage.engines.contract import Engine
+from mindstage.engines.remote.address import Address, Profile
+from mindstage.engines.remote.link import Link
+from mindstage.errors import EngineClosed
+
+__all__ = ["RemoteEngine"]
+
+
+class RemoteEngine(Engine):
+    """What both kinds share: the link and its end. Make one with `connect`."""
+
+    profile: Profile
+
+    def __init__(self, link: Link) -> None:
+        self._link = link
+        self._closed = False
+
+    @staticmethod
+    def connect(
+        address: Address | str,
+        *,
+        profile: Profile | None = None,
+        timeout_s: float = 10.0,
+        holds_time: bool = True,
+    ) -> RemoteEngine:
+        """Meets an engine that runs somewhere else.
+
+        Args:
+            address: such as `ros://127.0.0.1:9090/unreal`.
+            profile: what to speak; by default what the address says, and else whatever is understood there.
+            timeout_s: how long a call may take; a spawn has more, by the size of its world [s].
+            holds_time: whether time passes there by `step` only from now until `close`, as the contract has it; False
+                to look at a world that lives by itself. Unreal's time is always its own.
+
+        Raises:
+            EngineUnavailable: nobody is there, or no engine.
+        """
+        from mindstage.engines.remote.meeting import meet
+
+        where = Address.parse(address) if isinstance(address, str) else address
+        return meet(where, profile=profile or where.profile, timeout_s=timeout_s, holds_time=holds_time)
+
+    @property
+    def name(self) -> str:
+        """Where it is; never with the token."""
+        return self._link.name
+
+    @abstractmethod
+    def ping(self) -> float:
+        """Asks the engine itself for a sign of life, and gives how long that took [s].
+
+        Raises:
+            EngineError: there is none.
+        """
+
+    def close(self) -> None:
+        """Lets go of the far engine, which runs on; any number of times."""
+        if not self._closed:
+            self._closed = True
+            self._leave()
+            self._link.close()
+
+    def _leave(self) -> None:
+        """Says what is to be said before the end; must not raise."""
+
+    def _open(self) -> Link:
+        if self._closed:
+            raise EngineClosed(self.name)
+        return self._link

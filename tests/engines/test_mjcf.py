@@ -1,0 +1,208 @@
+"""A world as a model file of MuJoCo's: the same bodies where they were, on the same joints, that move as in here."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from pathlib import Path
+from xml.etree import ElementTree
+
+import mujoco
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from msgspec.structs import replace
+
+from mindstage.engines.mujoco import MujocoEngine, mjcf
+from mindstage.errors import MapUnwritable
+from mindstage.world import (
+    AngularMotion,
+    Attachment,
+    Body,
+    BodyId,
+    Constraint,
+    Iri,
+    Light,
+    LightKind,
+    LinearMotion,
+    Material,
+    Mobility,
+    Motion,
+    Physics,
+    Pose,
+    Vector,
+    World,
+)
+from mindstage.world.geometry import pose_array, rotation_angle, unit
+from tests.kitchenette import kitchenette
+from tests.worlds import worlds
+
+M = "http://example.org/m.owl#"
+TETRAHEDRON = "v 1 0 0\nv 2 0 0\nv 1 2 0\nv 1 0 3\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
+"""One unit wide, two deep, three high, and beside the origin."""
+
+
+def thing(id: str, *, at: Vector = (0.0, 0.0, 0.0), dynamic: bool = False, **more: object) -> Body:
+    physics = Physics(mobility=Mobility.DYNAMIC, mass_kg=2.0) if dynamic else Physics(mobility=Mobility.STATIC)
+    made = Body(id=BodyId(id), iri=Iri(M + id), cls=Iri(M + "Thing"), pose=Pose(at), size=(0.2, 0.3, 0.4))
+    return replace(made, physics=physics, **more)
+
+
+def world_of(*bodies: Body, **more: object) -> World:
+    return replace(World(iri=Iri(M + "map"), name="map", bodies=bodies), **more)
+
+
+def joint(
+    linear: LinearMotion, angular: AngularMotion, *, at: tuple[float, float, float] = (0.5, 0.0, 0.0)
+) -> Constraint:
+    return Constraint(
+        id=BodyId("joint"),
+        iri=Iri(M + "joint"),
+        parent=BodyId("base"),
+        child=BodyId("arm"),
+        pose=Pose((0.5, 0.0, 0.0)),
+        linear=linear,
+        angular=angular,
+    )
+
+
+def loaded(world: World) -> mujoco.MjModel:
+    return mujoco.MjModel.from_xml_string(mjcf(world).text)
+
+
+def poses_of(model: mujoco.MjModel, names: list[str]) -> np.ndarray:
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    numbers = [model.body(name).id for name in names]
+    return np.concatenate([data.xpos[numbers], data.xquat[numbers]], axis=1)
+
+
+def test_every_body_stands_where_it_stood() -> None:
+    world = kitchenette()
+    found = poses_of(loaded(world), [body.id for body in world.bodies])
+    told = pose_array(body.pose for body in world.bodies)
+    np.testing.assert_allclose(found[:, :3], told[:, :3], atol=1e-12)
+    assert rotation_angle(found[:, 3:], unit(told[:, 3:])).max() < 1e-12
+
+
+@settings(max_examples=15, suppress_health_check=[HealthCheck.too_slow])
+@given(world=worlds())
+def test_any_world_that_stands_in_the_engine_can_be_loaded(world: World) -> None:
+    engine = MujocoEngine()
+    report = engine.spawn(world)
+    standing, _ = engine.poses()
+    engine.close()
+    written = mjcf(world)
+    model = mujoco.MjModel.from_xml_string(written.text)
+    assert {model.body(number).name for number in range(model.nbody)} >= {id for id in standing if id != "world"}
+    failures = (*report.failed_bodies, *report.failed_constraints, *report.failed_attachments)
+    assert all(any(failure.id in note for note in written.notes) for failure in failures)
+
+
+def test_a_joint_has_its_name_its_axis_and_its_range() -> None:
+    slide = LinearMotion(x=Motion.LIMITED, limit=0.2, x_middle=0.2)
+    turned = Pose((0.5, 0.0, 0.0), (0.5**0.5, 0.0, 0.0, 0.5**0.5))
+    constraint = replace(joint(slide, AngularMotion()), pose=turned)
+    model = loaded(world_of(thing("base"), thing("arm", at=(1.0, 0.0, 0.0), dynamic=True), constraints=(constraint,)))
+    found = model.joint("joint")
+    assert found.type == mujoco.mjtJoint.mjJNT_SLIDE
+    np.testing.assert_allclose(found.axis, (0.0, 1.0, 0.0), atol=1e-12)
+    np.testing.assert_allclose(found.range, (0.0, 0.4), atol=1e-12)
+
+
+def test_each_axis_of_a_joint_has_a_name() -> None:
+    angular = AngularMotion(swing1=Motion.LIMITED, swing1_limit=0.5, twist=Motion.FREE)
+    constraint = joint(LinearMotion(z=Motion.LIMITED, limit=0.1), angular)
+    model = loaded(world_of(thing("base"), thing("arm", dynamic=True), constraints=(constraint,)))
+    assert {model.joint(number).name for number in range(model.njnt)} == {"joint:z", "joint:swing1", "joint:twist"}
+
+
+def test_it_moves_as_in_here() -> None:
+    """A door swings down and a box falls onto the floor."""
+    door = joint(LinearMotion(), AngularMotion(swing2=Motion.LIMITED, swing2_limit=1.2))
+    world = world_of(
+        thing("floor", at=(0.0, 0.0, -1.1), size=(9.0, 9.0, 0.2)),
+        thing("base", at=(0.2, 0.0, 0.0)),
+        thing("arm", at=(1.0, 0.0, 0.0), dynamic=True),
+        thing("box", at=(-2.0, 0.0, 0.5), dynamic=True),
+        constraints=(door,),
+    )
+    names = [body.id for body in world.bodies]
+    engine = MujocoEngine()
+    engine.spawn(world)
+    engine.push(BodyId("arm"), (0.0, 0.0, -4000.0))
+    engine.step(0.002)
+    engine.step(0.998)
+    _, here = engine.poses()
+    engine.close()
+    model = loaded(world)
+    data = mujoco.MjData(model)
+    data.xfrc_applied[model.body("arm").id, 2] = -4000.0
+    mujoco.mj_step(model, data)
+    data.xfrc_applied[:] = 0.0
+    mujoco.mj_step(model, data, nstep=499)
+    mujoco.mj_kinematics(model, data)
+    there = np.array([data.xpos[model.body(name).id] for name in names])
+    np.testing.assert_allclose(there, here[:, :3], atol=2e-3)  # in here, what lies still goes to sleep
+    assert here[3, 2] < -0.7
+    assert here[2, 2] < -0.05
+
+
+def test_what_hangs_on_something_is_part_of_it() -> None:
+    world = world_of(
+        thing("cup", dynamic=True),
+        thing("handle", at=(0.2, 0.0, 0.0)),
+        attachments=(Attachment(parent=BodyId("cup"), child=BodyId("handle")),),
+    )
+    model = loaded(world)
+    assert model.body_parentid[model.body("handle").id] == model.body("cup").id
+
+
+def test_lights_and_colours_are_there() -> None:
+    lamp = Light(id=BodyId("lamp"), iri=Iri(M + "lamp"), kind=LightKind.SPOT, pose=Pose((0.0, 0.0, 2.0)))
+    red = Material(name="red", colour=(0.75, 0.25, 0.0))
+    model = loaded(world_of(thing("cup", materials=(red,)), lights=(lamp,)))
+    np.testing.assert_allclose(model.geom_rgba[0], (0.75, 0.25, 0.0, 1.0))
+    np.testing.assert_allclose(model.light("lamp").dir, (0.0, 0.0, -1.0), atol=1e-12)
+
+
+def test_a_mesh_is_named_and_made_as_large_as_its_body(tmp_path: Path) -> None:
+    (tmp_path / "t.obj").write_text(TETRAHEDRON, encoding="utf-8")
+    world = world_of(thing("rock", at=(5.0, 6.0, 7.0), mesh="package://x/t.obj", size=(0.5, 1.0, 1.5)))
+    written = mjcf(world, find_mesh=lambda name: tmp_path / name.removeprefix("package://x/"))
+    assert str(tmp_path / "t.obj") in written.text
+    model = mujoco.MjModel.from_xml_string(written.text)
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    geom = int(np.flatnonzero(model.geom_type == mujoco.mjtGeom.mjGEOM_MESH)[0])
+    points = model.mesh_vert @ data.geom_xmat[geom].reshape(3, 3).T + data.geom_xpos[geom]
+    np.testing.assert_allclose(points.min(axis=0), (5.5, 6.0, 7.0), atol=1e-6)
+    np.testing.assert_allclose(points.max(axis=0), (6.0, 7.0, 8.5), atol=1e-6)
+    assert not model.geom_contype[geom]
+
+
+def test_a_mesh_that_cannot_be_read_is_said(tmp_path: Path) -> None:
+    (tmp_path / "t.obj").write_text("v 1 2 3\n", encoding="utf-8")
+    written = mjcf(world_of(thing("rock", mesh="t.obj")), find_mesh=lambda name: tmp_path / name)
+    assert any("t.obj" in note for note in written.notes)
+    mujoco.MjModel.from_xml_string(written.text)
+
+
+def test_names_that_mujoco_or_xml_dislike_are_changed_and_that_is_said() -> None:
+    written = mjcf(world_of(thing("world"), thing("a\x01b"), thing("ab"), thing('"<&>')))
+    model = mujoco.MjModel.from_xml_string(written.text)
+    names = {model.body(number).name for number in range(model.nbody)}
+    assert names == {"world", "world-2", "ab", "ab-2", '"<&>'}
+    assert len([note for note in written.notes if "is called" in note]) == 3
+
+
+def test_what_each_thing_is_stands_among_the_texts() -> None:
+    texts = ElementTree.fromstring(mjcf(world_of(thing("cup"))).text).iter("text")
+    assert {text.get("name"): text.get("data") for text in texts} == {"map": M + "map", "class of cup": M + "Thing"}
+
+
+def test_a_chain_that_is_too_long_is_refused() -> None:
+    links = [thing(f"link{number}", at=(float(number), 0.0, 0.0), dynamic=True) for number in range(450)]
+    pairs = [Attachment(parent=a.id, child=b.id) for a, b in pairwise(links)]
+    with pytest.raises(MapUnwritable, match="hang one on another"):
+        mjcf(world_of(*links, attachments=tuple(pairs)))
+    assert mujoco.MjModel.from_xml_string(mjcf(world_of(*links[:390], attachments=tuple(pairs[:389]))).text)

@@ -1,0 +1,20 @@
+"""RemoteEngine keeps the whole contract: another Mindstage's MuJoCo, driven over a real socket."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import closing
+
+import pytest
+
+from mindstage.engines import RemoteEngine
+
+from .contract import PhysicsContract
+from .far_side import FarSide
+
+
+class TestRemoteEngine(PhysicsContract):
+    @pytest.fixture
+    def engine(self) -> Iterator[RemoteEngine]:
+        with FarSide() as far_side, closing(RemoteEngine.connect(far_side.address)) as engine:
+            yield engine

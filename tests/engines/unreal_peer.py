@@ -1,0 +1,289 @@
+"""A stand-in for Unreal with its plugin, written from the reference of the services and not with our messages.
+
+It joins a rosbridge as the plugin does and answers there. Each field of a request is read; one that is missing, of
+another type or unknown is an error. Actors are kept as Unreal has them: left-handed centimetres in single precision.
+"""
+
+from __future__ import annotations
+
+import threading
+from typing import Any
+
+import numpy as np
+
+from mindstage.bridge import Client
+from mindstage.bridge.messages import service_type
+from mindstage.world.geometry import compose, invert
+
+__all__ = ["Actor", "UnrealPeer"]
+
+Json = dict[str, Any]
+
+POINT = {"x": float, "y": float, "z": float}
+POSE = {"position": POINT, "orientation": {**POINT, "w": float}}
+TAG = {"type": str, "key": str, "value": str}
+PHYSICS = {"mobility": {0, 1, 2, 3}, "gravity": bool, "generate_overlap_events": bool, "mass": float}
+LOOK = {"actor_label": str, "physics_properties": PHYSICS}
+SURFACE = {"material_names": [str], "material_paths": [str]}
+MODEL = {"name": str, "pose": POSE, "id": str, "tags": [TAG], "path": str, **LOOK, **SURFACE}
+MOTION = {0, 1, 2}
+LINEAR = {
+    "x_motion": MOTION, "y_motion": MOTION, "z_motion": MOTION, "limit": float,
+    "use_advanced": bool, "soft_constraint": bool, "stiffness": float, "damping": float,
+}  # fmt: skip
+ANGULAR = {
+    "swing_1_motion": MOTION, "swing_2_motion": MOTION, "twist_motion": MOTION,
+    "swing_1_limit_angle": float, "swing_2_limit_angle": float, "twist_limit_angle": float,
+    "angular_roation_offset": POINT, "use_advanced": bool,
+    "swing_soft_constraint": bool, "swing_stiffness": float, "swing_damping": float,
+    "twist_soft_constraint": bool, "twist_stiffness": float, "twist_damping": float,
+}  # fmt: skip
+DETAILS = {
+    "id_first_model": str, "id_second_model": str, "disable_collision": bool,
+    "enable_projection": bool, "projection_linear_tolerance": float, "projection_angular_tolerance": float,
+    "parent_dominates": bool, "linear_limits": LINEAR, "angular_limits": ANGULAR,
+}  # fmt: skip
+CONSTRAINT = {"id": str, "constraint_details": DETAILS, "pose": POSE}
+RELATION = {"parent_id": str, "child_id": str}
+REQUESTS: dict[str, tuple[str, Json]] = {
+    "spawn_semantic_map": (
+        "SpawnSemanticMap",
+        {"models": [MODEL], "constraints": [CONSTRAINT], "relations": [RELATION]},
+    ),
+    "spawn_model": (
+        "SpawnModel",
+        {**MODEL, "override_name": str, "parent_id": str, "spawn_collision_check": bool},
+    ),
+    "spawn_physics_constraint": ("SpawnPhysicsConstraint", {"constraint_description": CONSTRAINT}),
+    "attach_model_to_parent": ("AttachModelToParent", RELATION),
+    "delete_model": ("DeleteModel", {"id": str}),
+    "delete_all": (
+        "DeleteAll",
+        {"type_to_delete": str, "key_to_delete": str, "value_to_delete": str, "ignore_value": bool},
+    ),
+    "set_model_pose": ("SetModelPose", {"id": str, "pose": POSE}),
+    "get_model_pose": ("GetModelPose", {"id": str}),
+    "set_physics_properties": ("SetPhysicsProperties", {"id": str, "physics_properties": PHYSICS}),
+    "change_material": ("SetMaterial", {"id": str, **SURFACE}),
+    "highlight_models": ("HighlightModel", {"id": str, "color": {0, 1, 2, 3, 4, 5}}),
+}
+
+
+def read(value: Any, form: Any, path: str) -> None:
+    """Reads each field.
+
+    Raises:
+        ValueError: one is missing, too many, or of another type.
+    """
+    if isinstance(form, dict):
+        if not isinstance(value, dict) or value.keys() != form.keys():
+            raise ValueError(f"{path or 'the request'}: expected {sorted(form)}, got {value!r:.200}")
+        for name, inner in form.items():
+            read(value[name], inner, f"{path}.{name}")
+    elif isinstance(form, list):
+        if not isinstance(value, list):
+            raise ValueError(f"{path}: expected an array")
+        for number, item in enumerate(value):
+            read(item, form[0], f"{path}[{number}]")
+    elif isinstance(form, set):
+        if type(value) is not int or value not in form:
+            raise ValueError(f"{path}: {value!r} is none of {form}")
+    elif type(value) is not form and not (form is float and type(value) is int):
+        raise ValueError(f"{path}: {value!r} is no {form.__name__}")
+
+
+class Actor:
+    """One static mesh actor."""
+
+    def __init__(self, model: Json) -> None:
+        self.model = model
+        self.colour = 0
+        self.parent = ""
+        self.place = to_unreal(model["pose"])
+
+    def has_tag(self, type: str, key: str, value: str | None) -> bool:
+        return any(
+            (tag["type"], tag["key"]) == (type, key) and value in {None, tag["value"]} for tag in self.model["tags"]
+        )
+
+
+class UnrealPeer:
+    """The plugin, from when it is made until `close`."""
+
+    def __init__(self, url: str, *, namespace: str = "unreal") -> None:
+        self.actors: dict[str, Actor] = {}
+        self.constraints: dict[str, Json] = {}
+        self.order: list[str] = []
+        """What was spawned, in the order in which it was."""
+        self.obstructed: set[str] = set()
+        """Ids for which there is no room."""
+        self.meshless: set[str] = set()
+        """Names of meshes that are not among the content."""
+        self.brittle: set[str] = set()
+        """Ids of constraints and children that something is wrong with."""
+        self.calls: list[str] = []
+        self.stops_after = -1
+        """So many actors stand when it stops in the middle of a map."""
+        self.stopped = threading.Event()
+        self._left = threading.Event()
+        self._url, self._namespace = url, namespace
+        self.join()
+
+    def join(self) -> None:
+        """Comes to the rosbridge, with the actors that it has."""
+        self.stops_after = -1
+        self._left.clear()
+        self._client = Client(self._url).wait_connected(20.0)
+        for name, (type, form) in REQUESTS.items():
+            service_type(f"world_control_msgs/{type}")  # so that a wrong name here is seen here
+            self._offer(f"/{self._namespace}/{name}", type, form, getattr(self, name))
+
+    def close(self) -> None:
+        """Leaves, in the middle of whatever it does."""
+        self._client.close()
+        self._left.set()
+
+    def _offer(self, place: str, type: str, form: Json, answer: Any) -> None:
+        def handle(args: Any) -> Json:
+            self.calls.append(place.rpartition("/")[2])
+            read(args, form, "")
+            reply: Json = answer(args)
+            return reply
+
+        self._client.offer_service(place, f"world_control_msgs/{type}", handle)
+
+    # -- spawning ------------------------------------------------------------------------------------------------------
+
+    def spawn_semantic_map(self, args: Json) -> Json:
+        models = [model["id"] for model in args["models"] if self._spawn(model)]
+        constraints = [each["id"] for each in args["constraints"] if not self._constrain(each)]
+        relations = [each for each in args["relations"] if not self._attach(each)]
+        return {
+            "success": not (models or constraints or relations),
+            "failed_model_ids": models,
+            "failed_constraint_ids": constraints,
+            "failed_relations": relations,
+        }
+
+    def spawn_model(self, args: Json) -> Json:
+        etype = self._spawn(args)
+        return {
+            "id": args["id"],
+            "name": "" if etype else f"Actor_{len(self.actors)}",
+            "etype": etype.strip(),
+            "success": not etype,
+        }
+
+    def spawn_physics_constraint(self, args: Json) -> Json:
+        return {"success": self._constrain(args["constraint_description"])}
+
+    def attach_model_to_parent(self, args: Json) -> Json:
+        return {"success": self._attach(args)}
+
+    def _spawn(self, model: Json) -> str:
+        """Why it was not spawned; empty where it was."""
+        id = model["id"]
+        if len(self.actors) == self.stops_after:
+            self.stopped.set()
+            self._left.wait(20.0)
+            raise ConnectionAbortedError
+        if id in self.actors:
+            return "1"
+        if id in self.obstructed:
+            return "2"
+        if model["name"] in self.meshless:
+            return " "
+        self.actors[id] = Actor(model)
+        self.order.append(id)
+        return ""
+
+    def _constrain(self, description: Json) -> bool:
+        details = description["constraint_details"]
+        ends = {details["id_first_model"], details["id_second_model"]}
+        if not ends <= self.actors.keys() or description["id"] in self.brittle:
+            return False
+        self.constraints[description["id"]] = description
+        self.order.append(description["id"])
+        return True
+
+    def _attach(self, relation: Json) -> bool:
+        parent, child = relation["parent_id"], relation["child_id"]
+        if not {parent, child} <= self.actors.keys() or child in self.brittle:
+            return False
+        self.actors[child].parent = parent
+        self.order.append(f"{parent}<-{child}")
+        return True
+
+    # -- changing ------------------------------------------------------------------------------------------------------
+
+    def delete_model(self, args: Json) -> Json:
+        gone = self.actors.pop(args["id"], None) or self.constraints.pop(args["id"], None)
+        for actor in self.actors.values():
+            if actor.parent == args["id"]:
+                actor.parent = ""
+        return {"success": gone is not None}
+
+    def delete_all(self, args: Json) -> Json:
+        value = None if args["ignore_value"] else args["value_to_delete"]
+        meant = [
+            id
+            for id, actor in self.actors.items()
+            if actor.has_tag(args["type_to_delete"], args["key_to_delete"], value)
+        ]
+        for id in meant:
+            self.delete_model({"id": id})
+        return {"success": bool(meant)}
+
+    def set_model_pose(self, args: Json) -> Json:
+        actor = self.actors.get(args["id"])
+        if actor is None or args["id"] in self.obstructed:
+            return {"success": False}
+        place = to_unreal(args["pose"])
+        change = compose(place, invert(actor.place))
+        actor.place = place
+        for child in self._hanging_on(args["id"]):
+            self.actors[child].place = compose(change, self.actors[child].place).astype(np.float32)
+        return {"success": True}
+
+    def get_model_pose(self, args: Json) -> Json:
+        actor = self.actors.get(args["id"])
+        return {"pose": to_ros(actor.place if actor else np.eye(1, 7, 3)[0]), "success": actor is not None}
+
+    def set_physics_properties(self, args: Json) -> Json:
+        return self._change(args, "physics_properties")
+
+    def change_material(self, args: Json) -> Json:
+        return self._change(args, "material_names", "material_paths")
+
+    def highlight_models(self, args: Json) -> Json:
+        if args["id"] in self.actors and args["id"] not in self.brittle:
+            self.actors[args["id"]].colour = args["color"]
+            return {"success": True}
+        return {"success": False}
+
+    def _change(self, args: Json, *fields: str) -> Json:
+        if args["id"] not in self.actors or args["id"] in self.brittle:
+            return {"success": False}
+        self.actors[args["id"]].model |= {field: args[field] for field in fields}
+        return {"success": True}
+
+    def _hanging_on(self, id: str) -> list[str]:
+        children = [child for child, actor in self.actors.items() if actor.parent == id]
+        return children + [deeper for child in children for deeper in self._hanging_on(child)]
+
+
+def to_unreal(pose: Json) -> np.ndarray:
+    """x y z [cm], then w x y z, left-handed: y and with it two of the rotations' signs are turned round."""
+    at, turn = pose["position"], pose["orientation"]
+    row = [100 * at["x"], -100 * at["y"], 100 * at["z"], turn["w"], -turn["x"], turn["y"], -turn["z"]]
+    place = np.array(row, dtype=np.float32)
+    place[3:] /= np.linalg.norm(place[3:])  # an FQuat that is no unit quaternion turns nothing
+    return place
+
+
+def to_ros(place: np.ndarray) -> Json:
+    x, y, z, w, i, j, k = map(float, place)
+    return {
+        "position": {"x": x / 100, "y": -y / 100, "z": z / 100},
+        "orientation": {"x": -i, "y": j, "z": -k, "w": w},
+    }
