@@ -1,3 +1,6 @@
 """Prolog: a console where every question is a predicate."""
 
-__all__: list[str] = []
+from mindstage.prolog.console import PrologConsole, Solution
+from mindstage.prolog.library import load_library
+
+__all__ = ["PrologConsole", "Solution", "load_library"]

@@ -1,0 +1,139 @@
+"""Asking: every declared question as a predicate, without a list of them anywhere."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Container, Sequence
+from enum import Enum
+from typing import Any
+
+import msgspec
+
+from mindstage.errors import ArgumentRefused
+from mindstage.knowledge.names import namespace_of
+from mindstage.knowledge.questions import Answers, Question, Row, question_named, questions
+from mindstage.knowledge.reasoning.namebook import PREFIXES
+from mindstage.prolog.requests import Handler
+from mindstage.prolog.terms import FREE, Atom, Compound, Free, Value
+from mindstage.stage import Stage
+from mindstage.world import Literal, Reference
+
+__all__ = ["Asking", "literal_term", "term_of"]
+
+
+class Asking:
+    """What a stage is asked."""
+
+    def __init__(self, stage: Stage) -> None:
+        self._stage = stage
+        self.handlers: dict[str, Handler] = {
+            "predicates": self.predicates,
+            "rows": self.rows,
+            "reasons": self.reasons,
+            "missing": self.missing,
+            "prefixes": self.prefixes,
+        }
+
+    def predicates(self) -> Value:
+        """Each question's name, the names of its columns in their order here, how many of them are arguments, text.
+
+        There is a predicate with the arguments and, where the answers tell more than that, one with all columns.
+        """
+        return [
+            Compound(
+                "predicate",
+                (Atom(each.name), [Atom(name) for name in _columns(each)], len(each.arguments), _first_line(each.text)),
+            )
+            for each in questions()
+        ]
+
+    def rows(self, name: Value, given: Sequence[Value]) -> Value:
+        """The answers, each a list as long as what is given; what was asked about is left free in them."""
+        answers, bound = self._asked(name, given)
+        return [list(row) for row in dict.fromkeys(_cells(row, answers, bound, len(given)) for row in answers)]
+
+    def reasons(self, name: Value, given: Sequence[Value]) -> Value:
+        """The same rows, each with the lines that explain it."""
+        answers, bound = self._asked(name, given)
+        why = self._stage.knowledge.why
+        return [
+            [list(_cells(row, answers, bound, len(given))), [Atom(line) for line in why(answers.question, row)]]
+            for row in answers
+        ]
+
+    def missing(self, name: Value, given: Sequence[Value]) -> Value:
+        """What nobody has told, one sentence each; nothing where there is an answer."""
+        answers, _ = self._asked(name, given)
+        return [Atom(lack.why) for lack in answers.missing]
+
+    def prefixes(self) -> Value:
+        """The prefixes of names; each map brings one for its own, where that is free."""
+        found = dict(PREFIXES)
+        for map in self._stage.knowledge.maps():
+            namespace = namespace_of(map)
+            prefix = re.sub(r"\.\w+$", "", re.split(r"[/:]", namespace.rstrip("#/:"))[-1]).lower()
+            if prefix and namespace not in found.values():
+                found.setdefault(prefix, namespace)
+        return [Compound("-", (Atom(prefix), Atom(namespace))) for prefix, namespace in found.items()]
+
+    def _asked(self, name: Value, given: Sequence[Value]) -> tuple[Answers[Any], Container[str]]:
+        """The answers, and the columns that were given as arguments."""
+        question = question_named(str(name))
+        arguments = {argument.name for argument in question.arguments}
+        columns = _columns(question)
+        if len(given) > len(columns):
+            cause = f"it has no more than {len(columns)} arguments here: {', '.join(columns)}"
+            raise ArgumentRefused(question.name, cause=cause)
+        pairs = zip(columns, given, strict=False)
+        bound = {column: value for column, value in pairs if column in arguments and value is not FREE}
+        return self._stage.ask(question, **bound), bound
+
+
+def _cells(row: Row, answers: Answers[Any], bound: Container[str], width: int) -> tuple[Value, ...]:
+    """A row as Prolog has it; what no row tells, such as a tolerance, is what it was by default."""
+    defaults = {argument.name: argument.default for argument in answers.question.arguments}
+    return tuple(
+        FREE if column in bound else term_of(getattr(row, column, defaults.get(column)))
+        for column in _columns(answers.question)[:width]
+    )
+
+
+def term_of(value: object) -> Value:  # noqa: PLR0911 (one a kind)
+    """A field of an answer: texts as atoms, a struct as a term that is called like it, `none` for what is not told."""
+    match value:
+        case bool() | int() | float() | None | Compound() | Free():
+            return value
+        case str():
+            return Atom(value)
+        case Reference(iri):
+            return Atom(iri)
+        case Literal():
+            return literal_term(value.text, value.datatype, value.language)
+        case Enum():
+            return term_of(value.value)
+        case tuple() | list():
+            return tuple(term_of(each) for each in value)
+        case msgspec.Struct():
+            fields = (term_of(getattr(value, name)) for name in value.__struct_fields__)
+            return Compound(type(value).__name__.lower(), tuple(fields))
+        case _:
+            return Atom(str(value))
+
+
+def literal_term(text: str, datatype: str | None, language: str | None) -> Compound:
+    """A literal as SWI-Prolog's semweb library writes it; texts without a type are strings, as RDF 1.1 says."""
+    if language:
+        return Compound("literal", (Compound("lang", (Atom(language), Atom(text))),))
+    type = datatype or PREFIXES["xsd"] + "string"
+    return Compound("literal", (Compound("type", (Atom(type), Atom(text))),))
+
+
+def _columns(question: Question[Any]) -> list[str]:
+    """All that a predicate can have, in its order: the map first, as the community has it, then the other arguments."""
+    arguments = [argument.name for argument in question.arguments]
+    arguments.sort(key=lambda name: name != "map")
+    return [*arguments, *(column for column in question.columns if column not in arguments)]
+
+
+def _first_line(text: str) -> str:
+    return text.partition("\n")[0]

@@ -1,0 +1,152 @@
+"""The library: SWI-Prolog itself, in this process.
+
+It is loaded once and stays until the process ends, because SWI-Prolog cannot be started twice. pyswip finds and starts
+it; the few functions that are used are declared here by their C signatures.
+"""
+
+from __future__ import annotations
+
+import atexit
+import ctypes
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from ctypes import c_char_p, c_double, c_int, c_int64, c_size_t, c_uint, c_void_p
+from functools import cache
+from importlib import import_module
+from typing import Any
+
+from mindstage.errors import PrologUnavailable
+
+__all__ = ["Library", "load_library"]
+
+_TERM = c_size_t  # as are atoms, functors, frames and truth
+_PREDICATE = ctypes.CFUNCTYPE(_TERM, _TERM, _TERM)
+_STRANGER = -1
+"""What Prolog calls a thread that it does not know."""
+
+
+class Library:
+    """The C functions of SWI-Prolog; terms are numbers that hold within the frame they were made in."""
+
+    def __init__(self) -> None:
+        """Starts SWI-Prolog.
+
+        Raises:
+            ImportError: there is no pyswip.
+            Exception: pyswip does not find SWI-Prolog, or not one that it can use.
+        """
+        core: Any = import_module("pyswip.core")
+        self._native = ctypes.CDLL(core._path)
+        self._kept: list[object] = []
+        atexit.unregister(core.cleanupProlog)
+        atexit.register(self._end)
+        self.UTF8: int = core.REP_UTF8
+        self.VARIABLE, self.ATOM, self.STRING = core.PL_VARIABLE, core.PL_ATOM, core.PL_STRING
+        self.INTEGER, self.FLOAT, self.NIL = core.PL_INTEGER, core.PL_FLOAT, core.PL_NIL
+        self.TERM, self.PAIR = core.PL_TERM, core.PL_LIST_PAIR
+        self._as_text = core.CVT_ATOMIC | core.CVT_WRITEQ | core.REP_UTF8
+        self._quietly = core.PL_Q_NODEBUG | core.PL_Q_CATCH_EXCEPTION
+
+        self.new_terms = self._function("PL_new_term_refs", _TERM, c_size_t)
+        self.copy = self._function("PL_copy_term_ref", _TERM, _TERM)
+        self.unify = self._function("PL_unify", c_int, _TERM, _TERM)
+        self.kind = self._function("PL_term_type", c_int, _TERM)
+        self.get_float = self._function("PL_get_float", c_int, _TERM, c_void_p)
+        self.get_compound = self._function("PL_get_compound_name_arity_sz", c_int, _TERM, c_void_p, c_void_p)
+        self.get_argument = self._function("PL_get_arg_sz", c_int, c_size_t, _TERM, _TERM)
+        self.get_list = self._function("PL_get_list", c_int, _TERM, _TERM, _TERM)
+        self.get_nil = self._function("PL_get_nil", c_int, _TERM)
+        self.put_atom = self._function("PL_put_atom", c_int, _TERM, _TERM)
+        self.put_text = self._function("PL_put_chars", c_int, _TERM, c_int, c_size_t, c_char_p)
+        self.put_int = self._function("PL_put_int64", c_int, _TERM, c_int64)
+        self.put_float = self._function("PL_put_float", c_int, _TERM, c_double)
+        self.put_nil = self._function("PL_put_nil", c_int, _TERM)
+        self.put_pair = self._function("PL_cons_list", c_int, _TERM, _TERM, _TERM)
+        self.put_compound = self._function("PL_cons_functor_v", c_int, _TERM, _TERM, _TERM)
+
+        self._get_text = self._function("PL_get_nchars", c_int, _TERM, c_void_p, c_void_p, c_uint)
+        self._new_atom = self._function("PL_new_atom_mbchars", _TERM, c_int, c_size_t, c_char_p)
+        self._new_functor = self._function("PL_new_functor_sz", _TERM, _TERM, c_size_t)
+        self._open = self._function("PL_open_foreign_frame", _TERM)
+        self._close = self._function("PL_close_foreign_frame", None, _TERM)
+        self._discard = self._function("PL_discard_foreign_frame", None, _TERM)
+        self._predicate = self._function("PL_predicate", c_void_p, c_char_p, c_int, c_char_p)
+        self._call = self._function("PL_call_predicate", c_int, c_void_p, c_int, c_void_p, _TERM)
+        self._thread = self._function("PL_thread_self", c_int)
+        self._attach = self._function("PL_thread_attach_engine", c_int, c_void_p)
+        self._detach = self._function("PL_thread_destroy_engine", c_int)
+        self.toplevel = self._function("PL_toplevel", c_int)
+
+    def _function(self, name: str, result: Any, *arguments: Any) -> Callable[..., int]:
+        function = self._native[name]  # an object of its own: pyswip's keeps its own signature
+        function.restype, function.argtypes = result, arguments
+        return function
+
+    def text(self, term: int) -> str:
+        """An atomic term's text, or how Prolog writes any other one."""
+        length, start = c_size_t(), c_void_p()
+        if not self._get_text(term, ctypes.byref(length), ctypes.byref(start), self._as_text):
+            raise ValueError("a term without a text")
+        return ctypes.string_at(start.value or 0, length.value).decode(errors="replace")
+
+    @cache  # noqa: B019 (the library lives as long as the process)
+    def functor(self, name: str, arity: int) -> int:
+        """What a compound begins with."""
+        encoded = name.encode(errors="replace")
+        return self._new_functor(self._new_atom(self.UTF8, len(encoded), encoded), arity)
+
+    @contextmanager
+    def frame(self, *, keep: bool = False) -> Iterator[None]:
+        """Lets go of all terms that are made in it; what they were made of stays where somebody keeps it."""
+        opened = self._open()
+        try:
+            yield
+        finally:
+            (self._close if keep else self._discard)(opened)
+
+    @contextmanager
+    def thread(self) -> Iterator[None]:
+        """Lets any thread call Prolog."""
+        stranger = self._thread() == _STRANGER
+        if stranger and self._attach(None) < 0:
+            raise PrologUnavailable("no further thread can join it")
+        try:
+            yield
+        finally:
+            if stranger:
+                self._detach()
+
+    def call(self, module: str, name: str, arity: int, arguments: int) -> bool:
+        """Calls a predicate once; an error that it throws is a failure."""
+        predicate = self._predicate(name.encode(), arity, module.encode())
+        return bool(self._call(None, self._quietly, predicate, arguments))
+
+    def register(self, module: str, name: str, function: Callable[[int, int], bool]) -> None:
+        """Makes a function a predicate of two arguments. It must not raise."""
+        foreign = _PREDICATE(function)
+        self._kept.append(foreign)  # Prolog keeps only its address
+        register = self._function("PL_register_foreign_in_module", c_int, c_char_p, c_char_p, c_int, c_void_p, c_int)
+        register(module.encode(), name.encode(), 2, ctypes.cast(foreign, c_void_p), 0)
+
+    def _end(self) -> None:
+        """What is to be done at the end, such as to save the history of what was typed, and no more.
+
+        pyswip would clean everything up, and SWI-Prolog can wait there for ever for its own alarms.
+        """
+        with self.thread():
+            self.call("system", "$run_at_halt", 0, 0)
+
+
+@cache
+def load_library() -> Library:
+    """SWI-Prolog, started when it is first asked for.
+
+    Raises:
+        PrologUnavailable: pyswip or SWI-Prolog is not installed, or the two do not fit.
+    """
+    try:
+        return Library()
+    except ImportError as error:
+        raise PrologUnavailable(f"pyswip cannot be loaded ({error})") from error
+    except Exception as error:  # pyswip raises whatever comes to hand
+        raise PrologUnavailable(str(error) or type(error).__name__) from error

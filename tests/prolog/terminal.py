@@ -1,0 +1,86 @@
+"""A terminal to type into: what is typed goes to a program, and what it shows can be waited for."""
+
+from __future__ import annotations
+
+import os
+import pty
+import re
+import select
+import signal
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+__all__ = ["Terminal"]
+
+
+class Terminal:
+    """A program in a terminal of its own."""
+
+    def __init__(self, command: Sequence[str], *, home: Path, patience_s: float = 60.0) -> None:
+        self.shown = ""
+        self._seen = 0
+        self._patience_s = patience_s
+        self._pid, self._screen = pty.fork()
+        if self._pid == 0:
+            environment = os.environ | {"TERM": "xterm", "NO_COLOR": "1", "HOME": str(home)}
+            environment.pop("XDG_CONFIG_HOME", None)
+            os.execvpe(command[0], list(command), environment)
+
+    def type(self, text: str) -> None:
+        os.write(self._screen, text.encode())
+
+    def wait_for(self, pattern: str) -> None:
+        """Waits until what is shown from here on matches."""
+        assert self._shows(pattern, within_s=self._patience_s), f"no {pattern!r} in {self.shown!r}"
+
+    def _shows(self, pattern: str, *, within_s: float) -> bool:
+        start, deadline = self._seen, time.monotonic() + within_s
+        while not (found := re.search(pattern, self.shown[start:])):
+            if time.monotonic() > deadline or not self._read():
+                return False
+        self._seen = start + found.end()
+        return True
+
+    def interrupt_until_end(self) -> None:
+        """Presses Ctrl-C until the program has ended: SWI-Prolog itself may miss one in the middle of writing."""
+        deadline = time.monotonic() + self._patience_s
+        while time.monotonic() < deadline:
+            self.type("\x03")
+            if self._closes(within_s=1.0):
+                return
+
+    def _closes(self, *, within_s: float) -> bool:
+        deadline = time.monotonic() + within_s
+        while time.monotonic() < deadline:
+            if not self._read():
+                return True
+        return False
+
+    def end(self) -> int:
+        """Waits for the end of the program; its exit code."""
+        deadline = time.monotonic() + self._patience_s
+        while self._read():
+            assert time.monotonic() < deadline, f"it does not end: {self.shown!r}"
+        return os.waitstatus_to_exitcode(os.waitpid(self._pid, 0)[1])
+
+    def close(self) -> None:
+        """Ends the program, if it has not ended."""
+        try:
+            os.kill(self._pid, signal.SIGKILL)
+            os.waitpid(self._pid, 0)
+        except (ProcessLookupError, ChildProcessError):
+            pass
+        os.close(self._screen)
+
+    def _read(self) -> bool:
+        """Reads what there is within a moment; False when the program has closed its terminal."""
+        if not select.select([self._screen], [], [], 0.1)[0]:
+            return True
+        try:
+            text = os.read(self._screen, 4096)
+        except OSError:  # how Linux says so
+            return False
+        # Line editors move about; what matters is what they show.
+        self.shown += re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", text.decode(errors="replace"))
+        return bool(text)

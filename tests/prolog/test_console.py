@@ -1,0 +1,154 @@
+"""Prolog from Python: goals that end, each in one of three ways."""
+
+from __future__ import annotations
+
+import threading
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from mindstage.errors import GoalRefused, GoalTimedOut, PrologUnavailable, SourceUnreadable
+from mindstage.prolog import PrologConsole
+from mindstage.prolog.terms import Compound
+from mindstage.stage import Stage
+
+
+def test_solutions_come_in_prolog_s_order(kitchen: PrologConsole) -> None:
+    assert kitchen.solutions("member(X, [c, a, b]), _Hidden = 1.") == [{"X": "c"}, {"X": "a"}, {"X": "b"}]
+
+
+@pytest.mark.parametrize(
+    ("value", "expected"),
+    [
+        ("atom", "atom"),
+        ('"a string"', "a string"),
+        ("'ünï ✓ \\u0000 end'", "ünï ✓ \0 end"),
+        ("-12", -12),
+        ("123456789012345678901234567890", 123456789012345678901234567890),
+        ("0.1", 0.1),
+        ("[1, [a, 2.5], []]", [1, ["a", 2.5], []]),
+        ("f(x, 'Y')", "f(x,'Y')"),
+        ("_", None),
+        ("[a|_]", "[a|_]"),
+        ("knowrob:'Handle'", "knowrob:'Handle'"),
+    ],
+)
+def test_values_are_plain(value: str, expected: Any, kitchen: PrologConsole) -> None:
+    (row,) = kitchen.solutions(f"X = {value}")
+    if isinstance(row["X"], str) and row["X"].startswith("[a|_"):
+        row["X"] = "[a|_]"  # the rest has a number of its own
+    assert row == {"X": expected}
+
+
+def test_no_more_are_sought_than_wanted(kitchen: PrologConsole) -> None:
+    assert kitchen.solutions("between(1, inf, X)", limit=3) == [{"X": 1}, {"X": 2}, {"X": 3}]
+
+
+@pytest.mark.parametrize("goal", ["repeat, fail", "length(L, N), fail", "sleep(60)", "thread_get_message(never)"])
+def test_a_goal_ends_in_time(goal: str, kitchen: PrologConsole) -> None:
+    with pytest.raises(GoalTimedOut, match=r"did not end within 0\.2 s"):
+        kitchen.solutions(goal, timeout_s=0.2)
+    assert kitchen.holds("true")
+
+
+@pytest.mark.parametrize(
+    ("goal", "message"),
+    [
+        ("foo(", "Syntax error"),
+        ("foo(1) bar", "Syntax error"),
+        ("", "Syntax error"),
+        ("X", "not sufficiently instantiated"),
+        ("no_such_predicate(1)", r"Unknown procedure: no_such_predicate/1"),
+        ("handle_of(_, _)", r"Unknown procedure: handle_of/2.*handle_of/3"),
+        ("X is a + 1", "Arithmetic"),
+        ("throw(my_own(ball))", "my_own"),
+        ("X = f(X), highlight(X)", "acyclic"),
+    ],
+)
+def test_an_error_is_told_as_prolog_tells_it(goal: str, message: str, kitchen: PrologConsole) -> None:
+    with pytest.raises(GoalRefused, match=message) as refused:
+        kitchen.solutions(goal)
+    assert refused.value.kind == "prolog"
+    assert kitchen.holds("true")
+
+
+def test_a_deep_term_is_refused_and_not_fatal(kitchen: PrologConsole) -> None:
+    with pytest.raises(GoalRefused, match="nested too deeply"):
+        kitchen.solutions("numlist(1, 100000, L), foldl([_, A, f(A)]>>true, L, x, Deep), highlight(Deep)")
+
+
+def test_a_defect_in_python_is_an_error_in_prolog(kitchen: PrologConsole, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(kitchen, "handlers", {"rows": lambda name, given: 1 / 0})
+    assert kitchen.holds("catch(map_instance(_), mindstage_error(defect, S), sub_string(S, _, _, _, 'report'))")
+    monkeypatch.setattr(kitchen, "handlers", {"rows": lambda name, given: [Compound("odd", (object(),))]})  # type: ignore[arg-type]
+    with pytest.raises(GoalRefused) as refused:
+        kitchen.holds("map_instance(_)")
+    assert refused.value.kind == "defect"
+
+
+def test_ctrl_c_inside_python_ends_the_goal(kitchen: PrologConsole, monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(kitchen, "handlers", {"rows": interrupted})
+    with pytest.raises(KeyboardInterrupt):
+        kitchen.holds("map_instance(_)")
+
+
+def test_other_threads_may_ask(kitchen: PrologConsole) -> None:
+    answers: list[object] = []
+    threads = [
+        threading.Thread(target=lambda: answers.append(kitchen.solutions("handle_of(_, fridge_door, X)")))
+        for _ in range(3)
+    ]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join(60)
+    assert len(answers) == 3
+    assert all(answer == answers[0] and answer for answer in answers)
+
+
+def test_prolog_s_own_threads_may_ask(kitchen: PrologConsole) -> None:
+    assert kitchen.holds("concurrent_maplist([T]>>once(handle_of(_, T, _)), [fridge_door, oven_door, fridge])")
+
+
+def test_there_is_one_console_at_a_time(kitchen: PrologConsole, kitchen_stage: Stage) -> None:
+    with pytest.raises(PrologUnavailable, match="another console is open in this process; close it first"):
+        PrologConsole(kitchen_stage)
+    kitchen.close()
+    kitchen.close()
+    with PrologConsole(kitchen_stage) as another:
+        assert another.holds("map_instance(_)")
+
+
+@pytest.mark.parametrize(("limit", "timeout_s"), [(0, 1.0), (1, 0.0), (1, float("inf")), (1, float("nan"))])
+def test_a_goal_needs_some_time_and_room(limit: int, timeout_s: float, kitchen: PrologConsole) -> None:
+    with pytest.raises(ValueError, match="at least one solution and some time"):
+        kitchen.solutions("true", limit=limit, timeout_s=timeout_s)
+
+
+# -- files -------------------------------------------------------------------------------------------------------------
+
+
+def test_a_file_s_errors_are_counted(kitchen: PrologConsole, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "broken.pl"
+    file.write_text("good_fact(1).\nbad fact.\ngood_fact(2).\nworse(.\n", encoding="utf-8")
+    assert kitchen.consult(file) == 2
+    assert f"{file}:2:" in capfd.readouterr().err
+    assert kitchen.solutions("good_fact(X)") == [{"X": 1}, {"X": 2}]
+    assert kitchen.holds(f"unload_file('{file}')")
+
+
+def test_a_file_that_is_not_there_cannot_be_consulted(kitchen: PrologConsole) -> None:
+    with pytest.raises(SourceUnreadable, match=r"nowhere\.pl: there is no such file"):
+        kitchen.consult("nowhere.pl")
+
+
+def test_what_a_user_defines_comes_first(kitchen: PrologConsole, tmp_path: Path) -> None:
+    file = tmp_path / "own.pl"
+    file.write_text("siblings(tick, trick).\n", encoding="utf-8")
+    assert kitchen.consult(file) == 0
+    assert kitchen.solutions("siblings(X, _)") == [{"X": "tick"}]
+    kitchen.holds(f"unload_file('{file}'), abolish(siblings/2)")

@@ -1,0 +1,179 @@
+"""Every declared question is a predicate, and it is real Prolog that asks them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from mindstage.errors import GoalRefused
+from mindstage.knowledge import KnowledgeBase
+from mindstage.knowledge.questions import Question, questions
+from mindstage.prolog import PrologConsole
+
+KITCHEN = "http://mindstage.org/maps/kitchen.owl#"
+KNOWROB = "http://knowrob.org/kb/knowrob.owl#"
+
+
+def values(console: PrologConsole, goal: str, variable: str = "X") -> list[Any]:
+    return [solution[variable] for solution in console.solutions(goal, limit=100_000)]
+
+
+def variables(number: int) -> str:
+    return ", ".join(f"V{at}" for at in range(number))
+
+
+@pytest.mark.parametrize("question", questions(), ids=lambda question: question.name)
+def test_a_question_answers_as_many_rows_as_it_does_in_python(
+    question: Question[Any], kitchen: PrologConsole, kitchen_knowledge: KnowledgeBase
+) -> None:
+    extra = [argument for argument in question.arguments if argument.name not in question.columns]
+    goal = f"{question.name}({variables(len(question.columns) + len(extra))})"
+    found = kitchen.solutions(goal, limit=100_000, timeout_s=60)
+    assert len(found) == len(kitchen_knowledge.ask(question))
+
+
+def test_the_arguments_alone_are_a_predicate_too_with_the_map_first(kitchen: PrologConsole) -> None:
+    assert values(kitchen, "handle_of(Map, fridge_door, X)") == [f"{KITCHEN}fridge_door_handle"]
+    assert values(kitchen, "individual_of_class(X, 'Handle', fridge_door_handle)") == [f"{KITCHEN}kitchen"]
+    assert values(kitchen, "storage_place('CowsMilk', X)") == [f"{KNOWROB}Refrigerator"]
+
+
+@pytest.mark.parametrize("map", ["_", "kitchen:kitchen"])
+@pytest.mark.parametrize("thing", ["_", "kitchen:fridge_door"])
+@pytest.mark.parametrize("handle", ["_", "kitchen:fridge_door_handle"])
+def test_any_argument_may_be_bound_or_free(
+    map: str, thing: str, handle: str, kitchen: PrologConsole, kitchen_knowledge: KnowledgeBase
+) -> None:
+    given = {"map": map, "individual": thing, "handle": handle}
+    bound = {name: value.partition(":")[2] for name, value in given.items() if value != "_"}
+    answers = kitchen_knowledge.ask("handle_of", **bound)
+    assert len(answers) >= 1
+    assert len(kitchen.solutions(f"handle_of({map}, {thing}, {handle})")) == len(answers)
+
+
+@pytest.mark.parametrize("goal", ["handle_of(_, milk_carton_1, _)", "handle_of(_, X, X)", "subclass_of('Box', 'Box')"])
+def test_what_is_not_so_is_false(goal: str, kitchen: PrologConsole) -> None:
+    assert kitchen.solutions(goal) == []
+
+
+def test_columns_that_are_no_arguments_may_be_given_as_well(kitchen: PrologConsole) -> None:
+    assert kitchen.holds("storage_place('Bread', knowrob:'Refrigerator', knowrob:'Perishable', 3)")
+    assert not kitchen.holds("storage_place('Bread', knowrob:'Refrigerator', _, 0)")
+    assert values(kitchen, "storage_place('Bread', X, _, _)") == [
+        "http://mindstage.org/ontology#Breadbasket",
+        f"{KNOWROB}Refrigerator",
+    ]
+
+
+@pytest.mark.parametrize(
+    "goal",
+    [
+        "handle_of(M, D, _), individual_of_class(M, 'Door', D), !",
+        "findall(X, individual_of_class(_, 'Handle', X), Xs), length(Xs, 33)",
+        "\\+ handle_of(_, milk_carton_1, _)",
+        "forall(individual_of_class(M, 'BarHandle', X), individual_of_class(M, 'Handle', X))",
+        "setof(C, I^M^(member(C, ['Handle', 'Refrigerator', 'Robot']), individual_of_class(M, C, I)), Cs), "
+        "Cs == ['Handle', 'Refrigerator']",
+        "member(Thing, [milk_carton_1, fridge_door]), handle_of(_, Thing, _)",
+        "aggregate_all(count, individual_of_class(_, 'Handle', _), 33)",
+        "maplist([Thing]>>once(individual_of_class(_, _, Thing)), [fridge, oven])",
+        "catch((handle_of(_, _, X), throw(found(X))), found(_), true)",
+        "handle_of(_, fridge_door, _), garbage_collect, garbage_collect_atoms, handle_of(_, fridge_door, _)",
+    ],
+)
+def test_all_of_prolog_works_over_the_answers(goal: str, kitchen: PrologConsole) -> None:
+    assert kitchen.holds(goal)
+
+
+def test_the_last_answer_leaves_nothing_to_try(kitchen: PrologConsole) -> None:
+    assert kitchen.holds("call_cleanup(handle_of(_, fridge_door, fridge_door_handle), Done = true), Done == true")
+    assert values(kitchen, "findall(D, call_cleanup(storage_place('Bread', _), D = true), Ds), last(Ds, X)") == ["true"]
+
+
+# -- names -------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["'CowsMilk'", "knowrob:'CowsMilk'", f"'{KNOWROB}CowsMilk'", '"CowsMilk"'])
+def test_names_are_short_prefixed_or_whole(name: str, kitchen: PrologConsole) -> None:
+    assert values(kitchen, f"storage_place({name}, X)") == [f"{KNOWROB}Refrigerator"]
+
+
+@pytest.mark.parametrize(
+    ("term", "printed"),
+    [
+        ("knowrob:'Handle'", "knowrob:'Handle'"),
+        ("kitchen:fridge_door", "kitchen:fridge_door"),
+        ("[rdf:type, f(owl:'Class')]", "[rdf:type,f(owl:'Class')]"),
+        ("'http://example.org/other#thing'", "'http://example.org/other#thing'"),
+        (f"'{KNOWROB}'", f"'{KNOWROB}'"),
+    ],
+)
+def test_names_are_printed_with_their_prefix(term: str, printed: str, kitchen: PrologConsole) -> None:
+    goal = f"mindstage_names:spelt({term}, Spelt), with_output_to(atom(X), print(Spelt))"
+    assert values(kitchen, goal) == [printed]
+
+
+def test_users_may_add_prefixes(kitchen: PrologConsole) -> None:
+    assert kitchen.holds("rdf_register_prefix(my, 'http://my.org/x#'), rdf_global_id(my:a, 'http://my.org/x#a')")
+    assert kitchen.holds("rdf_global_id(my:N, 'http://my.org/x#b'), N == b, rdf_current_prefix(my, _)")
+    with pytest.raises(GoalRefused, match="no prefix mine is known; there is ") as refused:
+        kitchen.holds("handle_of(_, mine:thing, _)")
+    assert refused.value.kind == "prefix_unknown"
+
+
+def test_a_name_that_nobody_knows_is_a_no_and_told_once(
+    kitchen: PrologConsole, capfd: pytest.CaptureFixture[str]
+) -> None:
+    assert not kitchen.holds("storage_place('CowsMilch', _)")
+    assert "no class 'CowsMilch' is known; near: 'CowsMilk'" in capfd.readouterr().err
+    assert kitchen.holds("\\+ storage_place('CowsMilch', _)")
+    assert capfd.readouterr().err == ""
+
+
+@pytest.mark.parametrize(
+    ("goal", "kind"),
+    [
+        ("handle_of(_, 'Handle', _)", "name_ambiguous"),
+        ("storage_place(17, _)", "argument_refused"),
+        ("identical_maps(kitchen, kitchen, -1)", "argument_refused"),
+        ("why(handle_off(_, _, _))", "question_unknown"),
+        ("why(maps(_, _, _))", "argument_refused"),
+    ],
+)
+def test_what_cannot_be_asked_is_an_error(goal: str, kind: str, kitchen: PrologConsole) -> None:
+    with pytest.raises(GoalRefused) as refused:
+        kitchen.solutions(goal)
+    assert refused.value.kind == kind
+    assert kitchen.holds(f"catch(({goal}), mindstage_error({kind}, Sentence), string(Sentence))")
+
+
+# -- more than answers -------------------------------------------------------------------------------------------------
+
+
+def test_the_questions_are_listed(kitchen: PrologConsole, capfd: pytest.CaptureFixture[str]) -> None:
+    assert kitchen.holds("questions")
+    lines = capfd.readouterr().out.splitlines()
+    assert len(lines) == len(questions())
+    assert any(line.startswith("handle_of(Map, Individual, Handle)  ") for line in lines)
+
+
+def test_an_answer_explains_itself(kitchen: PrologConsole, capfd: pytest.CaptureFixture[str]) -> None:
+    assert kitchen.holds("why(handle_of(_, fridge_door, _))")
+    assert "    fridge_door child fridge_door_handle\n" in capfd.readouterr().out
+
+
+def test_what_is_missing_is_told(kitchen: PrologConsole, capfd: pytest.CaptureFixture[str]) -> None:
+    assert not kitchen.holds("why(storage_place('Robot', _))")
+    assert capfd.readouterr().out.startswith("missing: Robot has no container")
+    assert values(kitchen, "missing(storage_place('Robot', _), X)")[0].startswith("Robot has no container")
+    assert not kitchen.holds("missing(storage_place('CowsMilk', _), _)")
+
+
+def test_structured_answers_are_terms(kitchen: PrologConsole) -> None:
+    pose = "pose([X, _, _], [W, _, _, _])"
+    goal = f"what_is(_, milk_carton_1, Classes, none, {pose}, [_, _, 0.2], Kg, dynamic, _, none, Tags, _)"
+    (row,) = kitchen.solutions(f"{goal}, memberchk(tag('SemLog', 'Id', milk_carton_1), Tags)")
+    assert row["Kg"] == pytest.approx(1.05)
+    assert (row["X"], row["W"]) == (pytest.approx(-1.567), pytest.approx(0.707107))
+    assert row["Classes"] == ["http://mindstage.org/ontology#MilkCarton"]
