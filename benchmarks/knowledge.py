@@ -103,8 +103,8 @@ def measure() -> Iterator[Measure]:
     yield from _loading()
     with TemporaryDirectory(prefix="mindstage-") as folder:
         large = Path(folder, "10,000 bodies.owl")
-        subprocess.run([sys.executable, "-c", MULTIPLY, _small_map(), large, "10000"], check=True)
-        for path, most in ((_small_map(), None), (large, 2.0)):
+        subprocess.run([sys.executable, "-c", MULTIPLY, small_map(), large, "10000"], check=True)
+        for path, most in ((small_map(), None), (large, 2.0)):
             for verb, script in (("read", READ), ("write", WRITE)):
                 (timed,) = _timed([sys.executable, "-c", script, path])
                 what = f"{verb} {path.stem} ({timed.count:,} individuals)"
@@ -148,11 +148,11 @@ def _against(what: str, ours: Timed, theirs: Timed, peer: str, *, at_least: floa
 
 def _sources() -> Sequence[Path]:
     if (SHARED / "maps").is_dir():
-        return _small_map(), *sorted((SHARED / "ontology").glob("*/owl/*.owl"))
-    return _small_map(), BUNDLED / "household.ttl"
+        return small_map(), *sorted((SHARED / "ontology").glob("*/owl/*.owl"))
+    return small_map(), BUNDLED / "household.ttl"
 
 
-def _small_map() -> Path:
+def small_map() -> Path:
     path = SHARED / "maps" / "iai-kitchen-original.owl"
     return path if path.is_file() else BUNDLED / "kitchen.owl"
 
@@ -160,15 +160,15 @@ def _small_map() -> Path:
 def _timed(*commands: Sequence[str | Path]) -> list[Timed]:
     """The medians of several commands, which take turns, so that whatever else the machine does hits all of them."""
     for command in commands:
-        _once(command)  # warms the disk's cache
-    rounds = [[_once(command) for command in commands] for _ in range(REPEATS)]
+        once(command)  # warms the disk's cache
+    rounds = [[once(command) for command in commands] for _ in range(REPEATS)]
     return [
         Timed(median(run.seconds for run in runs), median(run.memory_mb for run in runs), runs[0].count)
         for runs in zip(*rounds, strict=True)
     ]
 
 
-def _once(command: Sequence[str | Path]) -> Timed:
+def once(command: Sequence[str | Path]) -> Timed:
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
     assert process.stdout is not None
     told = process.stdout.read()

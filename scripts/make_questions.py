@@ -10,7 +10,6 @@ from typing import Any
 
 from mindstage.knowledge import KnowledgeBase, bundled_kitchen
 from mindstage.knowledge.questions import Answers, Question, cell_text, questions
-from mindstage.knowledge.reasoning import NameKind
 
 __all__ = ["main"]
 
@@ -22,7 +21,7 @@ HEAD = """# Questions
 
 <!-- Written by scripts/make_questions.py: change the declarations in src/mindstage/knowledge/questions instead. -->
 
-What a robot can be asked, in the shell and in Python alike:
+What a robot can be asked, in the shell and in Python alike; [asking.md](asking.md) tells of all ways to ask:
 
 ```sh
 mindstage ask storage_place CowsMilk --map bundled:kitchen
@@ -48,7 +47,7 @@ def page() -> str:
 
 def section(kb: KnowledgeBase, question: Question[Any]) -> Iterator[str]:
     """One question."""
-    arguments = ", ".join(f"`{argument.name}` ({kind(argument.kind)})" for argument in question.arguments)
+    arguments = ", ".join(f"`{argument.name}` ({argument.kind_text})" for argument in question.arguments)
     columns = ", ".join(f"`{name}`" for name in question.columns)
     yield from (f"## {question.name}", "", question.text, "")
     yield from (f"- arguments: {arguments}", f"- answers: {columns}", "")
@@ -65,6 +64,8 @@ def told(kb: KnowledgeBase, answers: Answers[Any]) -> Iterator[str]:
         yield ", ".join(f"{name} {short(cell)}" for name, cell in cells if cell not in {None, ""})
         if at == 0:
             yield from (f"    why: {line}" for line in kb.why(answers.question, row))
+    if not answers:
+        yield "no answer"
     if len(answers) > SHOWN:
         yield f"… {len(answers)} answers in all"
 
@@ -80,11 +81,6 @@ def args(question: Question[Any], example: str) -> dict[str, str]:
     names = iter([argument.name for argument in question.arguments])
     pairs = (word.split("=", 1) if "=" in word else (next(names), word) for word in shlex.split(example)[1:])
     return {name: value for name, value in pairs if value != "_"}
-
-
-def kind(told: object) -> str:
-    """What people call the kind of an argument."""
-    return told.value if isinstance(told, NameKind) else getattr(told, "__name__", str(told))
 
 
 def main() -> int:

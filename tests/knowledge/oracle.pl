@@ -7,7 +7,7 @@
 :- rdf_register_prefix(dul, 'http://www.ontologydesignpatterns.org/ont/dul/DUL.owl#').
 :- rdf_meta told(r, r, o), sub_property(r, r), kind_of(r, r), part_property(r), whole_property(r).
 :- dynamic up/2.  % every edge, written down once after loading
-:- table sub_class/2, sub_property/2, part/2, storage_place/2, device_for_action/2.
+:- table sub_class/2, sub_property/2, part/2, tight_part/2, restricted/3, storage_place/2, device_for_action/2.
 
 told(S, P, O) :- rdf(S, P, O).
 
@@ -108,11 +108,53 @@ individual_of_class(Class, Individual) :-
     here(Individual, _), told(Individual, rdf:type, Own),
     \+ sub_atom(Own, 0, _, _, 'http://www.w3.org/'), is_a(Own, Class).
 
+% A constraint names what it joins with the words for wholes and parts, and joins no part to a whole.
+tight_step(Whole, Part) :- part_property(P), told(Whole, P, Part), \+ kind_of(Whole, knowrob:'Constraint').
+tight_step(Whole, Part) :- whole_property(P), told(Part, P, Whole), \+ kind_of(Part, knowrob:'Constraint').
+tight_part(Whole, Part) :- tight_step(Whole, Part).
+tight_part(Whole, Part) :- tight_part(Whole, Between), tight_step(Between, Part).
+
+part_of(Part, Whole) :- tight_part(Whole, Part), Part \== Whole, here(Whole, _).
+
+% What a class says of its members: the property, the class that says so, OWL's word, and the value where it has a name.
+class_properties(Class, Told) :-
+    setof(C, class_or_sayer(C), Classes), member(Class, Classes), is_a(Class, Owner),
+    restricted(Owner, R, Property), word(R, Kind, Value),
+    format(atom(Told), "~w ~w ~w ~w", [Property, Owner, Kind, Value]).
+class_or_sayer(C) :- up(C, _).
+class_or_sayer(C) :- restricted(C, _, _).
+restricted(Class, R, Property) :- said(Class, R), told(R, owl:onProperty, P), line(P, Property).
+line(P, P) :- named(P).
+line(P, Q) :- \+ named(P), told(P, owl:inverseOf, Q), named(Q).
+
+word(R, Kind, Value) :-
+    ( filler(Word, Kind), told(R, Word, V) -> value(V, Value)
+    ; count(Word, Kind), told(R, Word, _) -> ( qualifier(Q), told(R, Q, V) -> value(V, Value) ; Value = '-' )
+    ; told(R, owl:hasSelf, _), Kind = hasSelf, Value = '-' ).
+value(V, V) :- named(V), !.
+
+value(_, '-').
+:- rdf_meta filler(r, -), count(r, -), qualifier(r).
+filler(owl:someValuesFrom, someValuesFrom).
+filler(owl:allValuesFrom, allValuesFrom).
+filler(owl:hasValue, hasValue).
+count(owl:minCardinality, minCardinality).
+count(owl:maxCardinality, maxCardinality).
+count(owl:cardinality, cardinality).
+count(owl:minQualifiedCardinality, minCardinality).
+count(owl:maxQualifiedCardinality, maxCardinality).
+count(owl:qualifiedCardinality, cardinality).
+qualifier(owl:onClass).
+qualifier(owl:onDataRange).
+
+siblings(A, B) :- up(A, Parent), up(B, Parent), A \== Parent, B \== Parent, A \== B.
+
 subclass_of(A, B) :- sub_class(A, B), A \== B.
 
 question(subclass_of). question(storage_place). question(storage_place_in_environment).
 question(device_for_action). question(device_for_action_in_environment).
 question(handle_of). question(individual_of_class).
+question(part_of). question(class_properties). question(siblings).
 
 main :-
     current_prolog_flag(argv, Files),

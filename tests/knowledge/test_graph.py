@@ -6,7 +6,7 @@ import pyoxigraph as ox
 import pytest
 
 from mindstage.knowledge.graph import Graph, graph_of
-from mindstage.knowledge.nesting import NESTING, nested
+from mindstage.knowledge.wording.nesting import NESTING, nested
 from mindstage.world import Anonymous, Fact, FactValue, Iri, Literal, Reference
 
 XSD = "http://www.w3.org/2001/XMLSchema#"

@@ -120,6 +120,17 @@ def test_files_may_be_named_in_full(tmp_path: Path) -> None:
     assert knows(knowing(write_map(tmp_path / "map.ttl", importing(part.as_uri()))))
 
 
+def test_what_a_stranger_wrote_reads_no_other_file(tmp_path: Path) -> None:
+    part = write(tmp_path / "stem.ttl", "e:Leaf rdfs:subClassOf e:Stem .")
+    map = write_map(tmp_path / "map.ttl", importing(part.as_uri()), body("cup"))
+    knowledge = KnowledgeBase()
+    knowledge.load(map, follow_imports=False)
+    assert not knows(knowledge)
+    (finding,) = knowledge.findings()
+    assert "imports of it are not followed" in finding.what
+    assert len(knowledge.world().bodies) == 1
+
+
 @pytest.mark.parametrize("name", ["file:nowhere.ttl", "file://other-machine/stem.ttl", "http://e/stem", "ros:stem"])
 def test_what_is_not_here_is_not_fetched_but_named(name: str, tmp_path: Path) -> None:
     knowledge = knowing(write_map(tmp_path / "map.ttl", importing(name)))

@@ -198,4 +198,4 @@ def test_maps_of_other_dialects_do_no_harm(name: str, shared_data: Path) -> None
 
 def test_a_map_without_map_is_missing(shared_data: Path) -> None:
     with pytest.raises(MapMissing):
-        knowing(shared_data / "maps" / "soma-iai-room.owl").world()
+        knowing(shared_data / "ontology" / "knowrob_common" / "owl" / "knowrob.owl").world()

@@ -15,12 +15,13 @@ from mindstage.knowledge.questions import (
     HandleOf,
     Question,
     Storage,
-    answers_to_builtins,
+    cell_text,
     handle_of,
     question,
     questions,
     storage_place,
 )
+from mindstage.knowledge.remembering import Remembered
 from mindstage.world import Iri
 from tests.knowledge.maps import KNOWROB, M, body, knowing, room
 
@@ -96,6 +97,33 @@ def test_the_maps_of_the_thesis_differ_by_what_it_left_out(shared_data: Path) ->
     assert len(row.differing) < len(kb.ask("identical_maps", a=one, b=other)[0].differing)
 
 
+def test_each_difference_of_the_thesis_s_maps_is_told_with_its_error(shared_data: Path) -> None:
+    kb = knowing(shared_data / "maps" / IAI, shared_data / "maps" / "iai-kitchen-spawned.owl")
+    one, other = kb.maps()
+    rows = kb.ask("differences", a=one, b=other)
+    (same,) = kb.ask("identical_maps", a=one, b=other)
+    assert {row.id for row in rows} == set(same.differing)
+    assert max(row.error or 0.0 for row in rows if row.field == "pose.position") == pytest.approx(1e-6)
+    (panorama,) = [row for row in rows if row.field == "size" and "177.51" in str(row.in_a)]
+    assert "29.585472" in str(panorama.in_b)
+    swapped = kb.ask("differences", a=other, b=one)
+    assert {(row.id, row.field, row.in_b, row.in_a) for row in swapped} >= {
+        (row.id, row.field, row.in_a, row.in_b) for row in rows if row.field == "size"
+    }
+
+
+def test_an_individual_that_only_one_map_has_is_a_difference(tmp_path: Path) -> None:
+    one, other = tmp_path / "one.ttl", tmp_path / "other.ttl"
+    one.write_text(room(body("cup"), body("mug")), encoding="utf-8")
+    other.write_text(room(body("cup", at="1.0 2.0 3.5"), map="room").replace(M, f"{M[:-1]}2#"), encoding="utf-8")
+    kb = knowing(one, other)
+    a, b = (row.map for row in kb.ask("maps"))
+    rows = kb.ask("differences", a=a, b=b)
+    assert [(row.id, row.in_b) for row in rows if not row.field] == [("mug", None)]
+    assert [(row.id, row.error) for row in rows if row.field == "pose.position"] == [("cup", 0.5)]
+    assert not [row for row in kb.ask("differences", a=a, b=b, tolerance=0.6) if row.field == "pose.position"]
+
+
 # -- every question ----------------------------------------------------------------------------------------------------
 
 
@@ -131,30 +159,28 @@ def test_a_question_says_what_it_asks_and_shows_how(asked: Question) -> None:
     assert all(argument.default is None or argument.name == "tolerance" for argument in asked.arguments)
 
 
-@pytest.mark.parametrize(
-    ("name", "args"),
-    [
-        ("storage_place", {"item": "Bread"}),
-        ("storage_place_in_environment", {"item": "CowsMilk"}),
-        ("device_for_action", {"action": "BakingFood"}),
-        ("device_for_action_in_environment", {"action": "BakingFood"}),
-        ("handle_of", {"individual": "fridge_door"}),
-        ("part_of", {"whole": "fridge_door"}),
-        ("class_properties", {"cls": "Dishwasher"}),
-        ("subclass_of", {"cls": "Dishwasher"}),
-        ("siblings", {"cls": "Dishwasher"}),
-        ("individual_of_class", {"cls": "Handle"}),
-        ("everything_in_map", {"individual": "fridge_door"}),
-        ("what_is", {"individual": "fridge_door"}),
-    ],
-)
-def test_each_answer_tells_why(name: str, args: dict[str, str], kitchen: KnowledgeBase) -> None:
-    answers = kitchen.ask(name, **args)
-    assert answers
-    for row in answers:
-        lines = kitchen.why(name, row)
-        assert lines
+@each_question
+def test_each_answer_tells_why(asked: Question, kitchen: KnowledgeBase) -> None:
+    answers = kitchen.ask(asked)
+    for row in answers[:: max(1, len(answers) // 20)]:
+        lines = kitchen.why(asked, row)
+        assert lines, row
         assert all(lines), lines
+        assert not any("http" in line for line in lines), "names are short where people read"
+
+
+def test_two_maps_tell_why_they_are_not_the_same(shared_data: Path) -> None:
+    kb = knowing(shared_data / "maps" / IAI, shared_data / "maps" / "iai-kitchen-spawned.owl")
+    one, other = kb.maps()
+    (row,) = kb.ask("identical_maps", a=one, b=other)
+    first, *lines = kb.why("identical_maps", row)
+    assert first.startswith("114 and 114 bodies, 22 and 22 constraints were compared")
+    assert {line.split()[0] for line in lines} == set(row.differing)
+    assert any(
+        " size: " in line and "177.51" in line and "29.585472" in line and line.endswith(" apart") for line in lines
+    )
+    rows = kb.ask("differences", a=one, b=other)
+    assert [line for row in rows for line in kb.why("differences", row)] == lines
 
 
 def test_the_reason_is_a_chain_of_what_was_told(kitchen: KnowledgeBase) -> None:
@@ -185,52 +211,13 @@ def test_what_an_individual_is_comes_from_its_world(kitchen: KnowledgeBase) -> N
     assert row.classes[0] == door.cls
 
 
-# -- what is missing ---------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("name", "args", "why"),
-    [
-        (
-            "storage_place",
-            {"item": "Robot"},
-            "Robot has no container: no typePrimaryFunction-containerFor names Robot or an ancestor of it",
-        ),
-        (
-            "storage_place",
-            {"item": "Bread", "place": "Dishwasher"},
-            "Bread is not kept in Dishwasher: no typePrimaryFunction-containerFor of Dishwasher names Bread or an "
-            "ancestor of it",
-        ),
-        (
-            "storage_place",
-            {"place": "Spoon"},
-            "Spoon keeps nothing: it does not say typePrimaryFunction-containerFor some …",
-        ),
-        ("device_for_action", {"action": "Robot"}, "Robot has no such deviceUsed: neither it nor an ancestor of it"),
-        ("device_for_action", {"action": "BakingFood", "device": "Dishwasher"}, "it needs HeatSource"),
-        ("device_for_action", {"device": "Cup"}, "no action needs a Cup: no deviceUsed names it"),
-        ("handle_of", {"individual": "fridge_door_handle"}, "has no handle: none of its parts is a Handle"),
-        ("part_of", {"whole": "fridge_door_handle"}, "fridge_door_handle has no such part"),
-    ],
-)
-def test_without_an_answer_it_says_what_nobody_told(
-    name: str, args: dict[str, str], why: str, kitchen: KnowledgeBase
-) -> None:
-    answers = kitchen.ask(name, **args)
-    assert not answers
-    assert why in answers.missing[0].why
-
-
-def test_what_is_known_but_not_here_is_said_so(tmp_path: Path) -> None:
-    path = tmp_path / "room.ttl"
-    path.write_text(room(body("cup")), encoding="utf-8")
-    kb = knowing(path, bundled_ontology=True)
-    (lack,) = kb.ask("storage_place_in_environment", item="CowsMilk").missing
-    assert lack.why == "no individual in any map is a Refrigerator"
-    (lack,) = kb.ask("device_for_action_in_environment", action="BakingFood", map="room").missing
-    assert lack.why == "no individual in room is a HeatSource"
-    assert kb.ask("storage_place_in_environment", item="Robot").missing == kb.ask("storage_place", item="Robot").missing
+def test_what_a_constraint_is_tells_what_it_joins_and_how_that_moves(kitchen: KnowledgeBase) -> None:
+    (row,) = kitchen.ask("what_is", individual="fridge_door_hinge")
+    (hinge,) = (each for each in kitchen.world().constraints if each.iri == row.individual)
+    assert (row.pose, row.tags, row.facts) == (hinge.pose, hinge.tags, hinge.facts)
+    assert (row.joint.linear, row.joint.angular) == (hinge.linear, hinge.angular)
+    assert [local_name(end) for end in (row.joint.parent, row.joint.child)] == ["fridge", "fridge_door"]
+    assert cell_text(row.joint) == "fridge to fridge_door, swing1 limited 0.785398 rad"
 
 
 # -- names and arguments -----------------------------------------------------------------------------------------------
@@ -262,8 +249,10 @@ def test_the_name_of_a_class_stands_for_its_only_individual(tmp_path: Path) -> N
     kb = knowing(path)
     (row,) = kb.ask("everything_in_map", individual="Oven")
     assert row.individual == M + "a"
-    with pytest.raises(NameAmbiguous, match="2 individual names"):
+    with pytest.raises(NameAmbiguous, match="'Cup' may be any of 2 individual names: b, c; give one of them"):
         kb.ask("everything_in_map", individual="Cup")
+    with pytest.raises(NameUnknown, match="no individual 'Ovn' is known; near: 'Oven'"):
+        kb.ask("everything_in_map", individual="Ovn")
 
 
 @pytest.mark.parametrize("name", ["storage_plce", "STORAGE_PLACE"])
@@ -312,19 +301,29 @@ def test_a_question_without_any_map_or_ontology_has_no_answers() -> None:
     assert [asked.name for asked in questions() if kb.ask(asked)] == []
 
 
-# -- plain values ------------------------------------------------------------------------------------------------------
+# -- values -----------------------------------------------------------------------------------------------------------
 
 
-def test_answers_become_what_other_programs_read(kitchen: KnowledgeBase) -> None:
-    told = answers_to_builtins(kitchen, kitchen.ask("storage_place_in_environment", item="CowsMilk"), why=True)
-    (answer,) = told["answers"]
-    assert told["question"] == "storage_place_in_environment"
-    assert told["args"] == {"item": f"{KNOWROB}CowsMilk"}
-    assert answer["iri"] == answer["individual"]
-    assert answer["id"] == "fridge"
-    assert answer["class"] == kitchen.index.class_of(answer["iri"])
-    assert answer["why"]
-    assert told["missing"] == []
+def test_a_class_can_be_asked_for_by_the_value_of_a_property(kitchen: KnowledgeBase) -> None:
+    rows = kitchen.ask("class_properties", property="typePrimaryFunction-containerFor", value="Perishable")
+    assert {local_name(row.told_by) for row in rows} == {"Refrigerator"}
+    assert {row.value for row in rows} == {f"{KNOWROB}Perishable"}
+    widths = kitchen.ask("class_properties", property="widthOfObject", value=0.6)
+    assert widths
+    assert {row.value for row in widths} == {"0.6"}
+
+
+def test_what_was_asked_before_is_answered_the_same_until_something_changes() -> None:
+    kb = KnowledgeBase()
+    before = kb.ask("storage_place", item="Bread")
+    assert kb.ask("storage_place", item="Bread") is before
+    kb.tell("Cupboard", "typePrimaryFunction-containerFor", "Bread")
+    after = kb.ask("storage_place", item="Bread")
+    assert [*after] != [*before]
+    kb.retract("Cupboard", "typePrimaryFunction-containerFor", "Bread")
+    assert [*kb.ask("storage_place", item="Bread")] == [*before]
+    with pytest.raises(TypeError):
+        before.args["item"] = "Milk"
 
 
 def test_answers_are_a_sequence_of_typed_rows(kitchen: KnowledgeBase) -> None:
@@ -356,3 +355,14 @@ def test_what_is_loaded_later_is_in_the_next_answer(tmp_path: Path) -> None:
     assert not kb.ask("storage_place_in_environment", item="CowsMilk")
     kb.load(path)
     assert [row.individual for row in kb.ask("storage_place_in_environment", item="CowsMilk")] == [M + "cup"]
+
+
+def test_no_more_is_remembered_than_there_is_room_for(kitchen: KnowledgeBase) -> None:
+    remembered = Remembered(most_rows=30)
+    few, more = kitchen.ask("subclass_of", cls="Refrigerator"), kitchen.ask("subclass_of", cls="CowsMilk")
+    assert 10 < len(few) <= 30 < len(few) + len(more)
+    remembered.keep(("few",), few)
+    remembered.keep(("all",), kitchen.ask("subclass_of"))
+    assert (remembered.get(("few",)), remembered.get(("all",))) == (few, None)
+    remembered.keep(("more",), more)
+    assert (remembered.get(("few",)), remembered.get(("more",))) == (None, more)

@@ -63,7 +63,7 @@ def test_a_relation_to_something_unknown_is_a_fact_and_named(read: Read) -> None
 
 
 def test_a_long_chain_is_read_in_one_go(read: Read) -> None:
-    links = [body("b0"), *(body(f"b{n}", f"k:parent :b{n - 1}") for n in range(1, 400))]
+    links = [body("b0"), *(body(f"b{n}", f"k:parent :b{n - 1}", at=f"{n} 0 0") for n in range(1, 400))]
     world, findings = read(room(*links))
     assert len(world.attachments) == 399
     assert findings == ()

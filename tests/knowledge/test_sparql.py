@@ -2,14 +2,25 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
+from pathlib import Path
+
 import pytest
 
-from mindstage.errors import QueryRefused, QueryTimedOut
+from mindstage.errors import QueryRefused, QueryTimedOut, StoreUnusable
 from mindstage.knowledge import KnowledgeBase, Term
+from mindstage.knowledge.stores import query_process
 from tests.knowledge.maps import KNOWROB, XSD
 
-LONG = "SELECT (COUNT(*) AS ?n) WHERE { ?a ?b ?c . ?d ?e ?f }"
-"""Takes seconds, not for ever: nobody can stop it, and other tests want the processor."""
+ENDLESS = "SELECT (COUNT(*) AS ?n) WHERE { ?a ?b ?c . ?d ?e ?f . ?g ?h ?i }"
+HOARDING = "SELECT DISTINCT ?a ?d ?g WHERE { ?a ?b ?c . ?d ?e ?f . ?g ?h ?i } ORDER BY ?g"
+OVERFLOWING = "SELECT * WHERE { ?a ?b ?c . ?d ?e ?f . ?g ?h ?i }"
+SERVICE = "SELECT * { SERVICE <http://127.0.0.1:9/none> { ?s ?p ?o } }"
 
 
 @pytest.fixture(scope="module")
@@ -42,9 +53,7 @@ def test_literals_keep_their_type_and_language(kb: KnowledgeBase) -> None:
     assert kb.sparql("SELECT (1 AS ?n) {}").rows == ((Term("literal", "1", f"{XSD}integer"),),)
 
 
-@pytest.mark.parametrize(
-    "query", ["", "SELEC ?x", "SELECT ?x WHERE { nowhere:x ?y ?x }", "INSERT DATA { <a:a> <a:b> <a:c> }"]
-)
+@pytest.mark.parametrize("query", ["", "SELEC ?x", "SELECT ?x WHERE { nowhere:x ?y ?x }"])
 def test_what_is_no_query_is_refused_with_its_place(query: str, kb: KnowledgeBase) -> None:
     with pytest.raises(
         QueryRefused, match=r"^the query cannot be answered: error at .{1,60}; it must be .* of SPARQL 1\.1$"
@@ -52,13 +61,166 @@ def test_what_is_no_query_is_refused_with_its_place(query: str, kb: KnowledgeBas
         kb.sparql(query)
 
 
-def test_a_server_that_is_not_there_is_named_as_the_cause(kb: KnowledgeBase) -> None:
+@pytest.mark.parametrize(
+    "update",
+    [
+        "INSERT DATA { <a:a> <a:b> <a:c> }",
+        "# SELECT\nPREFIX a: <b:b> BASE <c:c>\n delete where { ?a ?b ?c }",
+        "LOAD <file:///etc/passwd>",
+        "DROP ALL",
+    ],
+)
+def test_what_would_change_something_is_refused_by_its_name(update: str, kb: KnowledgeBase) -> None:
+    before = kb.sparql("SELECT (COUNT(*) AS ?n) { ?a ?b ?c }")
+    with pytest.raises(QueryRefused, match=r"it is an update \([A-Z]+\), and queries only read; .* tell"):
+        kb.sparql(update)
+    assert kb.sparql("SELECT (COUNT(*) AS ?n) { ?a ?b ?c }") == before
+
+
+# -- nothing is fetched unasked ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "query",
+    [
+        SERVICE,
+        "select*{service<http://127.0.0.1:9/>{?s ?p ?o}}",
+        "SELECT * { SERVICE SILENT ?where { ?s ?p ?o } }",
+        "SELECT * { ?s ?p ?o.SERVICE<http://127.0.0.1:9/>{ } }",
+        "PREFIX : <http://127.0.0.1:9/> SELECT * { SERVICE:none { ?s ?p ?o } }",
+        "PREFIX p: <p:p> SELECT * { ?s ?p p:a\\# SERVICE <http://127.0.0.1:9/> { } \n }",
+        'SELECT * { ?s ?p "it\\"s" . SERVICE <http://127.0.0.1:9/> { ?s ?p "" } }',
+        "SELECT * { \\u0053ERVICE <http://127.0.0.1:9/> { ?s ?p ?o } }",
+        "# <\nSELECT * { SERVICE <http://127.0.0.1:9/> { ?s ?p ?o } }",
+    ],
+)
+def test_other_servers_are_not_asked_unless_that_is_allowed(query: str, kb: KnowledgeBase) -> None:
+    with pytest.raises(QueryRefused, match=r"it asks another server \(SERVICE\).*--allow-service"):
+        kb.sparql(query)
+
+
+@pytest.mark.parametrize(
+    "query",
+    [
+        'ASK { ?s ?p "SERVICE <x>" }',
+        "ASK { ?s ?p 'SERVICE' } # SERVICE <x>",
+        'ASK { ?s ?p """ " SERVICE """ }',
+        "ASK { ?service ?SERVICE <http://e.org/SERVICE> }",
+        "PREFIX e: <e:e> ASK { ?s e:SERVICE e:a.SERVICE }",
+        'ASK { ?s ?p "x"@service }',
+        "ASK { ?s ?p ?o FILTER(1 <2 && ?o> 3) }",
+    ],
+)
+def test_the_word_itself_is_harmless(query: str, kb: KnowledgeBase) -> None:
+    assert kb.sparql(query).truth is not None
+
+
+def test_a_server_that_may_be_asked_and_is_not_there_is_named_as_the_cause(kb: KnowledgeBase) -> None:
     with pytest.raises(QueryRefused, match=r"the query cannot be answered: .+") as refused:
-        kb.sparql("SELECT * { SERVICE <http://127.0.0.1:9/none> { ?s ?p ?o } }")
+        kb.sparql(SERVICE, allow_service=True)
     assert "SELECT, ASK" not in str(refused.value)
 
 
-def test_a_query_that_takes_too_long_is_given_up(kb: KnowledgeBase) -> None:
+# -- every query ends --------------------------------------------------------------------------------------------------
+
+
+def test_a_query_that_does_not_end_is_stopped(kb: KnowledgeBase) -> None:
+    before = workers()
     with pytest.raises(QueryTimedOut, match=r"did not end within 0\.05 s"):
-        kb.sparql(LONG, timeout_s=0.05)
+        kb.sparql(ENDLESS, timeout_s=0.05)
+    assert workers() <= before, "nothing burns on"
     assert kb.sparql("ASK {}").truth, "and the next one is answered"
+
+
+def test_nobody_has_to_be_alive_to_stop_it(tmp_path: Path) -> None:
+    script = f"""
+import os, threading, time
+from mindstage.knowledge import KnowledgeBase
+kb = KnowledgeBase()
+threading.Thread(target=kb.sparql, args=({ENDLESS!r},), kwargs=dict(timeout_s=2.0), daemon=True).start()
+children = lambda: open(f"/proc/{{os.getpid()}}/task/{{os.getpid()}}/children").read() + "".join(
+    open(f"/proc/{{os.getpid()}}/task/{{task}}/children").read() for task in os.listdir(f"/proc/{{os.getpid()}}/task"))
+while not children().strip():
+    time.sleep(0.01)
+print(children().split()[0], flush=True)
+os.kill(os.getpid(), 9)
+"""
+    done = subprocess.run([sys.executable, "-c", script], stdout=subprocess.PIPE, text=True, timeout=120, check=False)
+    worker = Path("/proc", done.stdout.strip())
+    assert done.stdout.strip()
+    assert ended(lambda: not worker.exists() or " Z " in (worker / "stat").read_text())
+
+
+def test_a_query_that_hoards_memory_is_stopped(kb: KnowledgeBase, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(query_process, "MEMORY_LIMIT", 64 * 1024**2)
+    kb.tell("ms:Anew", "subClassOf", "Tool")  # so that the next query has a new process
+    with pytest.raises(QueryRefused, match=r"it needs more than .* of memory; ask for less"):
+        kb.sparql(HOARDING, timeout_s=120.0)
+
+
+def test_an_answer_that_is_too_large_is_not_taken(kb: KnowledgeBase, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(query_process, "REPLY_LIMIT", 1024**2)
+    kb.tell("ms:Newer", "subClassOf", "Tool")
+    with pytest.raises(QueryRefused, match=r"its answer is larger than .* MiB; ask for less \(LIMIT"):
+        kb.sparql(OVERFLOWING, timeout_s=120.0)
+
+
+@pytest.mark.parametrize("timeout_s", [0.0, -1.0, float("nan")])
+def test_no_time_is_too_little(timeout_s: float, kb: KnowledgeBase) -> None:
+    with pytest.raises(QueryTimedOut):
+        kb.sparql("ASK {}", timeout_s=timeout_s)
+
+
+def test_time_without_end_is_allowed(kb: KnowledgeBase) -> None:
+    assert kb.sparql("ASK {}", timeout_s=float("inf")).truth
+
+
+# -- what is known now -------------------------------------------------------------------------------------------------
+
+
+def test_a_query_sees_what_was_told_just_before(kb: KnowledgeBase) -> None:
+    ask = "ASK { ms:Rack rdfs:subClassOf ms:Tool }"
+    assert not kb.sparql(ask).truth
+    kb.tell("ms:Rack", "subClassOf", "Tool")
+    assert kb.sparql(ask).truth
+    kb.retract("Rack", "subClassOf", "Tool")
+    assert not kb.sparql(ask).truth
+
+
+def test_several_threads_may_ask_at_once(kb: KnowledgeBase) -> None:
+    with ThreadPoolExecutor(4) as threads:
+        queries = [f"SELECT ({number} AS ?n) {{ knowrob:Bread a ?c }} LIMIT 1" for number in range(20)]
+        tables = list(threads.map(kb.sparql, queries))
+    assert [table.rows[0][0].value for table in tables if table.rows[0][0]] == [str(number) for number in range(20)]
+
+
+def test_processes_end_with_their_knowledge_base() -> None:
+    before = workers()
+    with KnowledgeBase() as kb:
+        assert kb.sparql("ASK {}").truth
+        assert len(workers()) == len(before) + 1
+    assert workers() <= before
+    with pytest.raises(StoreUnusable, match="it is closed; open it again"):
+        kb.sparql("ASK {}")
+
+
+def workers() -> set[str]:
+    """The processes that this one has started and that live."""
+    tasks = Path("/proc/self/task")
+    if not tasks.is_dir():
+        pytest.skip("only Linux tells a process's children")
+    found: set[str] = set()
+    for task in tasks.iterdir():
+        with suppress(FileNotFoundError):  # a thread that has just ended
+            found |= set((task / "children").read_text().split())
+    return found
+
+
+def ended(condition: Callable[[], bool]) -> bool:
+    """Waits until something is true, or for a minute."""
+    deadline = time.monotonic() + 60.0
+    while not condition():
+        if time.monotonic() > deadline:
+            return False
+        time.sleep(0.02)
+    return True

@@ -9,6 +9,8 @@ import pytest
 from mindstage.errors import ArgumentRefused, NameUnknown
 from mindstage.knowledge import KnowledgeBase, bundled_kitchen
 from mindstage.knowledge.names import local_name
+from mindstage.knowledge.questions import cell_text
+from mindstage.world import Literal
 from tests.knowledge.maps import KNOWROB, M, body, knowing, room
 
 CONTAINER_FOR = "typePrimaryFunction-containerFor"
@@ -39,6 +41,54 @@ def test_more_special_knowledge_comes_first_once_it_is_told(kb: KnowledgeBase) -
     kb.tell("ms:MilkRack", "subClassOf", "Refrigerator")
     kb.tell("MilkRack", CONTAINER_FOR, "CowsMilk")
     assert places(kb, "CowsMilk") == ["MilkRack", "Refrigerator"]
+
+
+def test_bread_gets_a_basket_before_the_fridge_once_somebody_says_so(tmp_path: Path) -> None:
+    path = tmp_path / "room.ttl"
+    perishable = "[ a owl:Restriction ; owl:onProperty k:typePrimaryFunction-containerFor ; owl:someValuesFrom k:Food ]"
+    path.write_text(
+        room(
+            f"k:Bread rdfs:subClassOf k:Food . k:Fridge rdfs:subClassOf {perishable} . k:Basket a owl:Class .",
+            body("a_fridge", cls="k:Fridge"),
+            body("a_basket", cls="k:Basket"),
+        ),
+        encoding="utf-8",
+    )
+    kb = knowing(path)
+    assert places(kb, "Bread") == ["Fridge"]
+    kb.tell("Basket", CONTAINER_FOR, "Bread")
+    assert places(kb, "Bread") == ["Basket", "Fridge"]
+    here = kb.ask("storage_place_in_environment", item="Bread")
+    assert [local_name(row.individual) for row in here] == ["a_basket", "a_fridge"]
+    assert kb.why("storage_place_in_environment", here[0]) == (
+        "every Basket: typePrimaryFunction-containerFor some Bread",
+        "a_basket type Basket",
+    )
+    kb.retract("Basket", CONTAINER_FOR, "Bread")
+    assert places(kb, "Bread") == ["Fridge"]
+
+
+def test_what_was_told_is_among_the_facts_of_a_thing(kb: KnowledgeBase) -> None:
+    (before,) = kb.ask("what_is", individual="fridge_door")
+    kb.tell("fridge_door", "label", "the cold door")
+    (after,) = kb.ask("what_is", individual="fridge_door")
+    (fact,) = set(after.facts) - set(before.facts)
+    assert isinstance(fact.value, Literal)
+    assert fact.value.text == "the cold door"
+    kb.tell("knowrob:cup_of_joe", "type", "Cup")
+    kb.tell("cup_of_joe", "label", "Joe's")
+    (row,) = kb.ask("what_is", individual="cup_of_joe")
+    assert [cell_text(fact) for fact in row.facts] == ["label Joe's"]
+
+
+def test_telling_a_fact_leaves_the_worlds_and_the_index_as_they_are(kb: KnowledgeBase) -> None:
+    world, index, hierarchy = kb.world(), kb.index, kb.index.classes
+    kb.tell("fridge_door", "label", "the cold door")
+    assert kb.world() is world
+    assert kb.index is index
+    kb.tell("ms:MilkRack", "subClassOf", "Refrigerator")
+    assert kb.index is index
+    assert kb.index.classes is hierarchy
 
 
 def test_telling_twice_is_telling_once(kb: KnowledgeBase) -> None:

@@ -1,23 +1,33 @@
 """Answering: the side of a knowledge base that questions are put to.
 
-Nothing here is made before the first question comes, and everything is made anew when what is known has changed.
+Nothing here is made before the first question comes. What changes is looked at again, and nothing else is; answers are
+kept until then. Any thread may ask and tell: one takes its turn after the other.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from functools import cached_property
+from itertools import chain
+from threading import RLock
 from typing import TYPE_CHECKING, Any, TypeVar, overload
 
 import pyoxigraph as ox
 
 from mindstage.errors import ArgumentRefused
 from mindstage.knowledge.reasoning import Index, Namebook
-from mindstage.knowledge.teaching import Teachable, Teaching
-from mindstage.world import Body, Iri, World
+from mindstage.knowledge.reasoning.derivation import DERIVED, Derived, derived_quads
+from mindstage.knowledge.reasoning.expressions import node_name
+from mindstage.knowledge.reasoning.properties import node_of
+from mindstage.knowledge.remembering import Remembered
+from mindstage.knowledge.teaching import TOLD, Teachable, Teaching
+from mindstage.knowledge.vocabulary import DESCRIBED_IN_MAP, TYPE, xsd
+from mindstage.world import Body, Constraint, Fact, FactValue, Iri, Light, Literal, Reference, World
 
 if TYPE_CHECKING:
     from mindstage.knowledge.questions import Answers, Question, Row
-    from mindstage.knowledge.sparql import Table
+    from mindstage.knowledge.stores.sparql import Table
+    from mindstage.knowledge.stores.triplestore import TripleStore
 
 __all__ = ["Answering"]
 
@@ -27,7 +37,9 @@ R = TypeVar("R", bound="Row")
 class Answering:
     """Asked, taught and queried; `KnowledgeBase` is what it knows."""
 
-    _store: ox.Store
+    turn: RLock
+    """Held by whoever asks or tells, and by whoever takes several looks at the index that must fit together."""
+    _store: TripleStore
     _worlds: dict[Iri, World]
 
     if TYPE_CHECKING:
@@ -56,7 +68,18 @@ class Answering:
             NameUnknown: nothing has that name.
             NameAmbiguous: several things have it.
         """
-        return _question(question).ask(self, args)  # type: ignore[arg-type]
+        key = (question, *args.items())
+        remembered = self._remembered  # what is worked out while something changes goes where nobody looks any more
+        try:
+            if (known := remembered.get(key)) is not None:
+                return known
+        except TypeError:  # a list, say, which the question itself refuses
+            key = ()
+        asked = _question(question)
+        answers = asked.ask(self, args)  # type: ignore[arg-type]
+        if key and not asked.is_live:
+            remembered.keep(key, answers)
+        return answers
 
     def why(self, question: Question[R] | str, row: R) -> tuple[str, ...]:
         """The statements and classes that led to an answer, one a line; none where the answer is plainly told.
@@ -70,8 +93,10 @@ class Answering:
             raise ArgumentRefused(asked.name, cause=f"{type(row).__name__} is no answer to it")
         return asked.why(self, row)  # type: ignore[arg-type]
 
-    def tell(self, subject: str, property: str, value: Teachable) -> None:
+    def tell(self, subject: str, property: str, value: Teachable) -> bool:
         """Adds a statement; the next question knows it. What the worlds of maps hold stays as their files tell it.
+
+        Gives False where it was said already.
 
         Of a class it means all its members: `tell("Breadbasket", "typePrimaryFunction-containerFor", "Bread")`. A
         subject that nobody knows yet must be given with prefix or whole, and becomes a class by "subClassOf" and an
@@ -82,41 +107,74 @@ class Answering:
             NameAmbiguous: several things have it.
             ArgumentRefused: the three make no statement.
         """
-        Teaching(self._store, self.index, self.names).tell(subject, property, value)
-        self._changed()
+        with self.turn:
+            quads = Teaching(self._store, self.index, self.names).tell(subject, property, value)
+            self._heed(quads)
+        return bool(quads)
 
     def retract(self, subject: str, property: str, value: Teachable) -> bool:
         """Takes a statement back, whether it was told or read from a source; False where nobody said it.
 
-        What follows from other statements is not touched, and neither are files or the worlds read from them.
+        What follows from other statements is not touched, and neither are files or the worlds read from them. What
+        `derive` has added is dropped, since it may not follow any more.
 
         Raises:
             NameUnknown: nothing has one of the names.
             NameAmbiguous: several things have it.
             ArgumentRefused: the three make no statement.
         """
-        done = Teaching(self._store, self.index, self.names).retract(subject, property, value)
-        self._changed()
-        return done
+        with self.turn:
+            quads = Teaching(self._store, self.index, self.names).retract(subject, property, value)
+            self._heed(quads)
+            if quads:
+                self.forget_derived()
+        return bool(quads)
 
-    def sparql(self, query: str, *, timeout_s: float = 30.0) -> Table:
+    def derive(self) -> int:
+        """Adds all that follows from what is known by the rules of OWL 2 RL, and says how many statements that is.
+
+        Nobody needs it for the usual questions, which follow classes, parts and places themselves. It finds the rest:
+        things that are the same because a property has one value only, say, and what follows from that. What is told or
+        loaded later is not in it until somebody derives again, and a retraction drops it. The worlds of maps stay as
+        they are.
+
+        Raises:
+            ReasonerUnavailable: the extra "closure" is not installed.
+        """
+        with self.turn:
+            self.forget_derived()
+            quads = list(derived_quads(self._store.quads_for_pattern(None, None, None)))
+            self._store.extend(quads)
+            self._changed()
+        return len(quads)
+
+    def forget_derived(self) -> bool:
+        """Drops what was derived; False where nothing was."""
+        with self.turn:
+            if not Derived(self._store):
+                return False
+            self._store.remove_graph(DERIVED)
+            self._changed()
+        return True
+
+    def sparql(self, query: str, *, timeout_s: float = 30.0, allow_service: bool = False) -> Table:
         """Puts a SPARQL 1.1 query to the store: all sources are one graph, and each is one of its own besides.
 
-        The prefixes knowrob, ms, owl, rdf, rdfs, xsd, dul and soma are known. SERVICE reaches other servers, as the
-        query says; nothing else does.
+        The prefixes knowrob, ms, owl, rdf, rdfs, xsd, dul and soma are known. It runs in a process of its own, which
+        takes no more than 2 GiB and ends with its time. An endpoint gets the query as it is, and answers it alone.
 
         Args:
             query: SELECT, ASK, CONSTRUCT or DESCRIBE.
-            timeout_s: how long to wait [s]. A query that takes longer cannot be stopped: it goes on unseen, and uses a
-                processor, until it or the process ends.
+            timeout_s: how long it may take [s]; it is stopped then.
+            allow_service: whether it may ask other servers (SERVICE).
 
         Raises:
-            QueryRefused: it is no query.
+            QueryRefused: it is no query, asks for what it may not, or for more than can be had.
             QueryTimedOut: it did not end in time.
+            EndpointUnreachable: nobody answers at the endpoint.
+            EndpointRefused: the endpoint says no.
         """
-        from mindstage.knowledge.sparql import run_query
-
-        return run_query(self._store, query, timeout_s=timeout_s)
+        return self._store.query(query, timeout_s=timeout_s, allow_service=allow_service)
 
     # -- for the questions ---------------------------------------------------------------------------------------------
 
@@ -130,21 +188,57 @@ class Answering:
         """What things are called."""
         return Namebook(self._store, self.index)
 
-    def body_of(self, individual: Iri, map: Iri) -> Body | None:
-        """An individual's body in the world of a map, where it has one."""
-        if map not in self._bodies:
-            bodies = self.world(map).bodies if map in self.maps() else ()
-            self._bodies[map] = {body.iri: body for body in bodies}
-        return self._bodies[map].get(individual)
+    def facts_of(self, individual: Iri, *, told_only: bool = False) -> tuple[Fact, ...]:
+        """What the store says of an individual besides its classes and maps; only what was told at run time, if asked.
+
+        Things without a name are named by their labels in the store.
+        """
+        graph = TOLD if told_only else None
+        quads = self._store.quads_for_pattern(node_of(individual), None, None, graph)
+        quads = (quad for quad in quads if quad.graph_name != DERIVED)
+        told = (quad for quad in quads if quad.predicate.value not in {TYPE, DESCRIBED_IN_MAP})
+        facts = {Fact(Iri(quad.predicate.value), _value(quad.object)) for quad in told}
+        return tuple(sorted(facts, key=repr))
+
+    def placed(self, individual: Iri, map: Iri) -> Body | Constraint | Light | None:
+        """What an individual is in the world of a map, where it has a place there."""
+        if map not in self._placed:
+            world = self.world(map) if map in self.maps() else World(iri=map)
+            things: Iterable[Body | Constraint | Light] = chain(world.bodies, world.constraints, world.lights)
+            self._placed[map] = {each.iri: each for each in things}
+        return self._placed[map].get(individual)
 
     @cached_property
-    def _bodies(self) -> dict[Iri, dict[Iri, Body]]:
+    def _remembered(self) -> Remembered:
+        return Remembered()
+
+    @cached_property
+    def _placed(self) -> dict[Iri, dict[Iri, Body | Constraint | Light]]:
         return {}
 
-    def _changed(self) -> None:
-        """Forgets what followed from what was known before."""
+    def _heed(self, quads: Sequence[ox.Quad]) -> None:
+        """Looks again at what these statements are about, which were added or removed."""
+        nodes = (node for quad in quads for node in quad.triple)
+        self.names.learn(Iri(node.value) for node in nodes if isinstance(node, ox.NamedNode))
+        if self.index.reread(quads):  # the world of a map may have been read with other classes
+            self._worlds.clear()
+            self._forget("_placed", "_hierarchy")
+        self._forget("_remembered")
+
+    def _changed(self, graphs: Iterable[ox.NamedNode] | None = None) -> None:
+        """Forgets what followed from what was known before; what was asked about is looked at again.
+
+        Args:
+            graphs: all that was added; None where something else has changed.
+        """
+        if graphs is not None and "index" in self.__dict__:
+            names = [name for graph in graphs for name in self.index.read(graph)]
+            self.names.learn(names)
         self._worlds.clear()
-        for name in ("index", "names", "_bodies", "_hierarchy"):
+        self._forget("_placed", "_hierarchy", *(() if graphs is not None else ("index", "names")), "_remembered")
+
+    def _forget(self, *names: str) -> None:
+        for name in names:
             self.__dict__.pop(name, None)
 
 
@@ -152,3 +246,10 @@ def _question(question: Question[R] | str) -> Question[Any]:
     from mindstage.knowledge.questions import question_named
 
     return question_named(question) if isinstance(question, str) else question
+
+
+def _value(node: object) -> FactValue:
+    if isinstance(node, ox.Literal):
+        datatype = None if node.language or node.datatype.value == xsd("string") else Iri(node.datatype.value)
+        return Literal(node.value, datatype, node.language)
+    return Reference(node_name(node) or Iri(str(node)))

@@ -3,32 +3,34 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from functools import cached_property
 from pathlib import Path
+from threading import RLock
+from typing import Self
 
 import pyoxigraph as ox
 
-from mindstage.errors import MapAmbiguous, MapMissing, SourceUnreadable
-from mindstage.knowledge import bundled
+from mindstage.errors import ArgumentRefused, MapAmbiguous, MapMissing
 from mindstage.knowledge.analysis import Analysis, analyse
 from mindstage.knowledge.answering import Answering
-from mindstage.knowledge.census import Census, census_of, without_strangers
-from mindstage.knowledge.dialects import read_world
-from mindstage.knowledge.excerpt import Excerpt
 from mindstage.knowledge.findings import Finding, Severity
-from mindstage.knowledge.graph import Graph, graph_of, united
 from mindstage.knowledge.hierarchy import ClassHierarchy
-from mindstage.knowledge.loading import Loading, Source
 from mindstage.knowledge.names import local_name
-from mindstage.knowledge.nesting import nested
-from mindstage.knowledge.packages import Packages
+from mindstage.knowledge.reading.assumptions import Assumption
+from mindstage.knowledge.reading.census import census_of, without_strangers
+from mindstage.knowledge.reading.conventions import Conventions
+from mindstage.knowledge.reading.dialects import read_world
+from mindstage.knowledge.reading.excerpt import Excerpt
+from mindstage.knowledge.reading.origin import Origin
+from mindstage.knowledge.sources.library import Library, StrPath
+from mindstage.knowledge.stores.endpoint import Endpoint
+from mindstage.knowledge.stores.triplestore import TripleStore
 from mindstage.knowledge.vocabulary import EQUIVALENT_CLASS, SUBCLASS_OF
+from mindstage.knowledge.wording.nesting import nested
 from mindstage.world import Iri, World
 
 __all__ = ["KnowledgeBase"]
-
-StrPath = str | os.PathLike[str]
 
 
 class KnowledgeBase(Answering):
@@ -40,43 +42,88 @@ class KnowledgeBase(Answering):
     >>> world = knowledge.world()
     """
 
-    def __init__(self, *, bundled_ontology: bool = True) -> None:
-        """Makes a knowledge base that knows nothing but, unless told otherwise, the bundled household ontology."""
-        self._store = ox.Store()
-        self._packages = Packages()
-        self._sources: dict[Path, Source] = {}
-        self._findings: dict[Finding, None] = {}
-        self._told: dict[Path, tuple[Graph, Census]] = {}
-        self._labels: set[str] = set()
-        self._worlds: dict[Iri, World] = {}
-        if bundled_ontology:
-            self.load((), ontologies=bundled.bundled_ontology())
+    def __init__(
+        self, *, bundled_ontology: bool = True, store: StrPath | None = None, endpoint: Endpoint | str | None = None
+    ) -> None:
+        """Makes a knowledge base that knows nothing but, unless told otherwise, the bundled household ontology.
 
-    def load(self, paths: StrPath | Iterable[StrPath], *, ontologies: StrPath | Iterable[StrPath] = ()) -> None:
+        Args:
+            bundled_ontology: whether it knows that; a folder keeps what it was made with.
+            store: a folder that keeps all that is loaded and told, and has it again when it is opened the next time.
+                A source that has changed since is then read anew, and a finding says so.
+            endpoint: a SPARQL server, with whose statements those loaded here are joined. What is told goes there.
+
+        Raises:
+            StoreUnusable: the folder cannot be used, for the reason it gives.
+            ArgumentRefused: the endpoint's address is none, or both were given.
+        """
+        if store is not None and endpoint is not None:
+            cause = "it is kept in a folder or at an endpoint, not in both"
+            raise ArgumentRefused("a knowledge base", cause=cause, remedy="give one of them")
+        self.turn = RLock()
+        self._library = Library(folder=store, endpoint=Endpoint(endpoint) if isinstance(endpoint, str) else endpoint)
+        self._store = self._library.store
+        self._worlds: dict[Iri, World] = {}
+        self._assumptions: dict[tuple[Iri, str], Assumption] = {}
+        try:
+            self._library.open(bundled=bundled_ontology)
+        except BaseException:
+            self.close()
+            raise
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Lets go of the folder, which others may then open, and of processes; any number of times."""
+        self._library.close()
+
+    def load(
+        self,
+        paths: StrPath | Iterable[StrPath],
+        *,
+        ontologies: StrPath | Iterable[StrPath] = (),
+        conventions: Conventions = Conventions(),  # noqa: B008 - it is frozen
+        robots: StrPath | Iterable[StrPath] = (),
+        follow_imports: bool = True,
+    ) -> None:
         """Reads files and all that they import, transitively and each once.
 
         An import that is not there, or cannot be read, is a finding; the rest is loaded. Nothing is ever fetched.
 
         Args:
-            paths: a map or several; more may follow later, and they stay apart.
+            paths: a map or several, or robots' descriptions (URDF, xacro); more may follow later, and they stay apart.
             ontologies: files, `package://NAME/rest`, or folders of ROS packages that such names are looked up in.
+            conventions: units, frame and order of quaternions of these maps; what is None in it is decided by what the
+                maps hold, and told as one of the `assumptions`.
+            robots: descriptions that hold the places and joints of these maps, where those only name links.
+            follow_imports: False for what a stranger wrote: then no other file is read, whatever it imports.
 
         Raises:
             SourceUnreadable: one of the files cannot be read, for the reason it gives; nothing has changed then.
+            StoreUnusable: the folder can only be read.
         """
-        entries = _listed(ontologies)
-        folders = [Path(entry) for entry in entries if not entry.startswith("package:") and Path(entry).is_dir()]
-        packages = Packages([*self._packages.folders, *folders])
-        files = [_found(entry, packages) for entry in entries if Path(entry) not in folders]
-        loading = Loading(self._store, packages, dict(self._sources))
-        loading.run([_found(path, packages) for path in _listed(paths)], files)
-        self._packages, self._sources = packages, loading.sources
-        self._findings.update(dict.fromkeys(loading.findings))
-        self._changed()
+        with self.turn:
+            read = self._library.load(
+                _listed(paths), _listed(ontologies), conventions, _listed(robots), follow_imports=follow_imports
+            )
+            self._changed(read)
+
+    @property
+    def store(self) -> TripleStore:
+        """Where its statements are kept."""
+        return self._store
+
+    def sources(self) -> tuple[Path, ...]:
+        """The files that are loaded, imported ones among them."""
+        return tuple(self._library.sources)
 
     def maps(self) -> tuple[Iri, ...]:
         """The maps that are loaded, in the order of their sources."""
-        found = (map for source in self._map_sources() for map in self._tells(source)[1])
+        found = (map for source in self._library.of_maps() for map in self._library.maps_in(source))
         return tuple(dict.fromkeys(found))
 
     def world(self, map: str | None = None) -> World:
@@ -89,20 +136,25 @@ class KnowledgeBase(Answering):
             MapMissing: there is none, or none of that name.
             MapAmbiguous: nobody said which one of several, or several have that local name.
         """
-        iri = self._chosen(map)
-        if iri not in self._worlds:
-            graph, census = self._told_of(iri)
-            self._worlds[iri] = read_world(
-                Excerpt(
-                    map=iri,
-                    graph=nested(without_strangers(graph, iri, census)),
-                    members=census[iri],
-                    background=[nested(self._tells(source)[0]) for source in self._background()],
-                    hierarchy=self._hierarchy,
-                    report=self._report,
-                )
-            )
-        return self._worlds[iri]
+        with self.turn:
+            iri = self._chosen(map)
+            if iri not in self._worlds:
+                self._worlds[iri] = read_world(self._excerpt(iri))
+            return self._worlds[iri]
+
+    def origin(self, map: str | None = None) -> Origin:
+        """What the sources tell of one map, before anybody makes a world of it.
+
+        Raises:
+            MapMissing: there is none, or none of that name.
+            MapAmbiguous: nobody said which one of several, or several have that local name.
+        """
+        with self.turn:
+            return Origin(self._excerpt(self._chosen(map)))
+
+    def find_file(self, name: str) -> Path | None:
+        """The file that the name of a mesh stands for (`package://…`, or a path beside its map), if it is at hand."""
+        return self._library.find(name)
 
     def analyse(self, map: str | None = None) -> Analysis:
         """One map in numbers.
@@ -111,13 +163,18 @@ class KnowledgeBase(Answering):
             MapMissing: there is none, or none of that name.
             MapAmbiguous: nobody said which one of several, or several have that local name.
         """
-        iri = self._chosen(map)
-        graph, census = self._told_of(iri)
-        return analyse(iri, graph, census[iri], self._hierarchy)
+        with self.turn:
+            iri = self._chosen(map)
+            graph, census = self._library.told_of(iri)
+            return analyse(iri, graph, census[iri], self._hierarchy)
 
     def findings(self) -> tuple[Finding, ...]:
         """What was odd in the sources so far; loading and reading worlds adds to it."""
-        return tuple(self._findings)
+        return tuple(self._library.findings)
+
+    def assumptions(self) -> tuple[Assumption, ...]:
+        """What had to be decided about the maps whose worlds were read so far, with the evidence."""
+        return (*self._library.assumptions, *self._assumptions.values())
 
     # -- classes -------------------------------------------------------------------------------------------------------
 
@@ -147,9 +204,6 @@ class KnowledgeBase(Answering):
 
     # -- maps ----------------------------------------------------------------------------------------------------------
 
-    def _map_sources(self) -> list[Source]:
-        return [source for source in self._sources.values() if source.asked_for or source.has_maps()]
-
     def _chosen(self, wanted: str | None) -> Iri:
         maps = self.maps()
         named = [map for map in maps if wanted is None or wanted == map]
@@ -158,51 +212,37 @@ class KnowledgeBase(Answering):
             return named[0]
         if named:
             raise MapAmbiguous(named)
-        files = ", ".join(str(path) for path, source in self._sources.items() if source.asked_for)
+        files = ", ".join(source.name for source in self._library.all() if source.asked_for)
         raise MapMissing(wanted=wanted if wanted and maps else files, known=maps)
 
-    def _told_of(self, map: Iri) -> tuple[Graph, Census]:
-        """What the sources of a map say: those that tell of it, and those given as maps that tell of none at all."""
-        told = [self._tells(source) for source in self._map_sources()]
-        told = [(graph, census) for graph, census in told if map in census or not census]
-        if len(told) == 1:
-            return told[0]
-        graph = united([graph for graph, _ in told])
-        return graph, census_of(graph)
+    def _excerpt(self, map: Iri) -> Excerpt:
+        graph, census = self._library.told_of(map)
+        graph = nested(without_strangers(graph, map, census))
+        # Nesting gives other labels to what has no name, individuals of the map among it.
+        members = census[map] if graph.keys() >= set(census[map]) else census_of(graph).get(map, ())
+        return Excerpt(
+            map=map,
+            graph=graph,
+            members=members,
+            background=[nested(self._library.tells(source)[0]) for source in self._library.of_sizes()],
+            hierarchy=self._hierarchy,
+            report=self._report,
+            keep_assumption=self._keep_assumption,
+            conventions=self._conventions_of(map),
+        )
 
-    def _tells(self, source: Source) -> tuple[Graph, Census]:
-        """What a source says, exactly; only those that worlds are made from are ever read in this way."""
-        path = source.file.path
-        if path not in self._told:
-            quads = ox.parse(source.file.data, source.file.format, base_iri=source.file.iri)
-            try:
-                graph = graph_of(quads, self._labels)
-            except ValueError as error:
-                raise SourceUnreadable(str(path), cause=str(error)) from error
-            self._told[path] = graph, census_of(graph)
-        return self._told[path]
+    def _conventions_of(self, map: Iri) -> Conventions:
+        """What the user said about the sources that tell of a map."""
+        library = self._library
+        told = (library.conventions.get(source.path) for source in library.of_maps() if map in library.maps_in(source))
+        return next((each for each in told if each), Conventions())
 
-    def _background(self) -> Iterator[Source]:
-        """Ontologies that tell sizes; the sources of maps speak for themselves."""
-        maps = self._map_sources()
-        return (source for source in self._sources.values() if source.has_sizes() and source not in maps)
+    def _keep_assumption(self, assumption: Assumption) -> None:
+        self._assumptions[assumption.map, assumption.about] = assumption
 
     def _report(self, severity: Severity, individual: str, property: str, what: str, did: str) -> None:
-        self._findings[Finding(severity, individual, property, what, did)] = None
+        self._library.findings[Finding(severity, individual, property, what, did)] = None
 
 
 def _listed(paths: StrPath | Iterable[StrPath]) -> list[str]:
     return [os.fspath(path) for path in ([paths] if isinstance(paths, str | os.PathLike) else paths)]
-
-
-def _found(entry: str, packages: Packages) -> Path:
-    if not entry.startswith("package:"):
-        return Path(entry)
-    try:
-        path = packages.find(entry)
-    except ValueError as error:
-        raise SourceUnreadable(entry, cause=str(error)) from error
-    if path is None:
-        folders = ", ".join(map(str, packages.folders)) or "none; give one as an ontology"
-        raise SourceUnreadable(entry, cause=f"no folder of packages has it; searched: {folders}")
-    return path

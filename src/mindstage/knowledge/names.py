@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Container, Iterable, Mapping
+from collections.abc import Container, Iterable, Iterator, Mapping
 from itertools import count
 
 from mindstage.world import BodyId, Iri
@@ -33,10 +33,12 @@ def ids_for(explicit: Mapping[Iri, str], iris: Iterable[Iri]) -> dict[Iri, BodyI
     """
     ids = {iri: BodyId(id) for iri, id in explicit.items()}
     taken = set(explicit.values())
+    numbers: dict[str, Iterator[int]] = {}
     for iri in iris:
-        name = local_name(iri)
-        free = (candidate for number in count(2) if (candidate := f"{name}-{number}") not in taken)
-        id = name if name not in taken else next(free)
+        id = name = local_name(iri)
+        if name in taken:
+            further = numbers.setdefault(name, count(2))
+            id = next(candidate for number in further if (candidate := f"{name}-{number}") not in taken)
         taken.add(id)
         ids[iri] = BodyId(id)
     return ids

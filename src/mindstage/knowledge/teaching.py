@@ -13,8 +13,10 @@ import pyoxigraph as ox
 from mindstage.errors import ArgumentRefused, NameUnknown
 from mindstage.knowledge.names import local_name
 from mindstage.knowledge.reasoning import Index, Kind, Namebook, NameKind, Restriction, Value
+from mindstage.knowledge.reasoning.derivation import DERIVED
 from mindstage.knowledge.reasoning.expressions import ExpressionReader
 from mindstage.knowledge.reasoning.namebook import spelt_out
+from mindstage.knowledge.stores.triplestore import TripleStore
 from mindstage.knowledge.vocabulary import (
     HAS_VALUE,
     NAMED_INDIVIDUAL,
@@ -27,12 +29,13 @@ from mindstage.knowledge.vocabulary import (
 )
 from mindstage.world import Iri
 
-__all__ = ["Teachable", "Teaching"]
+__all__ = ["TOLD", "Teachable", "Teaching"]
 
 Teachable = str | bool | int | float
 """A name where the property leads to things, else a value."""
 
-_TOLD = ox.NamedNode("http://mindstage.org/told")
+TOLD = ox.NamedNode("http://mindstage.org/told")
+"""The graph of what was told at run time."""
 _SOME = Iri(OWL + "someValuesFrom")
 _TO_CLASSES = (SUBCLASS_OF, TYPE, Iri(OWL + "equivalentClass"), Iri(OWL + "disjointWith"))
 _TEXTS = (Iri(RDFS + "label"), Iri(RDFS + "comment"))
@@ -42,12 +45,12 @@ _TEXTS = (Iri(RDFS + "label"), Iri(RDFS + "comment"))
 class Teaching:
     """One store, and what its names mean now."""
 
-    store: ox.Store
+    store: TripleStore
     index: Index
     names: Namebook
 
-    def tell(self, subject: str, property: str, value: Teachable) -> None:
-        """Adds a statement.
+    def tell(self, subject: str, property: str, value: Teachable) -> list[ox.Quad]:
+        """Adds a statement; gives all that was added for it, which is nothing where it was said already.
 
         Of a class it means all its members: `tell("Breadbasket", "typePrimaryFunction-containerFor", "Bread")`. A
         subject that nobody knows yet must be given with prefix or whole, and becomes a class by "subClassOf" and an
@@ -59,24 +62,28 @@ class Teaching:
             ArgumentRefused: the three make no statement.
         """
         about, is_class, link, object = self._understood(subject, property, value)
+        told = []
         if is_class is None:
-            self._add(about, TYPE, ox.NamedNode(OWL_CLASS if link == SUBCLASS_OF else NAMED_INDIVIDUAL))
+            told.append(_quad(about, TYPE, ox.NamedNode(OWL_CLASS if link == SUBCLASS_OF else NAMED_INDIVIDUAL)))
         if not is_class or link in {*_TO_CLASSES, *_TEXTS}:
-            self._add(about, link, object)
+            told.append(_quad(about, link, object))
         elif not self._restrictions(about, link, object):
             node = ox.BlankNode()
             filler = _SOME if isinstance(object, ox.NamedNode) and self._is_class(object) else HAS_VALUE
-            self.store.extend(
-                [
-                    ox.Quad(node, ox.NamedNode(TYPE), ox.NamedNode(OWL + "Restriction"), _TOLD),
-                    ox.Quad(node, ox.NamedNode(ON_PROPERTY), ox.NamedNode(link), _TOLD),
-                    ox.Quad(node, ox.NamedNode(filler), object, _TOLD),
-                    ox.Quad(ox.NamedNode(about), ox.NamedNode(SUBCLASS_OF), node, _TOLD),
-                ]
-            )
+            told += [
+                _quad(node, TYPE, ox.NamedNode(OWL + "Restriction")),
+                _quad(node, ON_PROPERTY, ox.NamedNode(link)),
+                _quad(node, filler, object),
+                _quad(about, SUBCLASS_OF, node),
+            ]
+        told = [quad for quad in told if not self._is_told(quad)]
+        self.store.extend(told)
+        return told
 
-    def retract(self, subject: str, property: str, value: Teachable) -> bool:
-        """Takes a statement back, whoever said it; False where nobody did. What follows from others is not touched.
+    def retract(self, subject: str, property: str, value: Teachable) -> list[ox.Quad]:
+        """Takes a statement back, whoever said it; gives all that was removed for it, which may be nothing.
+
+        What follows from other statements is not touched.
 
         Raises:
             NameUnknown: nothing has one of the names.
@@ -91,7 +98,7 @@ class Teaching:
             quads = [quad for quad in told if _same(quad.object, object)]
         for quad in quads:
             self.store.remove(quad)
-        return bool(quads)
+        return quads
 
     def _understood(
         self, subject: str, property: str, value: Teachable
@@ -122,7 +129,7 @@ class Teaching:
 
     def _restrictions(self, cls: Iri, link: Iri, object: ox.NamedNode | ox.Literal) -> list[ox.Quad]:
         """The statements that say just that of a class."""
-        reader = ExpressionReader(self.store)
+        reader = self.index.axioms.reader
         meant = reader.read(object)
         told = []
         for quad in self.store.quads_for_pattern(ox.NamedNode(cls), ox.NamedNode(SUBCLASS_OF), None):
@@ -132,6 +139,10 @@ class Teaching:
                     if property == link and (filler == meant or same_value):
                         told.append(quad)
         return told
+
+    def _is_told(self, quad: ox.Quad) -> bool:
+        told = self.store.quads_for_pattern(quad.subject, quad.predicate, quad.object)
+        return any(each.graph_name != DERIVED for each in told)
 
     def _is_class(self, node: ox.NamedNode) -> bool:
         try:
@@ -143,13 +154,14 @@ class Teaching:
         types = self.store.quads_for_pattern(ox.NamedNode(link), ox.NamedNode(TYPE), None)
         return any(quad.object == ox.NamedNode(OWL + kind) for quad in types)
 
-    def _add(self, subject: Iri, link: Iri, object: ox.NamedNode | ox.Literal) -> None:
-        self.store.add(ox.Quad(ox.NamedNode(subject), ox.NamedNode(link), object, _TOLD))
+
+def _quad(subject: Iri | ox.BlankNode, link: Iri, object: ox.NamedNode | ox.BlankNode | ox.Literal) -> ox.Quad:
+    return ox.Quad(ox.NamedNode(subject) if isinstance(subject, str) else subject, ox.NamedNode(link), object, TOLD)
 
 
 def _same(told: object, meant: ox.NamedNode | ox.Literal) -> bool:
     """Whether two values are the same, in whatever type a number or a language a text was told."""
-    reader = ExpressionReader(ox.Store())
+    reader = ExpressionReader()
     one, other = reader.read(told), reader.read(meant)
     return one == other or (isinstance(one, Value) and isinstance(other, Value) and _equal(one, other))
 

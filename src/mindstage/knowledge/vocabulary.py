@@ -9,9 +9,17 @@
 | `ms:shape` | body | `box`, `sphere` or `cylinder` |
 | `ms:material` | body | a surface: a node with `ms:index` (from 0), `ms:name`, `ms:path`, `ms:colour` "r g b" |
 | `ms:tags` | all three | tags that `tagsData` has no writing for, as a JSON array of [type, key, value] |
+| `ms:xMiddle`, `ms:yMiddle`, `ms:zMiddle` | linear part | the middle of its range, if not the spawn pose [m] |
+| `ms:twistMiddle`, `ms:swing1Middle`, `ms:swing2Middle` | angular part | the same [rad] |
 | `ms:disableCollision` | constraint | whether its two bodies ignore each other; not told where the world does not say |
 | `ms:PointLight`, `ms:SpotLight`, `ms:DirectionalLight` | light | its class |
 | `ms:colour`, `ms:intensity` | light | "r g b" (0 to 1), and candela or lux |
+| `ms:units` | map | what its lengths are counted in: `m`, `cm` or `mm` |
+| `ms:frame`, `ms:quaternionOrder` | map | which way its axes point, `ros` or `unreal`; `wxyz` or `xyzw` |
+| `ms:given…` | all | what a map said under the name after `given`, where now something else stands in its place |
+| `ms:dialect` | map | that we have written it in other words than dialect 1's: `SOMA`, or `same` for its own |
+| `ms:restates` | node | that it says in those words what dialect 1 says by the property named |
+| `ms:urdf` | body, constraint, map | the text of the element of a robot's description that it was read from |
 | `ms:untold` | all three | names a property whose statements here are facts only and give no field its value |
 
 A label is `rdfs:label`, and so is the name of a map where it is not the local name of the map's IRI.
@@ -27,16 +35,20 @@ __all__ = [
     "CONSTRAINT",
     "DATATYPE_PROPERTY",
     "DESCRIBED_IN_MAP",
+    "DIALECT",
     "EQUIVALENT_CLASS",
+    "FRAME",
     "HAS_ANGULAR",
     "HAS_LINEAR",
     "HAS_POSE",
     "HAS_VALUE",
     "IMPORTS",
+    "JOINT_CLASSES",
     "KNOWROB",
     "LABEL",
     "LIGHT_CLASSES",
     "LINEAR_CONSTRAINT",
+    "LINEAR_JOINT",
     "MATERIAL",
     "MS",
     "NAMED_INDIVIDUAL",
@@ -47,15 +59,20 @@ __all__ = [
     "OWL_CLASS",
     "PARENT",
     "POSE",
+    "QUATERNION_ORDER",
     "RDF",
     "RDFS",
+    "RESTATES",
+    "REVOLUTE_JOINT",
     "SEMANTIC_MAP",
     "SUBCLASS_OF",
     "TAGS_DATA",
     "TAGS_JSON",
     "THING",
     "TYPE",
+    "UNITS",
     "UNTOLD",
+    "URDF_TEXT",
     "VERSION_IRI",
     "XSD",
     "knowrob",
@@ -113,10 +130,20 @@ HAS_ANGULAR = knowrob("angularConstraint")
 PARENT = knowrob("parent")
 CHILD = knowrob("child")
 TAGS_DATA = knowrob("tagsData")
+LINEAR_JOINT = knowrob("LinearJoint")
+REVOLUTE_JOINT = knowrob("RevoluteJoint")
+JOINT_CLASSES = frozenset({LINEAR_JOINT, REVOLUTE_JOINT})
+"""AMEVA's."""
 
 TAGS_JSON = ms("tags")
 MATERIAL = ms("material")
+UNITS = ms("units")
+FRAME = ms("frame")
+QUATERNION_ORDER = ms("quaternionOrder")
+DIALECT = ms("dialect")
+RESTATES = ms("restates")
 UNTOLD = ms("untold")
+URDF_TEXT = ms("urdf")
 LIGHT_CLASSES = {
     LightKind.POINT: ms("PointLight"),
     LightKind.SPOT: ms("SpotLight"),

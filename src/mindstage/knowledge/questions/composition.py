@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 from mindstage.knowledge.names import local_name
 from mindstage.knowledge.questions.question import IndividualName, MapName, Missing, Row, question
-from mindstage.knowledge.questions.words import member_lines, statement_line
-from mindstage.knowledge.reasoning import Part
-from mindstage.knowledge.vocabulary import CHILD, CONSTRAINT, knowrob
+from mindstage.knowledge.questions.words import member_lines, not_described, statement_line, thing_text
+from mindstage.knowledge.reasoning import Index, Part
+from mindstage.knowledge.vocabulary import CHILD, CONSTRAINT, THING, TYPE, knowrob
 from mindstage.world import Iri
 
 if TYPE_CHECKING:
@@ -68,15 +68,21 @@ def _chain(kb: KnowledgeBase, row: PartOf) -> Iterator[str]:
 def _no_parts(
     kb: KnowledgeBase, part: Iri | None = None, whole: Iri | None = None, map: Iri | None = None
 ) -> Iterator[Missing]:
-    if (thing := whole or part) and (cls := kb.index.class_of(thing)):
-        other = "part" if whole else "whole"
-        why = f"{local_name(thing)} has no such {other}: neither child, parent nor a property of parts leads there"
-        yield Missing(cls, CHILD, why)
+    if thing := whole or part:
+        if map and map not in kb.index.maps_of.get(thing, ()):
+            yield from not_described(kb.index, thing, map)
+            return
+        what = (
+            f"no part of {local_name(whole)}" if part and whole else "a part of nothing" if part else "made of nothing"
+        )
+        why = f"{local_name(part or thing)} is {what}: neither child, parent nor a property of parts leads there"
+        yield Missing(kb.index.class_of(thing) or THING, CHILD, why)
 
 
 class HandleOf(Row, frozen=True, kw_only=True):
     """A handle of a thing."""
 
+    about: ClassVar[str] = "handle"
     individual: IndividualName
     handle: IndividualName
     map: MapName
@@ -99,12 +105,9 @@ def handle_of(
     """
     index = kb.index
     if individual is not None:
-        if index.is_member(individual, CONSTRAINT):
-            return
-        for down in index.parts(individual, through_joints=True):
-            if index.is_member(down.thing, _HANDLE):
-                for place in index.maps_of.get(individual, ()):
-                    yield HandleOf(individual=individual, handle=down.thing, map=place)
+        for found in _handles(index, individual):
+            for place in index.maps_of.get(individual, ()):
+                yield HandleOf(individual=individual, handle=found, map=place)
         return
     for each in index.members(_HANDLE) if handle is None else (handle,):
         if index.is_member(each, _HANDLE):
@@ -112,6 +115,11 @@ def handle_of(
                 places = () if index.is_member(up.thing, CONSTRAINT) else index.maps_of.get(up.thing, ())
                 for place in places:
                     yield HandleOf(individual=up.thing, handle=each, map=place)
+
+
+def _handles(index: Index, individual: Iri) -> Iterator[Iri]:
+    parts = () if index.is_member(individual, CONSTRAINT) else index.parts(individual, through_joints=True)
+    return (down.thing for down in parts if index.is_member(down.thing, _HANDLE))
 
 
 @handle_of.because
@@ -124,10 +132,18 @@ def _why_handle(kb: KnowledgeBase, row: HandleOf) -> Iterator[str]:
 def _no_handle(
     kb: KnowledgeBase, individual: Iri | None = None, handle: Iri | None = None, map: Iri | None = None
 ) -> Iterator[Missing]:
-    if individual and (cls := kb.index.class_of(individual)):
-        yield Missing(
-            cls, CHILD, f"{local_name(individual)} ({local_name(cls)}) has no handle: none of its parts is a Handle"
-        )
+    index = kb.index
+    if handle and not index.is_member(handle, _HANDLE):
+        yield Missing(index.class_of(handle) or THING, TYPE, f"{thing_text(index, handle)} is no Handle")
+    elif individual and map and map not in index.maps_of.get(individual, ()):
+        yield from not_described(index, individual, map)
+    elif individual is not None:
+        others = ", ".join(local_name(each) for each in _handles(index, individual))
+        lacks = f"has another handle, {others}" if others else "has no handle: none of its parts is a Handle"
+        yield Missing(index.class_of(individual) or THING, CHILD, f"{thing_text(index, individual)} {lacks}")
+    elif handle:
+        why = f"{thing_text(index, handle)} is the handle of nothing: it is a part of nothing"
+        yield Missing(index.class_of(handle) or THING, CHILD, why)
 
 
 def _chain_lines(parts: Iterator[Part], part: Iri) -> Iterator[str]:

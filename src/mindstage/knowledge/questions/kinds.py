@@ -5,8 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from mindstage.knowledge.questions.question import ClassName, PropertyName, Row, question
+from mindstage.knowledge.names import local_name
+from mindstage.knowledge.questions.question import ClassName, Missing, PropertyName, Row, ValueName, question
 from mindstage.knowledge.questions.words import expression_text, implies_line, is_line, restriction_line
+from mindstage.knowledge.reasoning import Expression, Named
+from mindstage.knowledge.vocabulary import SUBCLASS_OF, THING
 from mindstage.world import Iri
 
 if TYPE_CHECKING:
@@ -51,6 +54,16 @@ def _path(kb: KnowledgeBase, row: Subclass) -> Iterator[str]:
     yield from is_line(kb.index.classes.path(row.cls, row.superclass))
 
 
+@subclass_of.lacking
+def _no_relation(kb: KnowledgeBase, cls: Iri | None = None, superclass: Iri | None = None) -> Iterator[Missing]:
+    if cls and superclass:
+        above = ", ".join(local_name(each) for each in kb.index.classes.parents(cls)) or "nothing else"
+        yield Missing(cls, SUBCLASS_OF, f"{local_name(cls)} is no {local_name(superclass)}: it is {above}")
+    elif thing := cls or superclass:
+        where = "above" if cls else "below"
+        yield Missing(thing, SUBCLASS_OF, f"{local_name(thing)} has no class {where} it: no subClassOf says so")
+
+
 class Sibling(Row, frozen=True, kw_only=True):
     """Two classes directly below a third one."""
 
@@ -82,6 +95,14 @@ def _parent(kb: KnowledgeBase, row: Sibling) -> Iterator[str]:
     yield from is_line((row.sibling, row.parent))
 
 
+@siblings.lacking
+def _no_siblings(kb: KnowledgeBase, cls: Iri | None = None, sibling: Iri | None = None) -> Iterator[Missing]:
+    if thing := cls or sibling:
+        parents = ", ".join(local_name(each) for each in sorted(kb.index.classes.parents(thing)))
+        why = f"no such class is directly below {parents} too" if parents else "no subClassOf says what it is"
+        yield Missing(thing, SUBCLASS_OF, f"{local_name(thing)} has no such sibling: {why}")
+
+
 class ClassProperty(Row, frozen=True, kw_only=True):
     """What a class says of all its members."""
 
@@ -90,15 +111,18 @@ class ClassProperty(Row, frozen=True, kw_only=True):
     kind: str
     """OWL's word: someValuesFrom, allValuesFrom, hasValue, a cardinality."""
     count: int | None
-    value: str
-    """A class, value or expression, in short names."""
+    value: ValueName
+    """A class or an individual; a literal or an expression as text, in short names."""
     told_by: ClassName
     """The class that it is inherited from, or itself."""
 
 
 @question
 def class_properties(
-    kb: KnowledgeBase, cls: ClassName | None = None, property: PropertyName | None = None
+    kb: KnowledgeBase,
+    cls: ClassName | None = None,
+    property: PropertyName | None = None,
+    value: ValueName | None = None,
 ) -> Iterator[ClassProperty]:
     """The properties of a class, and which class above it says so; the nearest first.
 
@@ -107,13 +131,10 @@ def class_properties(
     Examples:
         class_properties Refrigerator
         class_properties Dishwasher typePrimaryFunction-containerFor
+        class_properties property=typePrimaryFunction-containerFor value=Perishable
     """
-    index = kb.index
-    owners: dict[Iri, None] = dict.fromkeys([cls] if cls else ())
-    if cls is None:
-        owners = dict.fromkeys(sorted({below for owner in index.restricting() for below in index.classes.below(owner)}))
-    for each in owners:
-        for owned in index.restrictions(each):
+    for each in _owners(kb, value) if cls is None else (cls,):
+        for owned in kb.index.restrictions(each):
             told = owned.restriction
             if property is None or property in kb.index.properties.implied(told.property):
                 yield ClassProperty(
@@ -121,20 +142,43 @@ def class_properties(
                     property=property or told.property,
                     kind=told.kind.value,
                     count=told.count,
-                    value=expression_text(told.filler),
+                    value=_value_text(told.filler),
                     told_by=owned.cls,
                 )
+
+
+def _owners(kb: KnowledgeBase, value: str | None) -> Iterator[Iri]:
+    """The classes that say something, with this value, or inherit it."""
+    axioms, classes = kb.index.axioms, kb.index.classes
+    telling = (
+        owner
+        for owner in axioms.restricting()
+        if value is None or any(_value_text(told.filler) == value for told in axioms.own(owner))
+    )
+    yield from sorted({below for owner in telling for below in classes.below(owner)})
+
+
+def _value_text(filler: Expression | None) -> str:
+    return filler.iri if isinstance(filler, Named) else expression_text(filler)
 
 
 @class_properties.because
 def _inherited(kb: KnowledgeBase, row: ClassProperty) -> Iterator[str]:
     yield from is_line(kb.index.classes.path(row.cls, row.told_by))
-    for owned in kb.index.restrictions(row.told_by):
-        told = owned.restriction
-        if (
-            owned.cls == row.told_by
-            and (told.kind.value, told.count, expression_text(told.filler)) == (row.kind, row.count, row.value)
-            and row.property in kb.index.properties.implied(told.property)
-        ):
-            yield restriction_line(owned.cls, told)
-            yield from implies_line(kb.index.properties.path(told.property, row.property))
+    for told in kb.index.axioms.own(row.told_by):
+        if (told.kind.value, told.count, _value_text(told.filler)) == (row.kind, row.count, row.value):
+            path = kb.index.properties.path(told.property, row.property)
+            if path:
+                yield restriction_line(row.told_by, told)
+                yield from implies_line(path)
+
+
+@class_properties.lacking
+def _no_property(
+    kb: KnowledgeBase, cls: Iri | None = None, property: Iri | None = None, value: str | None = None
+) -> Iterator[Missing]:
+    who = f"neither {local_name(cls)} nor an ancestor of it" if cls else "no class"
+    what = "anything of its members"
+    if property or value:
+        what = f"{local_name(property) if property else '…'} {local_name(value) if value else '…'}"
+    yield Missing(cls or THING, property or SUBCLASS_OF, f"{who} says {what}")

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from operator import itemgetter
 from typing import TYPE_CHECKING
 
-from mindstage.knowledge.questions.question import ClassName, IndividualName, MapName, Row, question
-from mindstage.knowledge.questions.words import member_lines, statement_line
+from mindstage.knowledge.names import local_name
+from mindstage.knowledge.questions.question import ClassName, IndividualName, MapName, Missing, Row, question
+from mindstage.knowledge.questions.words import member_lines, not_described, not_here, statement_line
 from mindstage.knowledge.reasoning import Statement
-from mindstage.knowledge.vocabulary import DESCRIBED_IN_MAP
+from mindstage.knowledge.vocabulary import DESCRIBED_IN_MAP, SEMANTIC_MAP, THING, TYPE
+from mindstage.world import Iri
 
 if TYPE_CHECKING:
     from mindstage.knowledge.base import KnowledgeBase
@@ -35,6 +38,18 @@ def maps(kb: KnowledgeBase, map: MapName | None = None) -> Iterator[KnownMap]:
         yield KnownMap(map=each, individuals=len(index.residents[each]))
 
 
+@maps.because
+def _known(kb: KnowledgeBase, row: KnownMap) -> Iterator[str]:
+    if SEMANTIC_MAP in kb.index.types.get(row.map, ()):
+        yield statement_line(Statement(row.map, TYPE, SEMANTIC_MAP))
+    yield f"{row.individuals} say describedInMap {local_name(row.map)}; their poses and limits are not counted"
+
+
+@maps.lacking
+def _no_maps(kb: KnowledgeBase, map: Iri | None = None) -> Iterator[Missing]:
+    yield from not_described(kb.index, None, map)
+
+
 class InMap(Row, frozen=True, kw_only=True):
     """Something that is described in a map."""
 
@@ -56,17 +71,18 @@ def everything_in_map(
     """
     index = kb.index
     for place in sorted(index.residents) if map is None else (map,):
-        if individual is None:
-            found = sorted(index.residents[place])
-        else:
-            found = [individual] if place in index.maps_of.get(individual, ()) else []
-        for each in found:
+        for each in index.described_in(place, individual):
             yield InMap(individual=each, cls=index.class_of(each), map=place)
 
 
 @everything_in_map.because
 def _described(kb: KnowledgeBase, row: InMap) -> Iterator[str]:
     yield statement_line(Statement(row.individual, DESCRIBED_IN_MAP, row.map))
+
+
+@everything_in_map.lacking
+def _nothing_there(kb: KnowledgeBase, individual: Iri | None = None, map: Iri | None = None) -> Iterator[Missing]:
+    yield from not_described(kb.index, individual, map)
 
 
 class MapClass(Row, frozen=True, kw_only=True):
@@ -91,13 +107,15 @@ def individual_of_class(
         individual_of_class individual=milk_carton_1
     """
     index = kb.index
+    if cls is not None and individual is None:
+        members, maps_of = index.members(cls, map), index.maps_of
+        here = [(place, each) for each in members for place in ((map,) if map else maps_of.get(each, ()))]
+        for place, each in sorted(here, key=itemgetter(0)):  # they are in order within a map already
+            yield MapClass(cls=cls, individual=each, map=place)
+        return
     for place in sorted(index.residents) if map is None else (map,):
-        if individual is not None:
-            found = [individual] if place in index.maps_of.get(individual, ()) else []
-        else:
-            found = sorted(index.residents[place]) if cls is None else index.members(cls, place)
-        for each in found:
-            classes = {above: None for told in index.types.get(each, ()) for above in index.classes.above(told)}
+        for each in index.described_in(place, individual):
+            classes = {above: None for told in index.types_of(each) for above in index.classes.above(told)}
             for above in classes if cls is None else [cls] if cls in classes else []:
                 yield MapClass(cls=above, individual=each, map=place)
 
@@ -105,3 +123,19 @@ def individual_of_class(
 @individual_of_class.because
 def _member(kb: KnowledgeBase, row: MapClass) -> Iterator[str]:
     yield from member_lines(kb.index, row.individual, row.cls)
+
+
+@individual_of_class.lacking
+def _nobody(
+    kb: KnowledgeBase, cls: Iri | None = None, individual: Iri | None = None, map: Iri | None = None
+) -> Iterator[Missing]:
+    index = kb.index
+    places = index.maps_of.get(individual, ()) if individual else ()
+    if individual and not (map in places if map else places):
+        yield from not_described(index, individual, map)
+    elif cls:
+        yield not_here(cls, individual, map)
+    elif individual:
+        yield Missing(THING, TYPE, f"nobody says what {local_name(individual)} is: it has no type")
+    else:
+        yield from not_described(index, None, map)

@@ -11,19 +11,26 @@ what is answered. Every argument may be left out. What it knows beyond that hang
 
     @siblings.lacking           # what nobody has told yet, where there is no answer
     def _lacking(kb: KnowledgeBase, cls: ClassName | None = None) -> Iterator[Missing]: ...
+
+One that looks at how things are just now has a last argument `*, present: Present` (see `moment`), which it is handed
+and which nobody who asks sees; so has what tells what it lacks.
 """
 
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from enum import Enum
 from functools import cached_property
-from typing import TYPE_CHECKING, Annotated, Any, Generic, TypeVar, get_args, get_type_hints, overload
+from operator import attrgetter
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Generic, TypeVar, get_args, get_type_hints, overload
 
 import msgspec
 
-from mindstage.errors import ArgumentRefused, QuestionUnknown
+from mindstage.errors import ArgumentRefused, NameUnknown, QuestionUnknown
+from mindstage.knowledge.moment import Present
 from mindstage.knowledge.reasoning import NameKind
 from mindstage.world import Iri
 
@@ -40,6 +47,7 @@ __all__ = [
     "PropertyName",
     "Question",
     "Row",
+    "ValueName",
     "question",
     "question_named",
     "questions",
@@ -49,10 +57,14 @@ ClassName = Annotated[Iri, NameKind.CLASS]
 IndividualName = Annotated[Iri, NameKind.INDIVIDUAL]
 MapName = Annotated[Iri, NameKind.MAP]
 PropertyName = Annotated[Iri, NameKind.PROPERTY]
+ValueName = Annotated[str, NameKind.VALUE]
 
 
 class Row(msgspec.Struct, frozen=True, kw_only=True):
     """One answer. A field that is called like an argument has its value where that was given."""
+
+    about: ClassVar[str] = ""
+    """The field that is meant first where nobody says otherwise; the first argument if empty."""
 
 
 R = TypeVar("R", bound=Row)
@@ -73,10 +85,21 @@ class Answers(Sequence[R]):
         self, question: Question[R], args: Mapping[str, object], rows: Sequence[R], missing: Sequence[Missing]
     ):
         self.question = question
-        self.args = dict(args)
+        self.args: Mapping[str, object] = MappingProxyType(dict(args))
         """What was asked about, with names written out."""
         self.missing = tuple(missing)
         self._rows = tuple(rows)
+
+    def asked_for(self, *kinds: object) -> str | None:
+        """The column of such names that the question was after: the handle of a door that was given.
+
+        Of several arguments that were left out it is the one that answers are about, or else the first; where all were
+        given, the last.
+        """
+        columns, about = self.question.columns, self.question.row.about
+        names = [argument.name for argument in self.question.arguments if columns.get(argument.name) in kinds]
+        free = [name for name in names if name not in self.args]
+        return about if about in (free or names) else next(iter(free or names[-1:]), None)
 
     @overload
     def __getitem__(self, at: int) -> R: ...
@@ -101,6 +124,19 @@ class Argument:
     kind: NameKind | type
     """What kind of name it is, or the type of a plain value."""
     default: object
+
+    @property
+    def choices(self) -> tuple[str, ...]:
+        """All that it may be, where that is little."""
+        is_closed = isinstance(self.kind, type) and issubclass(self.kind, Enum)
+        return tuple(str(each.value) for each in self.kind) if is_closed else ()  # type: ignore[union-attr]
+
+    @property
+    def kind_text(self) -> str:
+        """What people call its kind."""
+        if isinstance(self.kind, NameKind):
+            return self.kind.value
+        return " | ".join(self.choices) or ("number" if self.kind in {int, float} else self.kind.__name__)
 
 
 class Question(Generic[R]):
@@ -131,7 +167,21 @@ class Question(Generic[R]):
     def arguments(self) -> tuple[Argument, ...]:
         """In the order of the declaration."""
         parameters = list(inspect.signature(self._function).parameters.values())[1:]
-        return tuple(Argument(each.name, _kind(self._hints[each.name]), each.default) for each in parameters)
+        asked = (each for each in parameters if each.kind is not each.KEYWORD_ONLY)
+        return tuple(Argument(each.name, _kind(self._hints[each.name]), each.default) for each in asked)
+
+    @cached_property
+    def _by_name(self) -> Mapping[str, Argument]:
+        return {argument.name: argument for argument in self.arguments}
+
+    @cached_property
+    def _fields(self) -> frozenset[str]:
+        return frozenset(self.row.__struct_fields__)
+
+    @cached_property
+    def is_live(self) -> bool:
+        """Whether the answers depend on where things are just now."""
+        return "present" in inspect.signature(self._function).parameters
 
     @cached_property
     def columns(self) -> Mapping[str, object]:
@@ -149,48 +199,71 @@ class Question(Generic[R]):
         self._lacking = function
         return function
 
-    def ask(self, kb: KnowledgeBase, args: Mapping[str, object]) -> Answers[R]:
+    def ask(self, kb: KnowledgeBase, args: Mapping[str, object], *, present: Present | None = None) -> Answers[R]:
         """All answers.
 
         Args:
             kb: who is asked.
             args: names short, with prefix or whole; None leaves an argument free.
+            present: how things are just now; without it, as the maps tell.
 
         Raises:
             ArgumentRefused: it has no such argument, or the argument no such value.
             NameUnknown: nothing has that name.
             NameAmbiguous: several things have it.
         """
-        found = {name: value for name in args if (value := self._found(kb, name, args[name])) is not None}
-        columns = self.row.__struct_fields__
-        bound = {name: value for name, value in found.items() if name in columns}
-        rows = [
-            row
-            for row in dict.fromkeys(self._function(kb, **found))
-            if all(getattr(row, name) == value for name, value in bound.items())
-        ]
-        missing = () if rows or self._lacking is None else tuple(self._lacking(kb, **found))
-        return Answers(self, found, rows, missing)
+        now = present or Present(kb)
+        if self.is_live:
+            now.look()  # while others may still ask: the engine may take its time
+        with kb.turn:
+            return self._answers(kb, args, now)
 
     def why(self, kb: KnowledgeBase, row: R) -> tuple[str, ...]:
         """The statements and classes that led to an answer, one a line."""
-        return tuple(self._because(kb, row)) if self._because else ()
+        with kb.turn:
+            return tuple(self._because(kb, row)) if self._because else ()
 
-    def _found(self, kb: KnowledgeBase, name: str, value: object) -> object:
-        argument = next((argument for argument in self.arguments if argument.name == name), None)
+    def _answers(self, kb: KnowledgeBase, args: Mapping[str, object], now: Present) -> Answers[R]:
+        found = {name: value for name in args if (value := self._found(kb, now, name, args[name])) is not None}
+        view = {"present": now} if self.is_live else {}
+        rows: Iterable[R] = dict.fromkeys(self._function(kb, **found, **view))
+        bound = [name for name in found if name in self._fields]
+        if bound:
+            told, asked = attrgetter(*bound), [found[name] for name in bound]
+            wanted = asked[0] if len(bound) == 1 else tuple(asked)
+            rows = [row for row in rows if told(row) == wanted]
+        answers = tuple(rows)
+        missing = () if answers or self._lacking is None else tuple(self._lacking(kb, **found, **view))
+        return Answers(self, found, answers, missing)
+
+    def _found(self, kb: KnowledgeBase, present: Present, name: str, value: object) -> object:
+        argument = self._by_name.get(name)
         if argument is None:
             known = ", ".join(argument.name for argument in self.arguments) or "none"
             raise ArgumentRefused(self.name, cause=f"it has no argument {name!r}", remedy=f"there is {known}")
         if value is None:
             return None
         if isinstance(argument.kind, NameKind):
-            if isinstance(value, str):
-                return kb.names.find(value, argument.kind)
+            if isinstance(value, str) or argument.kind is NameKind.VALUE:
+                return self._named(kb, present, str(value), argument.kind)
             raise ArgumentRefused(f"{self.name}, {name}", cause=f"{value!r} is no {argument.kind.value}'s name")
         try:
             return msgspec.convert(value, argument.kind, strict=False)
         except msgspec.ValidationError as error:
-            raise ArgumentRefused(f"{self.name}, {name}", cause=f"{value!r}: {error}") from error
+            choices = ", ".join(argument.choices)
+            cause = f"{value!r} is no {name if choices else argument.kind_text}"
+            remedy = f"there is {choices}" if choices else ""
+            raise ArgumentRefused(f"{self.name}, {name}", cause=cause, remedy=remedy) from error
+
+    def _named(self, kb: KnowledgeBase, present: Present, name: str, kind: NameKind) -> Iri:
+        """What a name stands for; of a question that looks at the present also what only the engine knows."""
+        try:
+            return kb.names.find(name, kind)
+        except NameUnknown:
+            spawned = present.individual(name) if self.is_live and kind is NameKind.INDIVIDUAL else None
+            if spawned is None:
+                raise
+            return spawned
 
 
 _QUESTIONS: dict[str, Question[Any]] = {}

@@ -2,34 +2,42 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from enum import Enum
 from typing import TYPE_CHECKING, Any
 
 import msgspec
 
 from mindstage.knowledge.names import local_name
 from mindstage.knowledge.questions.question import Answers, Row
+from mindstage.knowledge.questions.things import Joint
 from mindstage.knowledge.reasoning import NameKind
-from mindstage.world import Fact, Iri, Literal, Pose, Reference, Tag
+from mindstage.world import Fact, Iri, Literal, Motion, Pose, Reference, Tag
 
 if TYPE_CHECKING:
     from mindstage.knowledge.base import KnowledgeBase
 
-__all__ = ["answers_to_builtins", "cell_text"]
+__all__ = ["about_column", "answers_to_builtins", "cell_text"]
 
 
 def answers_to_builtins(kb: KnowledgeBase, answers: Answers[Any], *, why: bool = False) -> dict[str, Any]:
     """What `mindstage ask --json` promises, as dicts, lists, texts and numbers.
 
-    Each answer has its fields, and besides `iri`, `id` and `class` of what was asked for: the first argument that was
-    left out, or else the last one. The class of a class is itself.
+    Each answer has its fields, and besides `iri`, `id` and `class` of what was asked for (see `about_column`). The
+    class of a class is itself.
     """
-    about = _about(answers)
+    about = about_column(answers)
     return {
         "question": answers.question.name,
-        "args": answers.args,
+        "args": dict(answers.args),
         "answers": [_answer(kb, answers, about, row, why=why) for row in answers],
         "missing": [{"class": lack.cls, "property": lack.property, "why": lack.why} for lack in answers.missing],
     }
+
+
+def about_column(answers: Answers[Any]) -> str | None:
+    """The column of what was asked for; maps, which most answers name besides, only where there is nothing else."""
+    return answers.asked_for(NameKind.CLASS, NameKind.INDIVIDUAL, NameKind.PROPERTY) or answers.asked_for(NameKind.MAP)
 
 
 def cell_text(value: object) -> str | int | float | None:  # noqa: PLR0911 (one a kind)
@@ -41,10 +49,14 @@ def cell_text(value: object) -> str | int | float | None:  # noqa: PLR0911 (one 
             return value
         case str():
             return local_name(value) if "://" in value else value
+        case Enum():
+            return str(value.value)
         case tuple():
             return ", ".join(str(cell_text(each)) for each in value)
         case Pose(position, quaternion):
             return f"{_numbers(position)} turned {_numbers(quaternion)}"
+        case Joint(parent=parent, child=child):
+            return f"{local_name(parent)} to {local_name(child)}, {', '.join(_motions(value)) or 'fixed'}"
         case Tag():
             return f"{value.key} {value.value}"
         case Fact(property, Reference(iri)):
@@ -57,14 +69,19 @@ def cell_text(value: object) -> str | int | float | None:  # noqa: PLR0911 (one 
             return msgspec.json.encode(value).decode()
 
 
+def _motions(joint: Joint) -> Iterator[str]:
+    """The axes that are not locked."""
+    linear, angular = joint.linear, joint.angular
+    for axis in ("x", "y", "z", "twist", "swing2", "swing1"):
+        slides = axis in {"x", "y", "z"}
+        motion = getattr(linear if slides else angular, axis)
+        limit = f" {linear.limit:g} m" if slides else f" {getattr(angular, f'{axis}_limit', 0.0):g} rad"
+        if motion is not Motion.LOCKED:
+            yield f"{axis} {motion.name.lower()}{limit if motion is Motion.LIMITED else ''}"
+
+
 def _numbers(numbers: tuple[float, ...]) -> str:
     return " ".join(f"{number:.6g}" for number in numbers)
-
-
-def _about(answers: Answers[Any]) -> str | None:
-    columns = answers.question.columns
-    names = [name for argument in answers.question.arguments if (name := argument.name) in columns]
-    return next((name for name in names if name not in answers.args), names[-1] if names else None)
 
 
 def _answer(kb: KnowledgeBase, answers: Answers[Any], about: str | None, row: Row, *, why: bool) -> dict[str, Any]:

@@ -1,19 +1,42 @@
-"""Questions about single things, and about maps as a whole."""
+"""Questions about single things, and how much there is of them."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from mindstage.errors import ArgumentRefused
-from mindstage.knowledge.questions.question import ClassName, IndividualName, MapName, Row, question
-from mindstage.knowledge.questions.words import is_line
-from mindstage.world import Body, Fact, Iri, Pose, Tag, Vector, difference
+import msgspec
+
+from mindstage.knowledge.names import local_name
+from mindstage.knowledge.questions.question import ClassName, IndividualName, MapName, Missing, Row, question
+from mindstage.knowledge.questions.words import is_line, member_lines, not_described, only_told
+from mindstage.knowledge.reasoning import Index
+from mindstage.world import (
+    AngularMotion,
+    Body,
+    Constraint,
+    Fact,
+    Iri,
+    LinearMotion,
+    Pose,
+    Tag,
+    Vector,
+    World,
+)
 
 if TYPE_CHECKING:
     from mindstage.knowledge.base import KnowledgeBase
 
-__all__ = ["Counts", "SameMaps", "Thing", "analyse", "identical_maps", "what_is"]
+__all__ = ["Counts", "Joint", "Thing", "analyse", "what_is"]
+
+
+class Joint(msgspec.Struct, frozen=True, kw_only=True):
+    """What a constraint joins, and how that moves."""
+
+    parent: Iri
+    child: Iri
+    linear: LinearMotion
+    angular: AngularMotion
 
 
 class Thing(Row, frozen=True, kw_only=True):
@@ -21,7 +44,7 @@ class Thing(Row, frozen=True, kw_only=True):
 
     individual: IndividualName
     classes: tuple[ClassName, ...]
-    """As told, the most special first."""
+    """As told, the most special first; then those that follow from definitions, or where nothing is told."""
     map: MapName | None
     label: str | None = None
     pose: Pose | None = None
@@ -29,54 +52,81 @@ class Thing(Row, frozen=True, kw_only=True):
     """Depth, width, height [m]."""
     mass_kg: float | None = None
     mobility: str | None = None
+    mesh: str | None = None
+    joint: Joint | None = None
+    """Of a constraint."""
     tags: tuple[Tag, ...] = ()
     facts: tuple[Fact, ...] = ()
-    """Every other statement about it; empty for what has no place in a world."""
+    """Every other statement about it: those that its map has no field for, and those told at run time."""
 
 
 @question
 def what_is(kb: KnowledgeBase, individual: IndividualName | None = None, map: MapName | None = None) -> Iterator[Thing]:
-    """What an individual is: classes, pose, size, mass, tags and every other fact, as its map tells them.
+    """What an individual is: classes, pose, size, mass, mesh, tags, how a constraint moves, and every other fact.
 
-    What was told afterwards is in the classes, not in the rest.
+    Where nobody says what it is, a property that it has may do so by its domain or range. Classes and facts are as
+    they were told last; everything else is as its map tells it.
 
     Examples:
         what_is milk_carton_1
+        what_is fridge_door_hinge
     """
     index = kb.index
     for each in sorted(index.maps_of) if individual is None else (individual,):
-        told = sorted(index.types.get(each, ()), key=lambda cls: (-len(index.classes.above(cls)), cls))
+        told = _special_first(index, each)
         places = index.maps_of.get(each, ()) if map is None else [map] if map in index.maps_of.get(each, ()) else []
         for place in places:
-            body = kb.body_of(each, place)
-            yield _thing(each, tuple(told), place, body)
+            yield _thing(kb, each, told, place)
         if not places and map is None:
-            yield Thing(individual=each, classes=tuple(told), map=None)
+            yield _thing(kb, each, told, None)
 
 
-def _thing(individual: Iri, classes: tuple[Iri, ...], map: Iri, body: Body | None) -> Thing:
-    if body is None:
-        return Thing(individual=individual, classes=classes, map=map)
-    physics = body.physics
-    return Thing(
-        individual=individual,
-        classes=classes,
-        map=map,
-        label=body.label,
-        pose=body.pose,
-        size=body.size,
-        mass_kg=physics.mass_kg,
-        mobility=physics.mobility.value if physics.mobility else None,
-        tags=body.tags,
-        facts=body.facts,
-    )
+def _special_first(index: Index, individual: Iri) -> tuple[Iri, ...]:
+    told = index.types.get(individual, ())
+    order = {cls: (cls not in told, -len(index.classes.above(cls)), cls) for cls in index.types_of(individual)}
+    return tuple(sorted(order, key=lambda cls: order[cls]))
+
+
+def _thing(kb: KnowledgeBase, individual: Iri, classes: tuple[Iri, ...], map: Iri | None) -> Thing:
+    placed = kb.placed(individual, map) if map else None
+    if placed is None:
+        return Thing(individual=individual, classes=classes, map=map, facts=kb.facts_of(individual))
+    facts = tuple(dict.fromkeys((*placed.facts, *kb.facts_of(individual, told_only=True))))
+    known = Thing(individual=individual, classes=classes, map=map, pose=placed.pose, tags=placed.tags, facts=facts)
+    match placed:
+        case Body(physics=physics):
+            return msgspec.structs.replace(
+                known,
+                label=placed.label,
+                size=placed.size,
+                mass_kg=physics.mass_kg,
+                mobility=physics.mobility.value if physics.mobility else None,
+                mesh=placed.mesh,
+            )
+        case Constraint():
+            return msgspec.structs.replace(known, joint=_joint(kb.world(map), placed))
+        case _:
+            return known
+
+
+def _joint(world: World, constraint: Constraint) -> Joint:
+    iris = {body.id: body.iri for body in world.bodies}
+    parent, child = (iris.get(id, Iri(id)) for id in (constraint.parent, constraint.child))
+    return Joint(parent=parent, child=child, linear=constraint.linear, angular=constraint.angular)
 
 
 @what_is.because
 def _superclasses(kb: KnowledgeBase, row: Thing) -> Iterator[str]:
     classes = kb.index.classes
     for cls in row.classes:
-        yield from is_line(classes.path(cls, max(classes.above(cls), key=lambda above: classes.above(cls)[above])))
+        farthest = max(classes.above(cls), key=lambda above: classes.above(cls)[above])
+        yield from member_lines(kb.index, row.individual, cls)
+        yield from is_line(classes.path(cls, farthest))
+
+
+@what_is.lacking
+def _no_such_thing(kb: KnowledgeBase, individual: Iri | None = None, map: Iri | None = None) -> Iterator[Missing]:
+    yield from not_described(kb.index, individual, map)
 
 
 class Counts(Row, frozen=True, kw_only=True):
@@ -109,35 +159,15 @@ def analyse(kb: KnowledgeBase, map: MapName | None = None) -> Iterator[Counts]:
         )
 
 
-class SameMaps(Row, frozen=True, kw_only=True):
-    """Two maps, held against each other."""
+@analyse.because
+def _counted(kb: KnowledgeBase, row: Counts) -> Iterator[str]:
+    name = local_name(row.map)
+    yield f"{row.individuals} individuals say describedInMap {name}; their poses and limits are not counted"
+    yield f"{row.constraints} of them are of a class that is a Constraint, and the other {row.objects} are objects"
+    yield f"{row.classes} different classes are told as their types"
+    yield f"{row.relations} different pairs of parent and child, the two ends of constraints among them"
 
-    a: MapName
-    b: MapName
-    identical: bool
-    differing: tuple[str, ...]
-    """Ids of all that stands in one only, or differs by more than the tolerance."""
 
-
-@question
-def identical_maps(
-    kb: KnowledgeBase, a: MapName | None = None, b: MapName | None = None, tolerance: float = 0.0
-) -> Iterator[SameMaps]:
-    """Whether two maps tell of the same world, and the ids of all that differs by more than the tolerance.
-
-    A map that was only told of, and stands in no file, is not compared.
-
-    Examples:
-        identical_maps kitchen kitchen
-    """
-    if not tolerance >= 0.0:
-        raise ArgumentRefused(
-            "identical_maps, tolerance", cause=f"{tolerance} forgives nothing", remedy="give 0 or more"
-        )
-    known = sorted(kb.maps())
-    for one in known if a is None else {a} & {*known}:
-        for other in known if b is None else {b} & {*known}:
-            if one != other or (a and b):
-                found = difference(kb.world(one), kb.world(other))
-                ids = [*found.only_in_a, *found.only_in_b, *(change.id for change in found.beyond(tolerance))]
-                yield SameMaps(a=one, b=other, identical=not ids, differing=tuple(dict.fromkeys(ids)))
+@analyse.lacking
+def _uncounted(kb: KnowledgeBase, map: Iri | None = None) -> Iterator[Missing]:
+    yield from not_described(kb.index, None, None) if map is None else only_told(map)

@@ -5,18 +5,23 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 
 from mindstage.knowledge.names import local_name
+from mindstage.knowledge.questions.question import Missing
 from mindstage.knowledge.reasoning import (
     AllOf,
     AnyOf,
     Expression,
+    Ground,
     Index,
     Kind,
     Named,
+    Not,
+    OneOf,
     Restriction,
+    Rule,
     Statement,
     Value,
 )
-from mindstage.knowledge.vocabulary import TYPE
+from mindstage.knowledge.vocabulary import DESCRIBED_IN_MAP, SEMANTIC_MAP, THING, TYPE
 from mindstage.world import Iri
 
 __all__ = [
@@ -24,9 +29,13 @@ __all__ = [
     "implies_line",
     "is_line",
     "member_lines",
+    "not_described",
+    "not_here",
+    "only_told",
     "restriction_line",
     "restriction_text",
     "statement_line",
+    "thing_text",
 ]
 
 _BINDING = {
@@ -56,6 +65,10 @@ def expression_text(expression: Expression | None) -> str:  # noqa: PLR0911 (one
             return f"({' or '.join(map(expression_text, members))})"
         case AllOf(members):
             return f"({' and '.join(map(expression_text, members))})"
+        case OneOf(members):
+            return f"(one of {', '.join(map(expression_text, members))})"
+        case Not(member):
+            return f"(not {expression_text(member)})"
         case Restriction():
             return f"({restriction_text(expression)})"
         case None:
@@ -93,7 +106,62 @@ def implies_line(path: Iterable[Iri]) -> Iterator[str]:
 
 def member_lines(index: Index, individual: Iri, cls: Iri) -> Iterator[str]:
     """Why an individual is of a class."""
-    told = [own for own in index.types.get(individual, ()) if index.is_a(own, cls)]
-    nearest = min(told, key=lambda own: (len(index.classes.path(own, cls)), own))
-    yield statement_line(Statement(individual, TYPE, nearest))
+    types = [own for own in index.types_of(individual) if index.is_a(own, cls)]
+    nearest = min(types, key=lambda own: (len(index.classes.path(own, cls)), own))
+    if ground := index.ground(individual, nearest):
+        yield from _ground_lines(index, individual, ground)
+    else:
+        yield statement_line(Statement(individual, TYPE, nearest))
     yield from is_line(index.classes.path(nearest, cls))
+
+
+def _ground_lines(index: Index, individual: Iri, ground: Ground) -> Iterator[str]:
+    """Why an individual is of a class that nobody says it is of."""
+    yield from dict.fromkeys(map(statement_line, ground.statements))
+    cls, property = local_name(ground.cls), local_name(ground.property or "")
+    if ground.property:
+        (statement,) = ground.statements
+        yield from implies_line(index.properties.path(statement.property, ground.property))
+    match ground.rule:
+        case Rule.DOMAIN:
+            yield f"whatever has a {property} is a {cls}"
+        case Rule.RANGE:
+            yield f"whatever is a {property} of something is a {cls}"
+        case Rule.DEFINITION:
+            yield f"whatever is {expression_text(ground.expression)} is a {cls}"
+        case Rule.OWL_RL:
+            yield f"{local_name(individual)} type {cls}, by the rules of OWL 2 RL"
+        case Rule.TYPE:
+            yield f"{local_name(individual)} type {expression_text(ground.expression)}"
+
+
+def not_described(index: Index, individual: Iri | None, map: Iri | None) -> Iterator[Missing]:
+    """What nobody told of an individual that is not in a map."""
+    if individual:
+        where = "any map" if map is None else local_name(map)
+        cls = index.class_of(individual) or THING
+        yield Missing(cls, DESCRIBED_IN_MAP, f"{local_name(individual)} is not in {where}: no describedInMap says so")
+    elif map:
+        yield Missing(SEMANTIC_MAP, DESCRIBED_IN_MAP, f"nothing is in {local_name(map)}: no describedInMap leads there")
+    elif not index.residents:
+        why = "no semantic map is known: nothing is a SemanticEnvironmentMap, and no describedInMap leads to one"
+        yield Missing(SEMANTIC_MAP, TYPE, why)
+
+
+def only_told(map: Iri) -> Iterator[Missing]:
+    """What is missing of a map that was only told of."""
+    yield Missing(SEMANTIC_MAP, DESCRIBED_IN_MAP, f"{local_name(map)} was only told of: no file describes it")
+
+
+def not_here(cls: Iri, individual: Iri | None, map: Iri | None) -> Missing:
+    """What nobody told where a class has no individual in a map, or this one is not of it."""
+    if individual is not None:
+        return Missing(cls, TYPE, f"{local_name(individual)} is no {local_name(cls)}")
+    where = "any map" if map is None else local_name(map)
+    return Missing(cls, TYPE, f"no individual in {where} is a {local_name(cls)}")
+
+
+def thing_text(index: Index, individual: Iri) -> str:
+    """An individual with its class, since many have names that tell nothing."""
+    cls = index.class_of(individual)
+    return local_name(individual) if cls is None else f"{local_name(individual)} ({local_name(cls)})"

@@ -1,63 +1,66 @@
 """The index: classes, restrictions and individuals of a store, arranged so that questions are look-ups.
 
-It is made when the first question comes and holds for one state of the store: who changes that makes a new one.
+It is made when the first question comes. From then on it is told of each change, and looks again at just what that
+concerns; the statements about individuals stay in the store, where they are looked up.
+
+Two names are two things here: that they are the same (owl:sameAs, and what follows from properties that have one value
+only) is found by `KnowledgeBase.derive`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from functools import cached_property
 
 import msgspec
 import pyoxigraph as ox
 
-from mindstage.knowledge.parts import PARTS
+from mindstage.knowledge.reasoning.axioms import CLASS_WORDS, ClassAxioms, ClassRestriction
+from mindstage.knowledge.reasoning.chains import Line
 from mindstage.knowledge.reasoning.closure import Closure
+from mindstage.knowledge.reasoning.derivation import Derived
 from mindstage.knowledge.reasoning.expressions import (
+    STRUCTURE,
     AllOf,
     AnyOf,
     Expression,
-    ExpressionReader,
-    Kind,
     Named,
-    Restriction,
+    Not,
     node_name,
 )
-from mindstage.knowledge.reasoning.properties import PropertyIndex, Statement
+from mindstage.knowledge.reasoning.individuals import PROPERTY_KINDS, Individuals
+from mindstage.knowledge.reasoning.membership import Ground, Membership, Rule
+from mindstage.knowledge.reasoning.properties import (
+    PROPERTY_TYPES,
+    PROPERTY_WORDS,
+    PropertyIndex,
+    Statement,
+    Step,
+)
+from mindstage.knowledge.stores.triplestore import Readable
 from mindstage.knowledge.vocabulary import (
     CHILD,
     CONSTRAINT,
     DESCRIBED_IN_MAP,
-    EQUIVALENT_CLASS,
-    OWL,
     OWL_CLASS,
     PARENT,
-    RDF,
-    RDFS,
-    SEMANTIC_MAP,
-    SUBCLASS_OF,
     TYPE,
     XSD,
     knowrob,
 )
 from mindstage.world import Iri
 
-__all__ = ["ClassRestriction", "Index", "Part"]
+__all__ = ["Index", "Part"]
 
 _DUL = "http://www.ontologydesignpatterns.org/ont/dul/DUL.owl#"
-_TO_PARTS = (
-    *(CHILD, knowrob("parts"), knowrob("physicalParts"), knowrob("properPhysicalParts")),
-    *(Iri(_DUL + "hasPart"), Iri(_DUL + "hasComponent")),
+_SOMA = "http://www.ease-crc.org/ont/SOMA.owl#"
+_HAS = (CHILD, *map(knowrob, ("parts", "physicalParts", "properPhysicalParts")))
+_TO_PARTS: tuple[Line, ...] = (
+    *((word, True) for word in (*_HAS, Iri(_DUL + "hasPart"), Iri(_DUL + "hasComponent"))),
+    (Iri(_SOMA + "hasPhysicalComponent"), True),
+    *((word, False) for word in (PARENT, Iri(_DUL + "isPartOf"), Iri(_DUL + "isComponentOf"))),
+    (Iri(_SOMA + "isPhysicalComponentOf"), False),
 )
-_TO_WHOLES = (PARENT, Iri(_DUL + "isPartOf"), Iri(_DUL + "isComponentOf"))
-_PART_CLASSES = frozenset(part.cls for part in PARTS)
-
-
-class ClassRestriction(msgspec.Struct, frozen=True):
-    """What a class says of all its members."""
-
-    cls: Iri
-    restriction: Restriction
 
 
 class Part(msgspec.Struct, frozen=True):
@@ -70,32 +73,117 @@ class Part(msgspec.Struct, frozen=True):
 
 
 class Index:
-    """What follows from a store as it stands."""
+    """What follows from a store, as it stands now."""
 
-    def __init__(self, store: ox.Store) -> None:
-        """Reads classes, restrictions and types; everything else is looked up when it is asked for."""
-        self._store = store
-        self._pairs: list[tuple[Iri, Iri]] = []
-        self._own: dict[Iri, dict[Restriction, None]] = {}
-        self._read_classes()
-        self._own = {cls: dict.fromkeys(sorted(told, key=_restriction_key)) for cls, told in self._own.items()}
-        self.classes = Closure(self._pairs)
-        self.types: dict[Iri, list[Iri]] = {}
-        """By individual, as told; what only ontologies are made of is left out."""
-        self._members: dict[Iri, list[Iri]] = {}
-        self._read_types()
-        self.residents: dict[Iri, list[Iri]] = {map: [] for map in self._members.get(SEMANTIC_MAP, ())}
-        """By map; the poses and limits of individuals are not counted as individuals."""
-        self.maps_of: dict[Iri, list[Iri]] = {}
-        self._here: dict[tuple[Iri, Iri], list[Iri]] = {}
-        self._read_maps()
-        self._naming: dict[tuple[Iri, Iri], list[ClassRestriction]] = {}
-        self._read_naming()
+    def __init__(self, store: Readable) -> None:
+        """Reads classes, restrictions, types and maps; everything else is looked up when it is asked for."""
+        self._derived = Derived(store)
+        self._store = self._derived.told()
+        self.axioms = ClassAxioms(self._told)
+        self.individuals = Individuals(self._told)
+        self._in_order: dict[Iri, Sequence[Iri]] = {}
+        self._nearest: dict[Iri, Iri | None] = {}
+
+    @property
+    def classes(self) -> Closure[Iri]:
+        """Who is below whom."""
+        return self.axioms.lattice
+
+    @property
+    def types(self) -> dict[Iri, tuple[Iri, ...]]:
+        """The classes of individuals, as told."""
+        return self.individuals.types
+
+    @property
+    def residents(self) -> dict[Iri, dict[Iri, None]]:
+        """By map, who is described in it."""
+        return self.individuals.residents
+
+    @property
+    def maps_of(self) -> dict[Iri, tuple[Iri, ...]]:
+        """By individual, the maps that it is described in."""
+        return self.individuals.maps_of
 
     @cached_property
     def properties(self) -> PropertyIndex:
         """How properties follow from one another."""
-        return PropertyIndex(self._store)
+        return PropertyIndex(self._store, self.axioms.reader, self._derived)
+
+    @cached_property
+    def membership(self) -> Membership:
+        """The classes that follow for individuals."""
+        return Membership(self, self._store, self._derived)
+
+    # -- change --------------------------------------------------------------------------------------------------------
+
+    def read(self, graph: ox.NamedNode) -> set[Iri]:
+        """Takes in a graph that has been added to the store, and gives the names that came up."""
+        told = {
+            word: list(self._store.quads_for_pattern(None, ox.NamedNode(word), None, graph))
+            for word in (TYPE, DESCRIBED_IN_MAP, *CLASS_WORDS, *PROPERTY_WORDS)
+        }
+        if not self.axioms.read(told.__getitem__):
+            self.axioms = ClassAxioms(self._told)
+        self.individuals.read(told.__getitem__)
+        self._forget("properties", "membership")
+        nodes = (node for quads in told.values() for quad in quads for node in (quad.subject, quad.object))
+        return {Iri(node.value) for node in nodes if isinstance(node, ox.NamedNode)}
+
+    def reread(self, quads: Iterable[ox.Quad]) -> bool:
+        """Looks again at what statements are about that have been added to the store, or removed from it.
+
+        Returns:
+            Whether what is known of classes has changed.
+        """
+        quads = list(quads)
+        words = {quad.predicate.value for quad in quads}
+        of_classes = not CLASS_WORDS.isdisjoint(words)
+        anew = of_classes and not self._reread_classes([q for q in quads if q.predicate.value in CLASS_WORDS])
+        subjects = (quad.subject for quad in quads if quad.predicate.value in {TYPE, DESCRIBED_IN_MAP})
+        for node in dict.fromkeys(subjects):
+            if name := node_name(node):
+                self.individuals.reread(name, self._objects(node, TYPE), self._objects(node, DESCRIBED_IN_MAP))
+        becomes = {quad.object.value for quad in quads if isinstance(quad.object, ox.NamedNode)}
+        if anew or not (PROPERTY_WORDS.isdisjoint(words) and PROPERTY_TYPES.isdisjoint(becomes)):
+            self._forget("properties", "membership")
+        elif of_classes or TYPE in words or DESCRIBED_IN_MAP in words or self._follows_from(quads):
+            self._forget("membership")
+        if "properties" in self.__dict__:
+            self.properties.forget_use()
+        return of_classes
+
+    def _follows_from(self, quads: Sequence[ox.Quad]) -> bool:
+        """Whether the classes that were found to follow for individuals may be others now."""
+        return "membership" in self.__dict__ and self.membership.heeds(quads)
+
+    def _reread_classes(self, quads: Sequence[ox.Quad]) -> bool:
+        """Takes in statements about classes; False where expressions have changed, and all was read anew."""
+        there = [self._is_told(quad) for quad in quads]
+        built = [(quad, told) for quad, told in zip(quads, there, strict=True) if quad.predicate.value in STRUCTURE]
+        if not all(told for _, told in built) or not self.axioms.reader.learn(quad for quad, _ in built):
+            self.axioms = ClassAxioms(self._told)
+            return False
+        self.axioms.define()
+        for quad, is_told in zip(quads, there, strict=True):
+            if quad.predicate.value not in STRUCTURE:
+                self.axioms.reread(quad.triple, is_told=is_told)
+        return True
+
+    def _is_told(self, quad: ox.Quad) -> bool:
+        """Whether some graph has the statement."""
+        told = self._store.quads_for_pattern(quad.subject, quad.predicate, quad.object)
+        return next(iter(told), None) is not None
+
+    def _forget(self, *names: str) -> None:
+        for name in names:
+            self.__dict__.pop(name, None)
+        self._in_order, self._nearest = {}, {}
+
+    def _told(self, property: str) -> Iterator[ox.Quad]:
+        return self._store.quads_for_pattern(None, ox.NamedNode(property), None)
+
+    def _objects(self, node: ox.NamedNode | ox.BlankNode | ox.Triple, property: Iri) -> list[object]:
+        return [quad.object for quad in self._store.quads_for_pattern(node, ox.NamedNode(property), None)]
 
     # -- classes -------------------------------------------------------------------------------------------------------
 
@@ -103,28 +191,29 @@ class Index:
         """Whether one class is the other or below it."""
         return ancestor in self.classes.above(cls)
 
+    def apart(self, one: Iri, other: Iri) -> bool:
+        """Whether nothing can be of both classes: they, or two classes above them, are told to be disjoint."""
+        others = self.classes.above(other)
+        return any(each in others for above in self.classes.above(one) for each in self.axioms.apart(above))
+
     def restrictions(self, cls: Iri) -> Iterator[ClassRestriction]:
         """What a class says itself, then what it inherits, the nearest first."""
         for owner in self.classes.above(cls):
-            for restriction in self._own.get(owner, ()):
-                yield ClassRestriction(owner, restriction)
+            yield from self.axioms.told_by(owner)
 
-    def restricting(self) -> Iterator[Iri]:
+    def restricting(self) -> Iterable[Iri]:
         """Classes that say something themselves."""
-        return iter(self._own)
+        return self.axioms.restricting()
 
     def naming(self, property: Iri, cls: Iri) -> Iterator[ClassRestriction]:
         """What classes say of a class by a property, or one that implies it; what they inherit is not repeated."""
         for sub in self.properties.sub_properties(property):
-            yield from self._naming.get((sub, cls), ())
+            yield from self.axioms.naming(sub, cls)
 
     def stating(self, property: Iri) -> Iterator[ClassRestriction]:
         """What all classes say by a property, or one that implies it."""
-        subs = set(self.properties.sub_properties(property))
-        for cls, restrictions in self._own.items():
-            for restriction in restrictions:
-                if restriction.property in subs and not restriction.inverse:
-                    yield ClassRestriction(cls, restriction)
+        for sub in self.properties.sub_properties(property):
+            yield from self.axioms.stating(sub)
 
     def reason(self, expression: Expression | None, cls: Iri) -> Iri | None:
         """The class for which another one falls under an expression: the nearest of a union's, the farthest of all.
@@ -143,6 +232,8 @@ class Index:
                 if len(met) < len(all_reasons):
                     return None
                 return max(met, key=lambda reason: self.classes.between(cls, reason), default=None)
+            case Not(Named(iri)):
+                return cls if self.apart(cls, iri) else None
             case _:
                 return None
 
@@ -152,21 +243,82 @@ class Index:
         """Individuals of a class and of those below it, each once; of one map, or of all and none."""
         found: dict[Iri, None] = {}
         for below in self.classes.below(cls):
-            found |= dict.fromkeys(self._members.get(below, ()) if map is None else self._here.get((map, below), ()))
+            told = self.individuals.members.get(below) if map is None else self.individuals.here.get((map, below))
+            if told:
+                found |= told
+            for individual in self.membership.members(below):
+                if map is None or map in self.maps_of.get(individual, ()):
+                    found[individual] = None
         return sorted(found)
-
-    def direct_members(self, cls: Iri) -> Sequence[Iri]:
-        """Individuals that are said to be of this very class."""
-        return self._members.get(cls, ())
 
     def is_member(self, individual: Iri, cls: Iri) -> bool:
         """Whether an individual is of a class."""
-        return any(self.is_a(told, cls) for told in self.types.get(individual, ()))
+        classes = self.classes
+        return any(cls in classes.above(told) for told in self.types_of(individual))
+
+    def types_of(self, individual: Iri) -> tuple[Iri, ...]:
+        """The classes that an individual is said to be of, and those that follow without their superclasses."""
+        told = self.types.get(individual, ())
+        grounds = self.membership.grounds(individual)
+        return told if not grounds else tuple(dict.fromkeys((*told, *sorted(grounds))))
+
+    def ground(self, individual: Iri, cls: Iri) -> Ground | None:
+        """Why an individual is of this very class, where nobody says so."""
+        return None if cls in self.types.get(individual, ()) else self.membership.grounds(individual).get(cls)
+
+    def described_in(self, map: Iri, individual: Iri | None = None) -> Sequence[Iri]:
+        """Who is described in a map, in one order; only this one, if it is."""
+        if individual is not None:
+            return [individual] if map in self.maps_of.get(individual, ()) else []
+        if map not in self._in_order:
+            self._in_order[map] = sorted(self.residents.get(map, ()))
+        return self._in_order[map]
 
     def class_of(self, individual: Iri) -> Iri | None:
-        """The most special class that an individual is said to be of."""
-        told = self.types.get(individual, ())
-        return max(told, key=lambda cls: (len(self.classes.above(cls)), cls), default=None)
+        """The most special class that an individual is of; one that was derived only where nobody says any."""
+        if individual not in self._nearest:
+            self._nearest[individual] = self._class_of(individual)
+        return self._nearest[individual]
+
+    def _class_of(self, individual: Iri) -> Iri | None:
+        grounds = self.membership.grounds(individual)
+        types = self.types.get(individual, ())
+        types = (*types, *(cls for cls, ground in grounds.items() if not types or ground.rule is not Rule.OWL_RL))
+        if len(types) < 2:
+            return types[0] if types else None
+        return max(types, key=lambda cls: (len(self.classes.above(cls)), cls))
+
+    def knows_individual(self, iri: Iri) -> bool:
+        """Whether something is told of an individual: a class or a map."""
+        individuals = self.individuals
+        return iri in individuals.types or iri in individuals.maps_of or iri in individuals.expressions
+
+    def knows_class(self, iri: Iri) -> bool:
+        """Whether it is the name of a class."""
+        if iri in self.individuals.declared[OWL_CLASS] or iri in self.individuals.members:
+            return not iri.startswith("_:")
+        if iri.startswith(("_:", XSD)):
+            return False
+        return iri in self.axioms or self.properties.leads_to(iri) or bool(self.membership.members(iri))
+
+    def knows_property(self, iri: Iri) -> bool:
+        """Whether it is the name of a property."""
+        declared = any(iri in self.individuals.declared[kind] for kind in PROPERTY_KINDS)
+        return declared or iri in self.axioms.reader.restricted or iri in self.properties
+
+    def declared_classes(self) -> Iterator[Iri]:
+        """Every class that has a name."""
+        return (name for name in dict.fromkeys(self.vocabulary()) if self.knows_class(name))
+
+    def vocabulary(self) -> Iterator[Iri]:
+        """Every name of an individual, a class or a property, some of them more than once."""
+        individuals = self.individuals
+        yield from (*individuals.types, *individuals.maps_of, *individuals.expressions, *individuals.residents)
+        yield from individuals.members
+        for declared in individuals.declared.values():
+            yield from declared
+        yield from self.axioms.names()
+        yield from self.properties.names()
 
     # -- parts ---------------------------------------------------------------------------------------------------------
 
@@ -187,110 +339,19 @@ class Index:
     def _walk(self, start: Iri, *, backwards: bool, through_joints: bool) -> Iterator[Part]:
         seen = {start}
         waiting = [Part(start, 0, ())]
-        for here in waiting:
-            steps = self._part_steps(here.thing, backwards=backwards)
-            for thing, statement in sorted(steps, key=lambda step: step[0]):
-                # A constraint names the two things that it joins with the words for wholes and parts.
-                if thing not in seen and (through_joints or not self.is_member(statement.subject, CONSTRAINT)):
-                    seen.add(thing)
-                    waiting.append(Part(thing, here.depth + 1, (*here.chain, statement)))
-                    yield waiting[-1]
+        for derived in (False, True) if self._derived else (False,):  # what is told says more of the way
+            for here in waiting:
+                steps = self._part_steps(here.thing, backwards=backwards, derived=derived)
+                for thing, way in sorted(steps, key=lambda step: step[0]):
+                    if thing not in seen and (through_joints or not self._joins(way)):
+                        seen.add(thing)
+                        waiting.append(Part(thing, here.depth + 1, (*here.chain, *way)))
+                        yield waiting[-1]
 
-    def _part_steps(self, thing: Iri, *, backwards: bool) -> Iterator[tuple[Iri, Statement]]:
-        for property in _TO_PARTS:
-            yield from self.properties.steps(property, thing, backwards=backwards)
-        for property in _TO_WHOLES:
-            yield from self.properties.steps(property, thing, backwards=not backwards)
+    def _joins(self, way: Sequence[Statement]) -> bool:
+        """Whether a constraint says it: with the words for wholes and parts it names the two things that it joins."""
+        return any(self.is_member(statement.subject, CONSTRAINT) for statement in way)
 
-    # -- reading -------------------------------------------------------------------------------------------------------
-
-    def _read_classes(self) -> None:
-        reader = ExpressionReader(self._store)
-        for cls, expression in reader.definitions():
-            self._under(cls, expression)
-            self._over(cls, expression)
-        for property, equal in ((SUBCLASS_OF, False), (EQUIVALENT_CLASS, True)):
-            for quad in self._told(property):
-                one, other = reader.read(quad.subject), reader.read(quad.object)
-                for lower, upper in ((one, other), (other, one)) if equal else ((one, other),):
-                    if isinstance(lower, Named):
-                        self._under(lower.iri, upper)
-                    if isinstance(upper, Named):
-                        self._over(upper.iri, lower)
-
-    def _under(self, cls: Iri, expression: Expression) -> None:
-        """Every member of the class falls under the expression."""
-        match expression:
-            case Named(iri):
-                self._pairs.append((cls, iri))
-            case AllOf(members):
-                for member in members:
-                    self._under(cls, member)
-            case Restriction():
-                self._own.setdefault(cls, {})[expression] = None
-
-    def _over(self, cls: Iri, expression: Expression) -> None:
-        """Everything that falls under the expression is a member of the class."""
-        match expression:
-            case Named(iri):
-                self._pairs.append((iri, cls))
-            case AnyOf(members):
-                for member in members:
-                    self._over(cls, member)
-
-    def _read_types(self) -> None:
-        for quad in self._told(TYPE):
-            individual, cls = node_name(quad.subject), node_name(quad.object)
-            if individual and cls and not cls.startswith((OWL, RDFS, RDF, "_:")):
-                known = self.types.setdefault(individual, [])
-                if cls not in known:
-                    known.append(cls)
-                    known.sort()
-                    self._members.setdefault(cls, []).append(individual)
-
-    def _read_maps(self) -> None:
-        for quad in self._told(DESCRIBED_IN_MAP):
-            individual, map = node_name(quad.subject), node_name(quad.object)
-            if not individual or not map or individual == map:
-                continue
-            types = self.types.get(individual, ())
-            maps = self.maps_of.setdefault(individual, [])
-            if map not in maps and not (types and _PART_CLASSES.issuperset(types)):
-                maps.append(map)
-                self.residents.setdefault(map, []).append(individual)
-                for cls in types:
-                    self._here.setdefault((map, cls), []).append(individual)
-
-    def _read_naming(self) -> None:
-        for cls, restrictions in self._own.items():
-            for restriction in restrictions:
-                if restriction.kind is not Kind.VALUE and not restriction.inverse:
-                    owned = ClassRestriction(cls, restriction)
-                    for named in dict.fromkeys(_names(restriction.filler)):
-                        self._naming.setdefault((restriction.property, named), []).append(owned)
-
-    def declared_classes(self) -> Iterator[Iri]:
-        """Every class that has a name."""
-        for quad in self._store.quads_for_pattern(None, ox.NamedNode(TYPE), ox.NamedNode(OWL_CLASS)):
-            if isinstance(quad.subject, ox.NamedNode):
-                yield Iri(quad.subject.value)
-        yield from self.classes
-        yield from self._members
-        yield from self._own
-        yield from (cls for _, cls in self._naming if not cls.startswith(XSD))
-
-    def _told(self, property: Iri) -> Iterator[ox.Quad]:
-        return self._store.quads_for_pattern(None, ox.NamedNode(property), None)
-
-
-def _restriction_key(restriction: Restriction) -> tuple[str, str, str]:
-    return restriction.property, restriction.kind.value, repr(restriction)
-
-
-def _names(expression: Expression | None) -> Iterator[Iri]:
-    match expression:
-        case Named(iri):
-            yield iri
-        case AnyOf(members) | AllOf(members):
-            for member in members:
-                yield from _names(member)
+    def _part_steps(self, thing: Iri, *, backwards: bool, derived: bool) -> Iterator[Step]:
+        steps = self.properties.derived_steps if derived else self.properties.steps
+        return steps(_TO_PARTS, thing, backwards=backwards)

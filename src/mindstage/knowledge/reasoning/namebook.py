@@ -11,7 +11,8 @@ import pyoxigraph as ox
 from mindstage.errors import NameAmbiguous, NameUnknown
 from mindstage.knowledge.names import local_name
 from mindstage.knowledge.reasoning.index import Index
-from mindstage.knowledge.vocabulary import KNOWROB, MS, ON_PROPERTY, OWL, RDF, RDFS, TYPE, XSD
+from mindstage.knowledge.stores.triplestore import Readable
+from mindstage.knowledge.vocabulary import KNOWROB, MS, OWL, RDF, RDFS, TYPE, XSD
 from mindstage.world import Iri
 
 __all__ = ["PREFIXES", "NameKind", "Namebook", "spelt_out"]
@@ -28,7 +29,6 @@ PREFIXES = {
 }
 """The prefixes that names may have."""
 
-_PROPERTY_CLASSES = ("ObjectProperty", "DatatypeProperty", "AnnotationProperty")
 _BUILT_IN = (TYPE, *(Iri(RDFS + name) for name in ("subClassOf", "subPropertyOf", "label", "comment")))
 
 
@@ -39,16 +39,29 @@ class NameKind(Enum):
     INDIVIDUAL = "individual"
     MAP = "map"
     PROPERTY = "property"
+    VALUE = "class, individual or text"
+    """What has no such name is taken as it is."""
+
+
+_NAMING = (NameKind.CLASS, NameKind.INDIVIDUAL, NameKind.MAP, NameKind.PROPERTY)
 
 
 class Namebook:
-    """All names of one state of a store, found when the first of a kind is asked for."""
+    """All names, found when the first is asked for and kept from then on.
 
-    def __init__(self, store: ox.Store, index: Index) -> None:
+    It remembers what things are called, and asks the index what they are now.
+    """
+
+    def __init__(self, store: Readable, index: Index) -> None:
         """Reads nothing yet."""
         self._store = store
         self._index = index
-        self._books: dict[NameKind, dict[str, list[Iri]]] = {}
+
+    def learn(self, names: Iterable[Iri]) -> None:
+        """Adds names that have come up since."""
+        if "_book" in self.__dict__:
+            for name in names:
+                self._write(self._book, name)
 
     def find(self, name: str, kind: NameKind) -> Iri:
         """What a name means.
@@ -59,63 +72,87 @@ class Namebook:
             NameUnknown: nothing of that kind has the name.
             NameAmbiguous: several have it.
         """
-        book = self._book(kind)
-        whole = spelt_out(name)
-        found = [whole] if whole in book.get(local_name(whole), ()) else book.get(name, [])
-        if not found and kind is NameKind.INDIVIDUAL:
-            found = self._only_members(name, whole)
-        if len(found) == 1:
-            return found[0]
-        if found:
-            raise NameAmbiguous(name, kind=kind.value, known=found)
-        raise NameUnknown(name, kind=kind.value, known=book)
+        if kind is NameKind.VALUE:
+            known = self.kind_of(name)
+            return known[0] if known else Iri(name)
+        found = self._meant(name, kind)
+        if not found:
+            of_classes = map(local_name, self._index.individuals.members) if kind is NameKind.INDIVIDUAL else ()
+            raise NameUnknown(name, kind=kind.value, known=(*self._all(kind), *of_classes))
+        return found
 
     def kind_of(self, name: str) -> tuple[Iri, NameKind] | None:
-        """What a name means, whatever it is; None where nothing has it."""
-        for kind in NameKind:
-            try:
-                return self.find(name, kind), kind
-            except NameUnknown:
-                continue
-        return None
+        """What a name means, whatever it is; None where nothing has it.
+
+        Raises:
+            NameAmbiguous: several things of one kind have it.
+        """
+        found = ((self._meant(name, kind), kind) for kind in _NAMING)
+        return next(((iri, kind) for iri, kind in found if iri), None)
 
     def all(self) -> Iterable[str]:
         """Every short name."""
-        return (name for kind in NameKind for name in self._book(kind))
+        return (name for kind in _NAMING for name in self._all(kind))
 
-    def _only_members(self, name: str, whole: Iri) -> list[Iri]:
-        classes = self._book(NameKind.CLASS)
-        named = [whole] if whole in classes.get(local_name(whole), ()) else classes.get(name, [])
-        return sorted({member for cls in named for member in self._index.members(cls)})
+    def _meant(self, name: str, kind: NameKind) -> Iri | None:
+        """What of a kind has a name; None where nothing does."""
+        found = self._named(name, kind)
+        if not found and kind is NameKind.INDIVIDUAL:
+            found = self._only_members(name) or self._strangers(name)
+        if len(found) > 1:
+            raise NameAmbiguous(name, kind=kind.value, known=found)
+        return found[0] if found else None
 
-    def _book(self, kind: NameKind) -> dict[str, list[Iri]]:
-        if kind not in self._books:
-            book: dict[str, list[Iri]] = {}
-            for iri in dict.fromkeys(self._names(kind)):
-                if not iri.startswith("_:"):
-                    book.setdefault(local_name(iri), []).append(iri)
-            self._books[kind] = book
-        return self._books[kind]
+    def _named(self, name: str, kind: NameKind) -> list[Iri]:
+        whole = spelt_out(name)
+        if ":" in whole and self._is(whole, kind):
+            return [whole]
+        return sorted(iri for iri in self._book.get(name, ()) if self._is(iri, kind))
 
-    def _names(self, kind: NameKind) -> Iterable[Iri]:
-        if kind is NameKind.CLASS:
-            return self._index.declared_classes()
-        if kind is NameKind.MAP:
-            return self._index.residents
-        return self._properties if kind is NameKind.PROPERTY else (*self._index.types, *self._index.maps_of)
+    def _only_members(self, name: str) -> list[Iri]:
+        return sorted({member for cls in self._named(name, NameKind.CLASS) for member in self._index.members(cls)})
+
+    def _strangers(self, name: str) -> list[Iri]:
+        """What only statements by other properties speak of: a part, say, that nobody says anything else about."""
+        whole = spelt_out(name)
+        kinds = (NameKind.CLASS, NameKind.MAP, NameKind.PROPERTY)
+        if ":" not in whole or any(self._is(whole, kind) for kind in kinds):
+            return []
+        try:
+            node = ox.NamedNode(whole)
+        except ValueError:
+            return []
+        told = (self._store.quads_for_pattern(node, None, None), self._store.quads_for_pattern(None, None, node))
+        return [whole] if any(next(iter(quads), None) for quads in told) else []
+
+    def _is(self, iri: Iri, kind: NameKind) -> bool:
+        index = self._index
+        match kind:
+            case NameKind.CLASS:
+                return index.knows_class(iri)
+            case NameKind.MAP:
+                return iri in index.residents
+            case NameKind.INDIVIDUAL:
+                return index.knows_individual(iri)
+            case NameKind.PROPERTY:
+                return iri in _BUILT_IN or index.knows_property(iri)
+            case NameKind.VALUE:
+                return any(self._is(iri, each) for each in _NAMING)
+
+    def _all(self, kind: NameKind) -> Iterable[str]:
+        return (name for name, iris in self._book.items() if any(self._is(iri, kind) for iri in iris))
 
     @cached_property
-    def _properties(self) -> tuple[Iri, ...]:
-        quads = [
-            *(quad.subject for name in _PROPERTY_CLASSES for quad in self._told(TYPE, Iri(OWL + name))),
-            *(quad.object for quad in self._told(ON_PROPERTY)),
-        ]
-        named = [Iri(node.value) for node in quads if isinstance(node, ox.NamedNode)]
-        return (*_BUILT_IN, *named, *self._index.properties.known())
+    def _book(self) -> dict[str, dict[Iri, None]]:
+        """By short name; it may hold names of what is gone, and of what is nothing that can be asked about."""
+        book: dict[str, dict[Iri, None]] = {}
+        for iri in (*_BUILT_IN, *dict.fromkeys(self._index.vocabulary())):
+            self._write(book, iri)
+        return book
 
-    def _told(self, property: Iri, value: Iri | None = None) -> Iterable[ox.Quad]:
-        node = None if value is None else ox.NamedNode(value)
-        return self._store.quads_for_pattern(None, ox.NamedNode(property), node)
+    def _write(self, book: dict[str, dict[Iri, None]], iri: Iri) -> None:
+        if not iri.startswith("_:"):
+            book.setdefault(local_name(iri), {})[iri] = None
 
 
 def spelt_out(name: str) -> Iri:

@@ -1,0 +1,147 @@
+"""Questions about two maps: whether they tell of the same world, and where they do not."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+import msgspec
+
+from mindstage.errors import ArgumentRefused
+from mindstage.knowledge.names import local_name
+from mindstage.knowledge.questions.question import MapName, Missing, Row, question
+from mindstage.knowledge.questions.words import only_told
+from mindstage.knowledge.vocabulary import DESCRIBED_IN_MAP, SEMANTIC_MAP
+from mindstage.world import MECHANICS, Difference, Iri, difference
+
+if TYPE_CHECKING:
+    from mindstage.knowledge.base import KnowledgeBase
+
+__all__ = ["MapDifference", "SameMaps", "differences", "identical_maps"]
+
+
+class SameMaps(Row, frozen=True, kw_only=True):
+    """Two maps, held against each other."""
+
+    a: MapName
+    b: MapName
+    identical: bool
+    """In everything: sizes, meshes and facts too."""
+    identical_mechanics: bool
+    """In poses, masses, limits and what there is; the thesis compared no more than that."""
+    differing: tuple[str, ...]
+    """Ids of all that stands in one only, or differs by more than the tolerance."""
+
+
+@question
+def identical_maps(
+    kb: KnowledgeBase, a: MapName | None = None, b: MapName | None = None, tolerance: float = 0.0
+) -> Iterator[SameMaps]:
+    """Whether two maps tell of the same world, and the ids of all that differs by more than the tolerance.
+
+    A map that was only told of, and stands in no file, is not compared.
+
+    Examples:
+        identical_maps kitchen kitchen
+    """
+    for one, other, found in _pairs(kb, a, b, tolerance):
+        ids = [*found.only_in_a, *found.only_in_b, *(change.id for change in found.beyond(tolerance))]
+        yield SameMaps(
+            a=one,
+            b=other,
+            identical=not ids,
+            identical_mechanics=found.identical(tolerance, kinds=MECHANICS),
+            differing=tuple(dict.fromkeys(ids)),
+        )
+
+
+class MapDifference(Row, frozen=True, kw_only=True):
+    """One thing, or one field of it, that two maps do not agree on."""
+
+    a: MapName
+    b: MapName
+    id: str
+    """Of a body, a constraint or a light; the IRI of anything else."""
+    field: str
+    """Dotted, such as `pose.position`; empty where only one of the maps has the thing at all."""
+    in_a: str | None
+    """What the first map has, as JSON; None for nothing."""
+    in_b: str | None
+    error: float | None
+    """How far apart the two are, in metres, radians, kilograms; None where no number says it."""
+
+
+@question
+def differences(
+    kb: KnowledgeBase, a: MapName | None = None, b: MapName | None = None, tolerance: float = 0.0
+) -> Iterator[MapDifference]:
+    """What exactly two maps do not agree on: individuals that only one of them has, and each field that differs.
+
+    Examples:
+        differences kitchen kitchen
+    """
+    for one, other, found in _pairs(kb, a, b, tolerance):
+        for id in found.only_in_a:
+            yield MapDifference(a=one, b=other, id=id, field="", in_a=id, in_b=None, error=None)
+        for id in found.only_in_b:
+            yield MapDifference(a=one, b=other, id=id, field="", in_a=None, in_b=id, error=None)
+        for change in found.beyond(tolerance):
+            yield MapDifference(
+                a=one,
+                b=other,
+                id=change.id,
+                field=change.field,
+                in_a=_text(change.a),
+                in_b=_text(change.b),
+                error=change.error,
+            )
+
+
+@identical_maps.because
+def _compared(kb: KnowledgeBase, row: SameMaps) -> Iterator[str]:
+    a, b = kb.world(row.a), kb.world(row.b)
+    numbers = f"{len(a.bodies)} and {len(b.bodies)} bodies, {len(a.constraints)} and {len(b.constraints)} constraints"
+    yield f"{numbers} were compared, field by field and fact by fact"
+    for each in differences.ask(kb, {"a": row.a, "b": row.b}):
+        if each.id in row.differing:
+            yield _difference_line(each)
+
+
+@differences.because
+def _where(kb: KnowledgeBase, row: MapDifference) -> Iterator[str]:
+    yield _difference_line(row)
+
+
+@identical_maps.lacking
+@differences.lacking
+def _nothing_to_compare(
+    kb: KnowledgeBase, a: Iri | None = None, b: Iri | None = None, tolerance: float = 0.0
+) -> Iterator[Missing]:
+    known = kb.maps()
+    for map in dict.fromkeys(map for map in (a, b) if map and map not in known):
+        yield from only_told(map)
+    if len(known) < 2 and not (a and b):
+        yield Missing(SEMANTIC_MAP, DESCRIBED_IN_MAP, f"there are {len(known)} maps, and it takes two to differ")
+
+
+def _pairs(kb: KnowledgeBase, a: Iri | None, b: Iri | None, tolerance: float) -> Iterator[tuple[Iri, Iri, Difference]]:
+    """Any two maps, or a map and itself where somebody asks for just that."""
+    if not tolerance >= 0.0:
+        raise ArgumentRefused("tolerance", cause=f"{tolerance} forgives nothing", remedy="give 0 or more")
+    known = sorted(kb.maps())
+    for one in known if a is None else {a} & {*known}:
+        for other in known if b is None else {b} & {*known}:
+            if one != other or (a and b):
+                yield one, other, difference(kb.world(one), kb.world(other))
+
+
+def _difference_line(row: MapDifference) -> str:
+    """What the one map says, and what the other."""
+    if not row.field:
+        return f"{row.id} is only in {local_name(row.a if row.in_b is None else row.b)}"
+    apart = "" if row.error is None else f", {row.error:g} apart"
+    return f"{row.id} {row.field}: {row.in_a} in {local_name(row.a)}, {row.in_b} in {local_name(row.b)}{apart}"
+
+
+def _text(value: Any) -> str | None:
+    return None if value is None else msgspec.json.encode(value).decode()

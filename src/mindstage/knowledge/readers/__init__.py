@@ -1,0 +1,3 @@
+"""Readers: one file a dialect, each turning an `Excerpt` into a `World`; `reading/dialects.py` names them."""
+
+__all__: list[str] = []

@@ -1,0 +1,45 @@
+"""Excerpts: what is known of one map, gathered for whoever can read its dialect."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+from mindstage.knowledge.findings import Report
+from mindstage.knowledge.graph import Graph
+from mindstage.knowledge.hierarchy import ClassHierarchy
+from mindstage.knowledge.reading.assumptions import Assume, Assumption
+from mindstage.knowledge.reading.conventions import Conventions
+from mindstage.world import Iri
+
+__all__ = ["Excerpt"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Excerpt:
+    """What a reader gets."""
+
+    map: Iri
+    graph: Graph
+    """What the map's sources say, nested, but for what belongs to other maps."""
+    members: Sequence[Iri]
+    """The individuals that are described in the map."""
+    background: Sequence[Graph]
+    """Ontologies that say something about sizes."""
+    hierarchy: ClassHierarchy
+    """All that is known about classes."""
+    report: Report
+    keep_assumption: Assume
+    conventions: Conventions = field(default_factory=Conventions)
+    """What the user says about the map's numbers; None in it is the reader's to decide."""
+
+    def assume(self, about: str, value: str, evidence: str) -> None:
+        """Says aloud what was decided about the whole map; one of `conventions`' fields counts as told by the user.
+
+        Args:
+            about: what was decided; the field's name where it is one of `conventions`.
+            value: what the reader goes by.
+            evidence: what speaks for it, or what would have been decided where the user said otherwise.
+        """
+        overridden = getattr(self.conventions, about, None) is not None
+        self.keep_assumption(Assumption(self.map, about, value, evidence, overridden))

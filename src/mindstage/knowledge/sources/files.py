@@ -1,0 +1,253 @@
+"""Files: from a path to bytes that are safe to parse, and an error with line and cause where that fails.
+
+A file that is wrong only in ways that SWI-Prolog forgives is repaired (see `xml_repair`), and tells what was done.
+"""
+
+from __future__ import annotations
+
+import io
+import re
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import pyoxigraph as ox
+
+from mindstage.errors import SourceUnreadable
+from mindstage.knowledge.findings import Finding, Severity
+from mindstage.knowledge.sources.xml_files import (
+    DEPTH_LIMIT,
+    UnsafeEntity,
+    first_tag,
+    harmless,
+    has_rivals,
+    ill_formed,
+    is_complete,
+    is_too_deep,
+)
+from mindstage.knowledge.sources.xml_repair import BeyondRepair, Repair, repaired_xml
+from mindstage.knowledge.vocabulary import RDF
+
+__all__ = ["SUFFIXES", "SourceFile", "read_file"]
+
+XML, TURTLE, N_TRIPLES = ox.RdfFormat.RDF_XML, ox.RdfFormat.TURTLE, ox.RdfFormat.N_TRIPLES
+SUFFIXES = {".owl": XML, ".rdf": XML, ".xml": XML, ".ttl": TURTLE, ".nt": N_TRIPLES}
+
+REPAIRS_TOLD = 100
+"""More repairs of one file than this are counted, but not told one by one."""
+
+_BOMS = ((b"\xef\xbb\xbf", "utf-8"), (b"\xff\xfe", "utf-16"), (b"\xfe\xff", "utf-16"))
+_DECLARED_ENCODING = re.compile(rb"""^\s*<\?xml[^>]*?\sencoding\s*=\s*["']([A-Za-z][\w.-]*)["']""")
+_WIDE = re.compile(r"utf-?(16|32)|ucs-?[24]", re.IGNORECASE)
+_DECLARATION = re.compile(r"^\s*<\?xml.*?\?>", re.DOTALL)
+_XML_START = re.compile(rb"\s*<(\?xml|!|[\w.-]+:RDF\b)")
+_LATE_START = re.compile(rb"<(\?xml\s|!DOCTYPE\s|[\w.-]*:RDF[\s>])")
+_TURTLE_START = re.compile(rb"(?:\s|#[^\n]*\n)*(?:@prefix|@base|PREFIX|BASE)\s", re.IGNORECASE)
+_STATEMENT_START = re.compile(rb"(?:\s|#[^\n]*\n)*(?:<[^<>\"{}|^`\\\s]+>|_:\S+)\s+(?:<[^<>\"{}|^`\\\s]+>|a)\s")
+
+
+@dataclass(frozen=True, slots=True)
+class SourceFile:
+    """A file that parses, or is said to be `unreadable` by whoever finds that it does not."""
+
+    path: Path
+    data: bytes
+    """UTF-8."""
+    format: ox.RdfFormat
+    repairs: tuple[Repair, ...] = ()
+    """What was changed in it so that it can be parsed."""
+
+    @property
+    def iri(self) -> str:
+        """What relative names in it are relative to, and what its graph is called."""
+        return self.path.as_uri()
+
+    def findings(self) -> list[Finding]:
+        """What is to be told about its repairs."""
+        told = [self._finding(f"line {line}: {what}", did) for line, what, did in self.repairs[:REPAIRS_TOLD]]
+        if more := len(self.repairs) - len(told):
+            told.append(self._finding(f"{more:,} more places like these", "they are read alike"))
+        return told
+
+    def repaired(self, error: SyntaxError) -> SourceFile:
+        """The file as SWI-Prolog would read it, after the parser gave up on it as it stands.
+
+        Raises:
+            SourceUnreadable: there is no way to read it.
+        """
+        is_rdf = RDF.encode() in self.data or _LATE_START.search(self.data)
+        if self.format != XML or not is_rdf:
+            raise self.unreadable(error) from error
+        return _repaired(self)
+
+    def unreadable(self, error: SyntaxError) -> SourceUnreadable:
+        """What is to be said where the parser gave up on this file."""
+        if self.format == XML:
+            return _unreadable_xml(self, str(error))
+        return SourceUnreadable(str(self.path), cause=_without_place(str(error)), line=error.lineno)
+
+    def _finding(self, what: str, did: str) -> Finding:
+        return Finding(Severity.WARNING, str(self.path), "", what, did)
+
+
+def read_file(path: Path) -> SourceFile:
+    """Reads a file and makes sure that parsing it is harmless; whether it parses shows only then.
+
+    Raises:
+        SourceUnreadable: it is missing, of no known format, cut off, or dangerous.
+    """
+    try:
+        data = path.read_bytes()
+    except FileNotFoundError as error:
+        raise SourceUnreadable(str(path), cause="there is no such file") from error
+    except IsADirectoryError as error:
+        cause = "it is a folder; name the map's file in it, or give a folder of ROS packages as an ontology"
+        raise SourceUnreadable(str(path), cause=cause) from error
+    except OSError as error:
+        raise SourceUnreadable(str(path), cause=error.strerror or str(error)) from error
+    data, repairs = _as_utf8(data)
+    format = _format(path, data)
+    if format != XML:
+        return SourceFile(path, data, format, repairs)
+    data, late = _from_its_start(data)
+    if is_too_deep(data):
+        cause = f"its elements stand in one another more than {DEPTH_LIMIT:,} deep"
+        raise SourceUnreadable(str(path), cause=cause)
+    file = SourceFile(path, _harmless(path, data), XML, (*repairs, *late))
+    if has_rivals(file.data) or (not is_complete(file.data) and ill_formed(file.data)):
+        return _repaired(file)
+    return file
+
+
+# -- letters -----------------------------------------------------------------------------------------------------------
+
+
+def _as_utf8(data: bytes) -> tuple[bytes, tuple[Repair, ...]]:
+    """The file in the one encoding that the parser takes, and what was wrong with its own."""
+    mark = next((name for mark, name in _BOMS if data.startswith(mark)), None)
+    declared = _DECLARED_ENCODING.match(data)
+    encoding = mark or (declared[1].decode("ascii") if declared else "utf-8")
+    if encoding.lower() in {"utf-8", "utf8", "us-ascii"}:
+        data = data.removeprefix(b"\xef\xbb\xbf")
+        return (data, ()) if data.isascii() else _utf8_or_latin(data)
+    try:
+        if mark is None and _WIDE.match(encoding):
+            raise UnicodeError("a declaration that can be read as ASCII is in no encoding of wider letters")
+        text = data.decode(encoding)
+        repairs: tuple[Repair, ...] = ()
+    except (LookupError, UnicodeError):
+        data, others = _utf8_or_latin(data)
+        text = data.decode()
+        what = f"it names the encoding {encoding!r}, which it is not in"
+        repairs = (Repair(1, what, "it is read as UTF-8"), *others)
+    # The declaration would now be wrong; UTF-8 is what XML takes where none is given.
+    head, _, rest = text.partition("\n")
+    return f"{_DECLARATION.sub('', head, count=1)}\n{rest}".encode("utf-8", "surrogatepass"), repairs
+
+
+def _utf8_or_latin(data: bytes) -> tuple[bytes, tuple[Repair, ...]]:
+    try:
+        data.decode()
+    except UnicodeDecodeError as error:
+        if b"\0" in data[:4096]:
+            return data.decode("utf-8", "replace").encode(), ()  # no text at all, as will be said
+        line = data.count(b"\n", 0, error.start) + 1
+        what = f"the byte {data[error.start]:#04x} is no UTF-8"
+        # In Windows' code page every byte but five is a letter, and ISO 8859-1 is a part of it.
+        repair = Repair(line, what, "the file is read in Windows' code page 1252")
+        return data.decode("cp1252", "replace").encode(), (repair,)
+    return data, ()
+
+
+# -- formats -----------------------------------------------------------------------------------------------------------
+
+
+def _format(path: Path, data: bytes) -> ox.RdfFormat:
+    told = SUFFIXES.get(path.suffix.lower())
+    if _TURTLE_START.match(data):
+        return TURTLE  # Protégé calls its files .owl whatever is in them
+    if told is not None:
+        return told
+    if _XML_START.match(data):
+        return XML
+    if _STATEMENT_START.match(data):
+        return TURTLE  # N-Triples is a part of it
+    known = ", ".join(SUFFIXES)
+    cause = f"neither its suffix {path.suffix!r} nor its beginning tell a format; known are {known}"
+    raise SourceUnreadable(str(path), cause=cause)
+
+
+# -- XML ---------------------------------------------------------------------------------------------------------------
+
+
+def _harmless(path: Path, data: bytes) -> bytes:
+    try:
+        return harmless(data)
+    except UnsafeEntity as error:
+        raise SourceUnreadable(str(path), cause=str(error), line=error.line) from error
+
+
+def _from_its_start(data: bytes) -> tuple[bytes, tuple[Repair, ...]]:
+    """The document without what stands before it, but for line breaks."""
+    start = data.lstrip()
+    if start.startswith((b"<?xml", b"<!", b"<")):
+        # Blanks before a declaration are forbidden, and the only thing that ever comes of that is an error.
+        return data, ()
+    found = _LATE_START.search(data)
+    if found is None:
+        return data, ()
+    before = data[: found.start()]
+    shown = " ".join(before.decode("utf-8", "replace").split())[:40]
+    line = data.count(b"\n", 0, len(data) - len(start)) + 1
+    repair = Repair(line, f"the text {shown!r} stands before the document", "it is ignored")
+    return b"\n" * before.count(b"\n") + data[found.start() :], (repair,)
+
+
+def _repaired(file: SourceFile) -> SourceFile:
+    path = str(file.path)
+    try:
+        text, repairs = repaired_xml(file.data.decode("utf-8", "surrogatepass"))
+    except BeyondRepair as error:
+        # What a strict parser stumbled over first may be one of the things that could have been repaired.
+        first = None if error.is_cut else ill_formed(file.data)
+        cause, line = first or (error.cause, error.line)
+        raise SourceUnreadable(path, cause=cause, line=line) from error
+    data = _harmless(file.path, text.encode("utf-8", "surrogatepass"))
+    return replace(file, data=data, repairs=(*file.repairs, *repairs))
+
+
+def _unreadable_xml(file: SourceFile, cause: str) -> SourceUnreadable:
+    if not file.repairs and (problem := ill_formed(file.data)):
+        return SourceUnreadable(str(file.path), cause=problem[0], line=problem[1])
+    root = first_tag(file.data)
+    name = root[1].decode("utf-8", "replace") if root else ""
+    if "XML namespaces are required" in cause and root and not name.endswith("RDF"):
+        hint = "OWL/XML; save it as RDF/XML or Turtle" if name == "Ontology" else "some other XML"
+        line = file.data.count(b"\n", 0, root.start()) + 1
+        cause = f"its root element is <{name}>: not RDF/XML but {hint}"
+        return SourceUnreadable(str(file.path), cause=cause, line=line)
+    return SourceUnreadable(str(file.path), cause=cause, line=_line_of_failure(file))
+
+
+class _LineByLine(io.BytesIO):
+    """Hands out one line at a time, so that the parser's stop tells the line."""
+
+    line = 0
+
+    def read(self, size: int | None = -1) -> bytes:
+        line = self.readline()
+        self.line += bool(line)
+        return line
+
+
+def _line_of_failure(file: SourceFile) -> int | None:
+    lines = _LineByLine(file.data)
+    try:
+        for _ in ox.parse(input=lines, format=file.format, base_iri=file.iri):
+            pass
+    except SyntaxError:
+        return lines.line
+    return None
+
+
+def _without_place(message: str) -> str:
+    return re.sub(r"^Parser error at line \d+[^:]*: | \(line \d+\)$", "", message)

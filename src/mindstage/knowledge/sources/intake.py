@@ -1,0 +1,105 @@
+"""Intake: what a file says beyond its letters is written at its end, before anything else reads it.
+
+The dialects of KnowRob 1 and 2 leave it to be understood who lives in which map (see `residence`), and some maps leave
+places and joints to a robot's description. It is added to the text once, here, so that the store, the exact text and
+whatever is made of them say the same. A description that is given as a map is turned into one.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from itertools import count
+from pathlib import Path
+from xml.sax.saxutils import quoteattr
+
+import pyoxigraph as ox
+
+from mindstage.knowledge.graph import Graph, graph_of
+from mindstage.knowledge.names import local_name, namespace_of
+from mindstage.knowledge.reading.other_words import PLACES
+from mindstage.knowledge.reading.residence import settled, settling
+from mindstage.knowledge.robots import looks_like_robot
+from mindstage.knowledge.sources.files import SourceFile, read_file
+from mindstage.knowledge.sources.robot_sources import RobotSources, linked
+from mindstage.knowledge.vocabulary import RDF
+from mindstage.world import Iri, Reference
+
+__all__ = ["read_map_file", "taken_in"]
+
+_END_TAG = re.compile(rb"</([\w.-]+:)?RDF\s*>")
+_SIGNS = tuple(local_name(place).encode() for place in PLACES)
+
+
+def read_map_file(path: Path, robots: RobotSources) -> SourceFile:
+    """Reads a map's file, or a robot's description as a map.
+
+    Raises:
+        SourceUnreadable: it is missing, of no known format, cut off, or dangerous.
+    """
+    return robots.as_map(path) if looks_like_robot(path) else taken_in(read_file(path), robots)
+
+
+def taken_in(file: SourceFile, robots: RobotSources) -> SourceFile:
+    """The same file, and with it what follows about who lives where, and what robots' descriptions lend it.
+
+    A file that does not parse comes back as it is: whoever loads it says why.
+    """
+    if not any(sign in file.data for sign in _SIGNS):
+        return file
+    try:
+        quads = list(ox.parse(file.data, file.format, base_iri=file.iri))
+        graph = graph_of(quads, set())
+    except (SyntaxError, ValueError, MemoryError):
+        return file
+    more: Graph = settling(graph)
+    leans = any(True for _ in linked(graph))
+    if not more and not leans:
+        return file
+    if leans or any(subject.startswith("_:") for subject in more):
+        file, more = _in_triples(file, quads, more)
+    file = _with_more(file, more)
+    return robots.lent_to(file, settled(graph)) if leans else file
+
+
+def _with_more(file: SourceFile, more: Graph) -> SourceFile:
+    """The file with further statements at its end."""
+    if file.format != ox.RdfFormat.RDF_XML:
+        return replace(file, data=file.data + b"\n" + "".join(_triples(more)).encode())
+    end = max((tag.start() for tag in _END_TAG.finditer(file.data)), default=len(file.data))
+    return replace(file, data=file.data[:end] + "".join(_elements(more)).encode() + file.data[end:])
+
+
+def _in_triples(file: SourceFile, quads: Sequence[ox.Quad], more: Graph) -> tuple[SourceFile, Graph]:
+    """The file as triples, in which things without a name have labels that do not change from time to time.
+
+    RDF/XML and Turtle may give such a thing not even a label, so there nothing more can be said of it.
+    """
+    free = (label for number in count(1) if (label := f"_:unnamed{number}").encode() not in file.data)
+    labels: Mapping[Iri, Iri] = {subject: Iri(next(free)) for subject in more if subject.startswith("_:")}
+    data = ox.serialize((quad.triple for quad in quads), format=ox.RdfFormat.N_TRIPLES) or b""
+    for subject, label in labels.items():
+        data = data.replace(f"{subject} ".encode(), f"{label} ".encode())
+    told = {labels.get(subject, subject): facts for subject, facts in more.items()}
+    return replace(file, data=data, format=ox.RdfFormat.N_TRIPLES), told
+
+
+def _triples(more: Graph) -> list[str]:
+    return [
+        f"{subject if subject.startswith('_:') else f'<{subject}>'} <{fact.property}> <{fact.value.iri}> .\n"
+        for subject, facts in more.items()
+        for fact in facts
+        if isinstance(fact.value, Reference)
+    ]
+
+
+def _elements(more: Graph) -> list[str]:
+    return [
+        f"<rdf:Description xmlns:rdf={quoteattr(RDF)} rdf:about={quoteattr(subject)}>"
+        f"<p:{local_name(fact.property)} xmlns:p={quoteattr(namespace_of(fact.property))}"
+        f" rdf:resource={quoteattr(fact.value.iri)}/></rdf:Description>\n"
+        for subject, facts in more.items()
+        for fact in facts
+        if isinstance(fact.value, Reference)
+    ]

@@ -1,0 +1,176 @@
+"""Endpoints: servers that answer SPARQL 1.1's protocol over HTTP.
+
+Every request has a time in which it must be done whole, and every reply a size that it must not pass. Nobody but the
+address that was given is ever spoken to: no proxy, no redirection.
+"""
+
+from __future__ import annotations
+
+import base64
+import http.client
+import ssl
+import time
+from collections.abc import Mapping
+from urllib.parse import SplitResult, unquote, urlencode, urlsplit, urlunsplit
+
+from mindstage.errors import ArgumentRefused, EndpointRefused, EndpointUnreachable
+from mindstage.knowledge.stores.query_process import REPLY_LIMIT
+
+__all__ = ["SOLUTIONS", "TRIPLES", "Endpoint", "Reply"]
+
+SOLUTIONS = "application/sparql-results+json"
+TRIPLES = "application/n-triples"
+
+_PIECE = 256 * 1024
+_SHOWN = 300
+"""Letters of a server's own words that an error repeats."""
+
+
+class Reply:
+    """What a server said yes with."""
+
+    def __init__(self, kind: str, body: bytes) -> None:
+        self.kind = kind
+        """Its media type, without parameters."""
+        self.body = body
+
+
+class Endpoint:
+    """One server's address; a connection lives as long as a request."""
+
+    def __init__(self, url: str, *, update_url: str | None = None, timeout_s: float = 30.0) -> None:
+        """Takes addresses; nothing is sent yet.
+
+        Args:
+            url: where queries go, such as `http://localhost:7878/query`; it may hold a user's name and password.
+            update_url: where changes go; by default beside `query` or `sparql` as `update`, else the same address.
+            timeout_s: how long any request may take [s].
+
+        Raises:
+            ArgumentRefused: it is no address of HTTP.
+        """
+        self._parts = _split(url)
+        self._update_parts = _split(update_url) if update_url else _update_address(self._parts)
+        self.timeout_s = timeout_s
+
+    def __str__(self) -> str:
+        return _shown(self._parts)
+
+    def query(self, query: str, *, accept: str = f"{SOLUTIONS}, {TRIPLES}", timeout_s: float | None = None) -> Reply:
+        """Puts a query to the server.
+
+        Raises:
+            EndpointUnreachable: nobody answers there, or not in time.
+            EndpointRefused: the server says no, or too much.
+        """
+        return self._post(self._parts, {"query": query}, accept, timeout_s or self.timeout_s)
+
+    def update(self, update: str) -> None:
+        """Has the server change what it keeps, which not every one allows.
+
+        Raises:
+            EndpointUnreachable: nobody answers there, or not in time.
+            EndpointRefused: the server says no.
+        """
+        self._post(self._update_parts, {"update": update}, "*/*", self.timeout_s)
+
+    def _post(self, parts: SplitResult, form: Mapping[str, str], accept: str, timeout_s: float) -> Reply:
+        deadline = time.monotonic() + timeout_s
+        connection = _connection(parts, timeout_s)
+        headers = {"Accept": accept, "Content-Type": "application/x-www-form-urlencoded", "User-Agent": "mindstage"}
+        if parts.username is not None:
+            user = f"{unquote(parts.username)}:{unquote(parts.password or '')}"
+            headers["Authorization"] = f"Basic {base64.b64encode(user.encode()).decode('ascii')}"
+        try:
+            target = urlunsplit(("", "", parts.path or "/", parts.query, ""))
+            connection.request("POST", target, urlencode(form).encode("ascii"), headers)
+            _give_until(deadline, connection)
+            response = connection.getresponse()
+            kind = response.headers.get_content_type()
+            limit = REPLY_LIMIT if response.status < 300 else _PIECE
+            body = _read(response, connection, deadline, limit)
+        except TimeoutError as error:
+            raise EndpointUnreachable(_shown(parts), cause=f"no answer within {timeout_s:g} s") from error
+        except (OSError, http.client.HTTPException) as error:
+            raise EndpointUnreachable(_shown(parts), cause=_cause(error)) from error
+        finally:
+            connection.close()
+        if len(body) > limit and limit == REPLY_LIMIT:
+            cause = f"the reply is larger than {REPLY_LIMIT // 1024**2} MiB"
+            raise EndpointRefused(_shown(parts), cause=cause, remedy="ask for less")
+        if not 200 <= response.status < 300:
+            raise _refusal(parts, response, body)
+        return Reply(kind, body)
+
+
+def _read(
+    response: http.client.HTTPResponse, connection: http.client.HTTPConnection, deadline: float, limit: int
+) -> bytes:
+    """The body, or a little more than is allowed of it."""
+    body = bytearray()
+    while len(body) <= limit:
+        _give_until(deadline, connection)
+        piece = response.read1(_PIECE)
+        if not piece:
+            break
+        body += piece
+    if response.length:
+        raise http.client.IncompleteRead(bytes(body[:0]), response.length)
+    return bytes(body)
+
+
+def _give_until(deadline: float, connection: http.client.HTTPConnection) -> None:
+    left = deadline - time.monotonic()
+    if left <= 0:
+        raise TimeoutError
+    if connection.sock is not None:  # else the server has said that this is all, and closed it
+        connection.sock.settimeout(left)
+
+
+def _connection(parts: SplitResult, timeout_s: float) -> http.client.HTTPConnection:
+    host = parts.hostname or ""
+    if parts.scheme == "https":
+        return http.client.HTTPSConnection(host, parts.port, timeout=timeout_s, context=ssl.create_default_context())
+    return http.client.HTTPConnection(host, parts.port, timeout=timeout_s)
+
+
+def _split(url: str) -> SplitResult:
+    remedy = "give one such as http://localhost:7878/query"
+    try:
+        parts = urlsplit(url)
+        if parts.scheme in {"http", "https"} and parts.hostname and parts.port != 0:
+            return parts
+    except ValueError as error:
+        raise ArgumentRefused("the endpoint", cause=str(error), remedy=remedy) from error
+    raise ArgumentRefused(f"the endpoint {url!r}", cause="it is no address of HTTP", remedy=remedy)
+
+
+def _update_address(parts: SplitResult) -> SplitResult:
+    before, slash, last = parts.path.rpartition("/")
+    return parts._replace(path=f"{before}{slash}update") if last in {"query", "sparql"} else parts
+
+
+def _shown(parts: SplitResult) -> str:
+    """An address without what is secret in it."""
+    return urlunsplit(parts._replace(netloc=parts.netloc.rpartition("@")[2]))
+
+
+def _refusal(parts: SplitResult, response: http.client.HTTPResponse, body: bytes) -> EndpointRefused:
+    where = response.headers.get("Location")
+    words = " ".join(body.decode("utf-8", "replace").split())[:_SHOWN]
+    remedy = {
+        401: "give a name and password in the address: http://NAME:PASSWORD@HOST/…",
+        403: "the server does not let you; ask whoever runs it",
+        404: "is that the address where it takes SPARQL?",
+        405: "is that the address where it takes SPARQL, and does it allow that?",
+    }.get(response.status, f"it points to {where}; give that address, if you trust it" if where else "")
+    cause = f"{response.status} {response.reason}" + (f": {words}" if words and words != response.reason else "")
+    return EndpointRefused(_shown(parts), cause=cause, remedy=remedy, status=response.status)
+
+
+def _cause(error: Exception) -> str:
+    if isinstance(error, http.client.IncompleteRead):
+        return "the connection ended in the middle of the reply"
+    if isinstance(error, http.client.HTTPException):
+        return f"it does not speak HTTP ({type(error).__name__})"
+    return (error.strerror if isinstance(error, OSError) else None) or str(error) or type(error).__name__

@@ -1,0 +1,132 @@
+"""The process in which maps are read that may be made of anything: guarded, and told by lines of JSON what to read.
+
+`python -m tests.knowledge.fuzz_worker FOLDER` answers every job on stdin with one line on stdout. It may have 1 GB, no
+network and no other program, and whatever tries is told, even if the error is swallowed. How long a job may take is
+not for the process itself to say (see `fuzz_watch`).
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import resource
+import sys
+import traceback
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+from typer.testing import CliRunner
+
+from mindstage.cli.app import app
+from mindstage.errors import MapUnwritable, MindstageError
+from mindstage.knowledge import KnowledgeBase, save_map
+from mindstage.world import World, difference
+
+__all__ = ["MEMORY_LIMIT"]
+
+MEMORY_LIMIT = 10**9
+"""Bytes of address space, of which what is really used is a part."""
+
+_OUTWARD = ("socket.", "urllib.", "http.client.", "ftplib.", "subprocess.", "os.system", "os.exec", "os.posix_spawn")
+_SECRETS = ("/etc/passwd", "/etc/shadow", "/dev/zero", "/proc/kcore", "/proc/kmsg")
+
+
+class Guard:
+    """Forbids the way outside, and remembers who tried."""
+
+    def __init__(self) -> None:
+        self.tries: list[str] = []
+        self.opened: list[str] = []
+        sys.addaudithook(self)
+
+    def __call__(self, event: str, args: tuple[Any, ...]) -> None:
+        if event.startswith(_OUTWARD):
+            self.tries.append(f"{event} {args!r}"[:200])
+            raise PermissionError(f"{event} is not allowed here")
+        if event == "open" and args[0] in _SECRETS:
+            self.opened.append(str(args[0]))
+
+
+def main(folder: Path) -> None:
+    answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
+    os.dup2(2, 1)  # what anybody prints is no answer
+    os.environ.pop("ROS_PACKAGE_PATH", None)
+    resource.setrlimit(resource.RLIMIT_AS, (MEMORY_LIMIT, MEMORY_LIMIT))
+    guard = Guard()
+    for line in sys.stdin:
+        job = json.loads(line)
+        guard.tries.clear()
+        guard.opened.clear()
+        try:
+            told = read_whole_way(Path(job["path"]), job["robots"], job["ontologies"], folder)
+            told |= {"typed": type_about(job["path"], job["robots"], job["ontologies"], job["verb"], folder)}
+        except BaseException:
+            told = {"defect": traceback.format_exc()}
+        told |= {"tries": guard.tries, "opened": guard.opened}
+        told |= {"memory_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / 1e6}
+        print(json.dumps(told), file=answers, flush=True)
+
+
+def read_whole_way(path: Path, robots: Sequence[str], ontologies: Sequence[str], folder: Path) -> dict[str, Any]:
+    """Loads, reads, analyses, writes and reads again; what Mindstage says where it refuses."""
+    told: dict[str, Any] = {"refused": "", "maps": 0, "bodies": 0, "findings": []}
+    try:
+        knowledge = KnowledgeBase(bundled_ontology=False)
+        knowledge.load(path, robots=robots, ontologies=ontologies)
+        for map in knowledge.maps():
+            world = knowledge.world(map)
+            knowledge.analyse(map)
+            for out in written(world, folder):
+                again = KnowledgeBase(bundled_ontology=False)
+                again.load(out)
+                if not map.startswith("_:"):  # a map without a name may well come back under another label
+                    _compare(world, again.world(map))
+            told["maps"] += 1
+            told["bodies"] += len(world.bodies)
+        told["findings"] = [str(each) for each in (*knowledge.findings(), *knowledge.assumptions())]
+    except MindstageError as error:
+        told["refused"] = f"{type(error).__name__}: {error}"
+    return told
+
+
+def written(world: World, folder: Path) -> Iterator[Path]:
+    """The map's file in each format that has a way to write it."""
+    for suffix in (".owl", ".ttl"):
+        out = folder / f"written{suffix}"
+        try:
+            save_map(world, out)
+        except MapUnwritable:
+            continue
+        yield out
+
+
+def _compare(world: World, again: World) -> None:
+    found = difference(world, again)
+    told = (found.only_in_a, found.only_in_b, found.changed, found.lost, found.gained)
+    if any(told):
+        raise AssertionError(f"what was written is not what was read: {told!r}"[:4000])
+
+
+def type_about(path: str, robots: Sequence[str], ontologies: Sequence[str], verb: str, folder: Path) -> int:
+    """What a user would type about the file; the exit code."""
+    options = [option for robot in robots for option in ("--urdf", robot)]
+    options += [option for each in ontologies for option in ("--ontology", each)]
+    words = {
+        "validate": ["validate", path],
+        "validate --json": ["validate", path, "--json"],
+        "analyse": ["analyse", path],
+        "convert": ["convert", path, str(folder / "converted.ttl")],
+    }[verb]
+    result = CliRunner().invoke(app, [*words, *options, "--no-bundled-ontology"], prog_name="mindstage")
+    if result.exception is not None and not isinstance(result.exception, SystemExit):
+        raise result.exception
+    if result.exit_code not in (0, 1, 2) or "Traceback" in result.output:
+        raise AssertionError(f"`mindstage {verb}` ends with {result.exit_code}: {result.output[-2000:]}")
+    if "--json" in words:
+        json.loads(result.stdout)
+    return result.exit_code
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))

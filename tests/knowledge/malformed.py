@@ -1,0 +1,114 @@
+"""Documents that are not well-formed, or no RDF/XML, in the ways that maps in the wild are; each from one good one."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+__all__ = ["GOOD", "MALFORMED", "Malformed"]
+
+HEAD = """<?xml version="1.0" encoding="utf-8"?>
+<!DOCTYPE rdf:RDF[
+\t<!ENTITY owl "http://www.w3.org/2002/07/owl#">
+\t<!ENTITY xsd "http://www.w3.org/2001/XMLSchema#">
+\t<!ENTITY knowrob "http://knowrob.org/kb/knowrob.owl#">
+\t<!ENTITY m "http://example.org/m.owl#">
+]>
+<rdf:RDF xmlns="http://example.org/m.owl#" xml:base="http://example.org/m.owl#"
+  xmlns:rdf="http://www.w3.org/1999/02/22-rdf-syntax-ns#" xmlns:rdfs="http://www.w3.org/2000/01/rdf-schema#"
+  xmlns:owl="http://www.w3.org/2002/07/owl#" xmlns:knowrob="http://knowrob.org/kb/knowrob.owl#">
+  <owl:Ontology rdf:about="http://example.org/m.owl"/>
+"""
+BODY = """  <owl:NamedIndividual rdf:about="&m;cup">
+    <rdf:type rdf:resource="&knowrob;Cup"/>
+    <knowrob:mass rdf:datatype="&xsd;float">0.5</knowrob:mass>
+    <rdfs:label>A cup</rdfs:label>
+  </owl:NamedIndividual>
+"""
+GOOD = f"{HEAD}{BODY}</rdf:RDF>\n"
+ONTOLOGY = '<owl:Ontology rdf:about="http://example.org/m.owl"/>'
+
+
+class Malformed(NamedTuple):
+    """One way to be wrong."""
+
+    text: str
+    line: int
+    """Where it is."""
+    what: str
+    """A part of what is reported."""
+    same: bool
+    """Whether it means just what the good one means."""
+
+
+def _case(old: str, new: str, line: int, what: str, *, same: bool = True) -> Malformed:
+    assert GOOD.count(old) >= 1, old
+    return Malformed(GOOD.replace(old, new), line, what, same)
+
+
+MALFORMED: dict[str, Malformed] = {
+    "an entity without its blank": _case('<!ENTITY owl "', '<!ENTITY owl"', 3, "entity 'owl' is not well-formed"),
+    "the map's entity without its blank": _case('<!ENTITY m "', '<!ENTITY m"', 6, "entity 'm' is not well-formed"),
+    "an entity without its >": _case('owl#">\n\t<!ENTITY x', 'owl#"\n\t<!ENTITY x', 3, "entity 'owl' is not well-f"),
+    "an entity without quotes": _case(
+        '"http://example.org/m.owl#">\n]', "http://example.org/m.owl#>\n]", 6, "entity 'm'"
+    ),
+    "an entity in small letters": _case("<!ENTITY m", "<!entity m", 6, "entity 'm' is not well-formed"),
+    "an entity declared twice": _case(
+        "]>\n", '\t<!ENTITY m "http://example.org/other#">\n]>\n', 7, "entity 'm' is declared twice"
+    ),
+    "an entity that nobody declares": _case(
+        '\t<!ENTITY xsd "http://www.w3.org/2001/XMLSchema#">\n', "\n", 14, "nothing declares the entity 'xsd'"
+    ),
+    "an entity with a colon": _case('"&m;cup"', '"&m:cup"', 12, "used with a colon"),
+    "an attribute twice": _case(ONTOLOGY, ONTOLOGY.replace("/>", ' rdf:about="http://e/b"/>'), 11, "rdf:about twice"),
+    "a namespace twice": _case(
+        'xmlns:owl="', 'xmlns:owl="http://www.w3.org/2002/07/owl#" xmlns:owl="', 8, "xmlns:owl twice"
+    ),
+    "a value without quotes": _case(
+        ONTOLOGY, ONTOLOGY.replace("/>", " rdfs:label=x/>"), 11, "the value of rdfs:label has no quotes", same=False
+    ),
+    "a tag without its >": _case("</rdfs:label>\n", "</rdfs:label\n", 15, "an end tag has no >"),
+    "a namespace that only an entity tells": _case(
+        ' xmlns:knowrob="http://knowrob.org/kb/knowrob.owl#"', "", 14, "nothing declares the prefix 'knowrob'"
+    ),
+    "a namespace that everyone knows": _case(
+        ' xmlns:rdfs="http://www.w3.org/2000/01/rdf-schema#"', "", 15, "nothing declares the prefix 'rdfs'"
+    ),
+    "a namespace that nobody knows": _case(
+        "rdfs:label>", "foo:label>", 15, "nothing declares the prefix 'foo'", same=False
+    ),
+    "attributes without a prefix": _case("rdf:about", "about", 11, "says 'about' without a prefix"),
+    "an & alone": _case("A cup", "A cup & saucer", 15, "an & stands alone", same=False),
+    "a < alone": _case("A cup", "1 < 2", 15, "a < stands in a text", same=False),
+    "an end that began as another name": _case(
+        "</rdfs:label>", "</rdfs:Label>", 15, "ends what never began", same=False
+    ),
+    "an end too few": _case("  </owl:NamedIndividual>\n", "\n", 17, "<owl:NamedIndividual> has no end tag"),
+    "an end too many": _case("</rdf:RDF>", "</owl:Thing></rdf:RDF>", 17, "</owl:Thing> ends what never began"),
+    "a statement without its end": _case(
+        '<rdf:type rdf:resource="&knowrob;Cup"/>',
+        '<rdf:type><owl:Class rdf:about="&knowrob;Cup"/>',
+        14,
+        "<rdf:type> has no end tag",
+        same=False,
+    ),
+    "a statement with two objects": _case(
+        '<rdf:type rdf:resource="&knowrob;Cup"/>',
+        '<rdf:type><owl:Class rdf:about="&knowrob;Cup"/><owl:Class rdf:about="&knowrob;Mug"/></rdf:type>',
+        13,
+        "<rdf:type> holds several things",
+        same=False,
+    ),
+    "text between things": _case("  <owl:Named", "  stray <owl:Named", 11, "takes none"),
+    "text beside a reference": _case('Cup"/>', 'Cup">x</rdf:type>', 13, "takes none"),
+    "a blank in a name": _case("&m;cup", "&m;a cup", 12, "letters that no IRI has", same=False),
+    "a backslash in a name": _case('"&m;cup"', '"file:///C:\\maps\\a.owl"', 12, "letters that no IRI", same=False),
+    "a language with an underscore": _case("<rdfs:label>", '<rdfs:label xml:lang="en_US">', 15, "en-US", same=False),
+    "a language of no letters": _case("<rdfs:label>", '<rdfs:label xml:lang="">', 15, "which is none"),
+    "an id that is no name": _case('rdf:about="&m;cup"', 'rdf:ID="1cup"', 12, "is no XML name", same=False),
+    "an id twice": _case(
+        "</rdf:RDF>", '<knowrob:Cup rdf:ID="a"/><knowrob:Cup rdf:ID="a"/></rdf:RDF>', 17, "used before", same=False
+    ),
+    "a name and an id": _case('"&m;cup">', '"&m;cup" rdf:ID="cup2">', 12, "both rdf:about and rdf:ID"),
+    "an encoding that it is not in": _case('"utf-8"', '"utf-16"', 1, "the encoding 'utf-16'"),
+}

@@ -1,0 +1,295 @@
+"""AMEVA's maps: their centimetres, their mirrored frame, their scalar at the end, and joints that tell nothing."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pyoxigraph as ox
+import pytest
+
+from mindstage.engines.mujoco import MujocoEngine
+from mindstage.knowledge import (
+    Conventions,
+    Frame,
+    KnowledgeBase,
+    MapFormat,
+    QuaternionOrder,
+    Severity,
+    Units,
+    save_map,
+    write_map,
+)
+from mindstage.knowledge.reading.conversion import given
+from mindstage.world import Body, Iri, Motion, Pose, World
+from mindstage.world.extent import extent_of
+from tests.knowledge.maps import KNOWROB, Read, assert_same, knowing, knowrob, m, room
+
+MS = "http://mindstage.org/ontology#"
+SIZES = {"k:IAIFridgeArea": (58.0, 60.0, 150.0), "k:IAIDoor": (6.0, 58.0, 86.0), "k:IAIDrawer": (51.0, 59.0, 28.0)}
+
+
+def sized(cls: str, size: tuple[float, ...]) -> str:
+    properties = ("depthOfObject", "widthOfObject", "heightOfObject")
+    restrictions = ", ".join(
+        f'[a owl:Restriction ; owl:onProperty k:{name} ; owl:hasValue "{extent}"^^xsd:float]'
+        for name, extent in zip(properties, size, strict=True)
+    )
+    return f"{cls} a owl:Class ; rdfs:subClassOf {restrictions} ."
+
+
+def thing(name: str, cls: str, at: str, *facts: str, turned: str = "0.0 0.0 0.0 1.0") -> str:
+    more = "".join(f" ; {fact}" for fact in facts)
+    return f""":{name} a owl:NamedIndividual, {cls} ; k:describedInMap :room ; k:pose :{name}-p{more} .
+:{name}-p a owl:NamedIndividual, k:Pose ; k:translation "{at}" ; k:quaternion "{turned}" ."""
+
+
+CLASSES = [sized(cls, size) for cls, size in SIZES.items()]
+FRIDGE = [
+    thing("fridge", "k:IAIFridgeArea", "100.0 200.0 75.0", "k:child :door, :drawer", 'k:maskColor "FD1ACDFF"'),
+    thing("door", "k:IAIDoor", "126.0 200.0 96.0", "k:parent :fridge", 'k:mobility "dynamic"'),
+    thing("drawer", "k:IAIDrawer", "104.0 200.0 35.0", "k:parent :fridge", 'k:mobility "dynamic"'),
+    thing("hinge", "k:RevoluteJoint", "126.0 172.0 97.0", "k:parent :door", 'k:mobility "kinematic"'),
+    thing("slide", "k:LinearJoint", "130.0 200.0 36.0", "k:parent :drawer"),
+]
+
+
+def fridge(*more: str) -> str:
+    return room(*CLASSES, *FRIDGE, *more)
+
+
+def at(world: World, id: str) -> Body:
+    return world.body(id)
+
+
+def test_centimetres_in_a_mirrored_frame_become_metres_in_ros(read: Read) -> None:
+    half = math.sqrt(0.5)
+    cup = thing("cup", "k:Cup", "10.0 20.0 30.0", turned=f"0.0 0.0 {half} {half}")
+    world, _ = read(fridge(cup))
+    assert at(world, "fridge").pose == Pose((1.0, -2.0, 0.75), (1.0, 0.0, 0.0, 0.0))
+    assert at(world, "fridge").size == (0.58, 0.6, 1.5)
+    assert at(world, "cup").pose == Pose((0.1, -0.2, 0.3), (half, 0.0, 0.0, -half))
+
+
+def test_what_was_assumed_is_told_with_its_evidence(tmp_path: Path) -> None:
+    (tmp_path / "map.ttl").write_text(fridge(), encoding="utf-8")
+    knowledge = knowing(tmp_path / "map.ttl")
+    assert knowledge.assumptions() == ()
+    knowledge.world()
+    told = {assumption.about: assumption for assumption in knowledge.assumptions()}
+    assert {about: told[about].value for about in ("units", "frame", "quaternion")} == {
+        "units": "cm",
+        "frame": "unreal",
+        "quaternion": "xyzw",
+    }
+    assert "0.86 m large" in told["units"].evidence
+    assert "heights go from 0.35 to 0.97 m" in told["frame"].evidence
+    assert "as xyzw 5 of 5 stand upright and 5 are not turned" in told["quaternion"].evidence
+    assert not any(assumption.overridden for assumption in told.values())
+    assert all(assumption.map == m("room") for assumption in told.values())
+
+
+def test_the_user_decides_what_numbers_mean(tmp_path: Path) -> None:
+    (tmp_path / "map.ttl").write_text(fridge(), encoding="utf-8")
+    knowledge = KnowledgeBase(bundled_ontology=False)
+    told = Conventions(units=Units.MILLIMETRES, frame=Frame.ROS, quaternion=QuaternionOrder.WXYZ)
+    knowledge.load(tmp_path / "map.ttl", conventions=told)
+    world = knowledge.world()
+    assert world.body("fridge").pose == Pose((0.1, 0.2, 0.075), (0.0, 0.0, 0.0, 1.0))
+    assumptions = {assumption.about: assumption for assumption in knowledge.assumptions()}
+    assert assumptions["units"].overridden
+    assert "by evidence it would be cm" in assumptions["units"].evidence
+    assert not assumptions["joints"].overridden
+
+
+def test_metres_are_metres_in_this_dialect_too(read: Read) -> None:
+    """A logger that converted before it wrote."""
+    small = [sized("k:IAIFridgeArea", (0.58, 0.6, 1.5))]
+    box = thing("fridge", "k:IAIFridgeArea", "1.0 2.0 0.75", 'k:maskColor "FD1ACDFF"', turned="1.0 0.0 0.0 0.0")
+    world, _ = read(room(*small, box))
+    assert at(world, "fridge").pose == Pose((1.0, 2.0, 0.75), (1.0, 0.0, 0.0, 0.0))
+    assert not any("given" in fact.property for fact in world.facts)
+
+
+# -- joints ------------------------------------------------------------------------------------------------------------
+
+
+def test_a_joint_joins_what_it_hangs_on_to_what_that_hangs_on(read: Read) -> None:
+    world, findings = read(fridge())
+    joints = {constraint.id: constraint for constraint in world.constraints}
+    assert {id: (joint.parent, joint.child) for id, joint in joints.items()} == {
+        "hinge": ("fridge", "door"),
+        "slide": ("fridge", "drawer"),
+    }
+    assert world.attachments == (), "what a joint moves does not go where its parent goes"
+    told = [finding for finding in findings if "neither an axis nor limits" in finding.what]
+    assert {finding.individual for finding in told} == {m("hinge"), m("slide")}
+
+
+def test_a_door_turns_about_the_edge_that_its_joint_is_at(read: Read) -> None:
+    world, _ = read(fridge())
+    hinge = next(joint for joint in world.constraints if joint.id == "hinge")
+    assert (hinge.angular.swing1, hinge.angular.swing2, hinge.angular.twist) == (
+        Motion.LIMITED,
+        Motion.LOCKED,
+        Motion.LOCKED,
+    )
+    assert hinge.angular.swing1_limit == math.pi / 2
+    below = thing("hinge", "k:RevoluteJoint", "126.0 199.0 54.0", "k:parent :door")
+    world, _ = read(room(*CLASSES, *FRIDGE[:3], below))
+    assert world.constraints[0].angular.swing2 is Motion.LIMITED
+
+
+def test_a_knob_turns_about_its_axis_without_end(read: Read) -> None:
+    knob = thing("knob", "k:Knob", "131.0 200.0 140.0", "k:parent :fridge", 'k:mobility "dynamic"')
+    joint = thing("turn", "k:RevoluteJoint", "131.0 200.0 140.0", "k:parent :knob")
+    world, _ = read(fridge(sized("k:Knob", (2.5, 4.0, 4.0)), knob, joint))
+    turn = next(joint for joint in world.constraints if joint.id == "turn")
+    assert turn.angular.twist is Motion.FREE
+    assert turn.angular.swing1 is turn.angular.swing2 is Motion.LOCKED
+
+
+def test_a_drawer_comes_out_by_its_own_depth(read: Read) -> None:
+    world, _ = read(fridge())
+    slide = next(joint for joint in world.constraints if joint.id == "slide")
+    assert (slide.linear.x, slide.linear.y, slide.linear.z) == (Motion.LIMITED, Motion.LOCKED, Motion.LOCKED)
+    assert slide.linear.limit == pytest.approx(0.51)
+
+
+def test_a_joint_that_hangs_on_nothing_is_left_out_and_named(read: Read) -> None:
+    world, findings = read(fridge(thing("lost", "k:LinearJoint", "1.0 2.0 3.0")))
+    assert all(joint.id != "lost" for joint in world.constraints)
+    assert any(finding.individual == m("lost") and finding.severity is Severity.ERROR for finding in findings)
+    assert any(resource.iri == m("lost") for resource in world.resources)
+
+
+def test_of_two_joints_between_two_things_one_leaves_the_other_free(read: Read) -> None:
+    second = thing("second", "k:LinearJoint", "126.0 228.0 97.0", "k:parent :door")
+    world, findings = read(fridge(second))
+    joint = next(joint for joint in world.constraints if joint.id == "second")
+    assert {joint.linear.x, joint.linear.y, joint.angular.twist} == {Motion.FREE}
+    assert any(finding.individual == m("second") and "another joint" in finding.did for finding in findings)
+
+
+# -- what classes say --------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "of_class",
+    [
+        'k:Cup a owl:Class ; k:pathToCadModel "package://cups/cup.dae" ; k:mass "0.25"^^xsd:float .',
+        "k:Cup a owl:Class ; rdfs:subClassOf "
+        '[a owl:Restriction ; owl:onProperty k:pathToCadModel ; owl:hasValue "package://cups/cup.dae"], '
+        '[a owl:Restriction ; owl:onProperty k:mass ; owl:hasValue "0.25"^^xsd:float] .',
+    ],
+    ids=["plainly", "by restrictions"],
+)
+def test_what_a_class_says_of_mass_and_mesh_counts_for_its_members(of_class: str, read: Read) -> None:
+    own = thing("own", "k:Cup", "1.0 2.0 3.0", 'k:mass "0.5"^^xsd:float')
+    text = room(of_class, thing("cup", "k:Cup", "10.0 20.0 30.0"), own)
+    world, _ = read(text)
+    assert (at(world, "cup").physics.mass_kg, at(world, "cup").mesh) == (0.25, "package://cups/cup.dae")
+    assert at(world, "own").physics.mass_kg == 0.5
+    again, _ = read(write_map(world, format=MapFormat.TURTLE))
+    assert_same(world, again)
+
+
+def test_members_of_a_map_that_is_nowhere_are_in_it_all_the_same(read: Read) -> None:
+    text = fridge().replace(":room a owl:NamedIndividual, k:SemanticEnvironmentMap .", "")
+    world, findings = read(text)
+    assert len(world.bodies) == 3
+    assert any("nothing calls it a map" in finding.what for finding in findings)
+
+
+# -- the way back ------------------------------------------------------------------------------------------------------
+
+
+def test_what_was_given_is_kept_beside_what_it_means(read: Read) -> None:
+    world, _ = read(fridge())
+    kept = {fact.property.removeprefix(MS): getattr(fact.value, "text", "") for fact in world.facts}
+    assert kept == {
+        "givenDialect": "AMEVA",
+        "givenUnits": "cm",
+        "givenFrame": "unreal",
+        "givenQuaternionOrder": "xyzw",
+    }
+    text = write_map(world, format=MapFormat.TURTLE)
+    assert 'ms:givenTranslation "100.0 200.0 75.0"' in text
+    again, _ = read(text)
+    assert_same(world, again)
+
+
+@pytest.fixture(scope="module")
+def task_two(shared_data: Path) -> tuple[World, KnowledgeBase]:
+    knowledge = knowing(shared_data / "maps" / "ameva-task-two.owl")
+    return knowledge.world(), knowledge
+
+
+def test_a_real_map_becomes_a_kitchen_of_its_size(task_two: tuple[World, KnowledgeBase]) -> None:
+    world, knowledge = task_two
+    assert (len(world.bodies), len(world.constraints), len(world.attachments)) == (78, 31, 36)
+    extent = extent_of(world)
+    assert extent is not None
+    assert extent.tallest_class == knowrob("IAIFridgeArea")
+    assert extent.height_m == pytest.approx(1.4992, abs=1e-3)
+    assert all(1.0 < length < 5.0 for length in extent.size)
+    assert not [finding for finding in knowledge.findings() if finding.severity is Severity.ERROR]
+
+
+def test_a_real_map_is_no_mirror_image_of_its_kitchen(task_two: tuple[World, KnowledgeBase], shared_data: Path) -> None:
+    """The same kitchen was logged twice: once with the frame converted, once without."""
+    other = knowing(shared_data / "maps" / "iai-kitchen-original.owl").world()
+
+    def turn(world: World) -> float:
+        places = {body.cls.removeprefix(KNOWROB): np.array(body.pose.position) for body in world.bodies}
+        fridge, oven, island = (places[f"IAI{name}Area"] for name in ("Fridge", "Oven", "Island"))
+        return float(np.cross(oven - fridge, island - fridge)[2])
+
+    assert turn(task_two[0]) == pytest.approx(turn(other), rel=0.25)
+
+
+def test_every_statement_of_a_real_map_is_kept(
+    task_two: tuple[World, KnowledgeBase], shared_data: Path, tmp_path: Path
+) -> None:
+    world, _ = task_two
+    save_map(world, tmp_path / "out.owl")
+    assert_same(world, knowing(tmp_path / "out.owl").world())
+    before, after = (statements(path) for path in (shared_data / "maps" / "ameva-task-two.owl", tmp_path / "out.owl"))
+    assert len(before) > 1500
+    lost = {(s, p, o) for s, p, o in before if (s, p, o) not in after and (s, given(p), o) not in after}
+    assert lost == set()
+
+
+def statements(path: Path) -> set[tuple[str, Iri, str]]:
+    """What a file says of things with names; what a restriction says, it says of the class that it restricts."""
+    quads = list(ox.parse(path=str(path), format=ox.RdfFormat.RDF_XML, base_iri=path.as_uri()))
+    owners = {quad.object: str(quad.subject) for quad in quads if isinstance(quad.object, ox.BlankNode)}
+    properties = {quad.subject: quad.object for quad in quads if quad.predicate.value.endswith("#onProperty")}
+    said = set()
+    for quad in quads:
+        owner = f"{owners[quad.subject]} {properties[quad.subject]}" if quad.subject in owners else str(quad.subject)
+        if not isinstance(quad.object, ox.BlankNode):
+            said.add((owner, Iri(quad.predicate.value), as_value(quad.object)))
+    return said
+
+
+def as_value(term: ox.NamedNode | ox.Literal | ox.BlankNode | ox.Triple) -> str:
+    """Numbers by their value, all else as it stands."""
+    try:
+        return " ".join(repr(float(number)) for number in term.value.split())  # type: ignore[union-attr]
+    except ValueError:
+        return str(term)
+
+
+def test_a_real_map_survives_ten_seconds(task_two: tuple[World, KnowledgeBase]) -> None:
+    world, _ = task_two
+    engine = MujocoEngine()
+    assert engine.spawn(world).ok
+    ids, before = engine.poses()
+    engine.step(10.0)
+    _, after = engine.poses()
+    engine.close()
+    assert len(ids) == len(world.bodies)
+    assert np.isfinite(after).all()
+    assert np.abs(after[:, :3] - before[:, :3]).max() < 1.5, "nothing flies away, though a door may open"

@@ -1,0 +1,119 @@
+"""What follows by the rules of OWL 2 RL: there when somebody asks for it, gone when nobody wants it any more."""
+
+from __future__ import annotations
+
+import os
+import sys
+from importlib.util import find_spec
+from pathlib import Path
+
+import pytest
+
+from mindstage.errors import ReasonerUnavailable
+from mindstage.knowledge import KnowledgeBase, bundled_kitchen
+from mindstage.knowledge.names import local_name
+from mindstage.knowledge.questions import questions
+from tests.knowledge.maps import M, body, knowing, m, room
+
+_SAME = f"SELECT ?other {{ <{M}a> owl:sameAs ?other }}"
+
+
+@pytest.fixture
+def reasoner() -> None:
+    """The library that applies the rules."""
+    if find_spec("reasonable") is None:
+        reason = "reasonable is not installed (the extra closure)"
+        pytest.fail(reason) if os.environ.get("CI") else pytest.skip(reason)
+
+
+@pytest.fixture
+def lair(reasoner: None, tmp_path: Path) -> KnowledgeBase:
+    """One owner at most: whoever owns what somebody else owns is the same."""
+    path = tmp_path / "map.ttl"
+    path.write_text(
+        room(
+            "e:ownedBy a owl:ObjectProperty, owl:FunctionalProperty . e:Cat a owl:Class .",
+            ":mouse e:ownedBy :a, :b .",
+            body("a", cls="k:Cup"),
+            body("b", cls="e:Cat"),
+            body("box", "k:properPhysicalParts :lid"),
+            body("lid", "k:properPhysicalParts :knob"),
+            body("knob"),
+            "k:properPhysicalParts a owl:TransitiveProperty .",
+        ),
+        encoding="utf-8",
+    )
+    return knowing(path)
+
+
+def told_by(kb: KnowledgeBase, cls: str) -> list[str]:
+    return [local_name(row.individual) for row in kb.ask("individual_of_class", cls=cls)]
+
+
+def test_things_that_are_the_same_are_found_and_forgotten_again(lair: KnowledgeBase) -> None:
+    before = {str(quad) for quad in lair._store.quads_for_pattern(None, None, None)}
+    assert told_by(lair, "Cat") == ["b"]
+    count = lair.derive()
+    assert count == len(list(lair._store.quads_for_pattern(None, None, None))) - len(before)
+    assert [local_name(str(row[0].value)) for row in lair.sparql(_SAME).rows] == ["b"]
+    assert told_by(lair, "Cat") == ["a", "b"]
+    (row,) = lair.ask("individual_of_class", cls="Cat", individual="a")
+    assert lair.why("individual_of_class", row) == ("a type Cat, by the rules of OWL 2 RL",)
+    assert lair.forget_derived()
+    assert not lair.forget_derived()
+    assert {str(quad) for quad in lair._store.quads_for_pattern(None, None, None)} == before
+    assert told_by(lair, "Cat") == ["b"]
+
+
+def test_what_somebody_said_comes_before_what_was_derived(lair: KnowledgeBase) -> None:
+    lair.tell("e:BigCat", "subClassOf", "Cat")
+    lair.tell("e:LazyCat", "subClassOf", "e:BigCat")
+    lair.tell("b", "type", "e:LazyCat")
+    lair.derive()
+    (row,) = lair.ask("everything_in_map", individual="a")
+    assert local_name(row.cls) == "Cup"
+    (row,) = lair.ask("what_is", individual="a")
+    assert [local_name(cls) for cls in row.classes] == ["Cup", "LazyCat"]
+
+
+def test_deriving_twice_is_deriving_once(lair: KnowledgeBase) -> None:
+    assert lair.derive() == lair.derive() > 0
+
+
+def test_what_was_told_says_how_deep_a_part_is(lair: KnowledgeBase) -> None:
+    before = list(lair.ask("part_of", whole="box"))
+    lair.derive()
+    assert list(lair.ask("part_of", whole="box")) == before
+    assert [row.depth for row in before] == [1, 2]
+
+
+def test_a_retraction_drops_it_and_telling_does_not(lair: KnowledgeBase) -> None:
+    lair.derive()
+    lair.tell("knob", "type", "Cat")
+    assert told_by(lair, "Cat") == ["a", "b", "knob"]
+    lair.retract(m("mouse"), "ownedBy", "b")
+    assert told_by(lair, "Cat") == ["b", "knob"]
+    assert lair.derive() > 0
+    assert told_by(lair, "Cat") == ["b", "knob"]
+
+
+def test_what_was_only_derived_can_still_be_told(lair: KnowledgeBase) -> None:
+    lair.derive()
+    assert lair.tell("a", "type", "Cat")
+    lair.forget_derived()
+    assert told_by(lair, "Cat") == ["a", "b"]
+
+
+def test_the_usual_questions_need_none_of_it(reasoner: None) -> None:
+    kb = KnowledgeBase()
+    kb.load(bundled_kitchen())
+    world, before = kb.world(), {asked.name: list(kb.ask(asked)) for asked in questions() if not asked.is_live}
+    assert kb.derive() > 1000
+    assert {name: list(kb.ask(name)) for name in before} == before
+    assert kb.world() == world
+
+
+def test_without_the_library_it_says_how_to_get_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "reasonable", None)
+    with pytest.raises(ReasonerUnavailable, match=r"pip install 'mindstage\[closure\]'"):
+        KnowledgeBase().derive()

@@ -1,0 +1,329 @@
+"""Files that somebody made to do harm: refused or read, in time, and nothing outside is opened or asked for."""
+
+from __future__ import annotations
+
+import os
+import socket
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from tests.knowledge.fuzz_watch import Watch
+from tests.knowledge.maps import body, constraint, room
+from tests.knowledge.other_maps import soma
+from tests.knowledge.small_robot import box, joint, link, robot
+
+MANY = 1500
+"""Enough that whoever looks at each pair of them, or goes each of their ways, does not end in time."""
+
+
+@pytest.fixture(scope="module")
+def watch(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Watch]:
+    with Watch(tmp_path_factory.mktemp("worker")) as watch:
+        yield watch
+
+
+@pytest.fixture
+def trap() -> Iterator[tuple[str, list[str]]]:
+    """A server, and who came."""
+    came: list[str] = []
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        server.settimeout(0.1)
+        over = threading.Event()
+
+        def serve() -> None:
+            while not over.is_set():
+                try:
+                    connection, address = server.accept()
+                except TimeoutError:
+                    continue
+                came.append(str(address))
+                connection.close()
+
+        thread = threading.Thread(target=serve)
+        thread.start()
+        yield f"127.0.0.1:{server.getsockname()[1]}", came
+        over.set()
+        thread.join(timeout=30)
+
+
+def owl(doctype: str = "", *elements: str, label: str = "x") -> str:
+    """RDF/XML with a map and one individual."""
+    return f"""<?xml version="1.0"?>
+<!DOCTYPE rdf:RDF {doctype}>
+<rdf:RDF xmlns:rdf="http://www.w3.org/1999/02/22-rdf-syntax-ns#" xmlns:owl="http://www.w3.org/2002/07/owl#"
+    xmlns:k="http://knowrob.org/kb/knowrob.owl#" xmlns:rdfs="http://www.w3.org/2000/01/rdf-schema#">
+<k:SemanticEnvironmentMap rdf:about="http://example.org/m.owl#room"><rdfs:label>{label}</rdfs:label></k:SemanticEnvironmentMap>
+{"".join(elements)}</rdf:RDF>
+"""
+
+
+def imports(iri: str) -> str:
+    """A map that imports something."""
+    return owl(
+        "", f'<owl:Ontology rdf:about="http://example.org/m.owl"><owl:imports rdf:resource="{iri}"/></owl:Ontology>'
+    )
+
+
+# -- the way outside ---------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "made",
+    [
+        lambda at: owl(f'[<!ENTITY a SYSTEM "http://{at}/a">]', label="&a;"),
+        lambda at: owl(f'[<!ENTITY a PUBLIC "a" "http://{at}/a">]', label="&a;"),
+        lambda at: owl(f'[<!ENTITY % a SYSTEM "http://{at}/a"> %a;]'),
+        lambda at: owl(f'SYSTEM "http://{at}/a.dtd"'),
+        lambda at: owl("", f'<?xml-stylesheet href="http://{at}/a.xsl"?>'),
+        lambda at: imports(f"http://{at}/a.owl"),
+        lambda at: imports(f"file://{at}/a.owl"),
+        lambda at: imports(f"ftp://{at}/a.owl"),
+        lambda at: imports(f"package://{at}/a.owl"),
+        lambda at: owl(
+            "", f'<rdf:Description rdf:about="http://{at}/a"><k:child rdf:resource="http://{at}/b"/></rdf:Description>'
+        ),
+        lambda at: f"@prefix a: <http://{at}/> . a:room a <http://{at}/Map> ; <http://{at}/imports> a: .",
+    ],
+    ids=[
+        *("entity", "public entity", "parameter entity", "document type", "style sheet"),
+        *("import", "import of a file elsewhere", "import by ftp", "import of a package", "names", "Turtle"),
+    ],
+)
+def test_nothing_is_ever_fetched(
+    made: Callable[[str], str], tmp_path: Path, watch: Watch, trap: tuple[str, list[str]]
+) -> None:
+    at, came = trap
+    text = made(at)
+    file = tmp_path / ("map.owl" if text.startswith("<") else "map.ttl")
+    file.write_text(text, encoding="utf-8")
+    assert watch.read(file, ontologies=[tmp_path]).defect == ""
+    assert came == []
+
+
+def test_a_robot_fetches_no_mesh(tmp_path: Path, watch: Watch, trap: tuple[str, list[str]]) -> None:
+    at, came = trap
+    meshes = (
+        f'<visual><geometry><mesh filename="{scheme}://{at}/a.stl"/></geometry></visual>' for scheme in ("http", "file")
+    )
+    file = tmp_path / "kitchen.urdf"
+    file.write_text(robot(link("a", *meshes)), encoding="utf-8")
+    assert watch.read(file).defect == ""
+    assert came == []
+
+
+def test_whoever_does_go_outside_is_noticed(tmp_path: Path, watch: Watch, trap: tuple[str, list[str]]) -> None:
+    at, came = trap
+    code = f"""
+import sys
+from pathlib import Path
+from tests.knowledge.fuzz_worker import Guard
+guard = Guard()
+import socket
+try:
+    socket.create_connection(("127.0.0.1", {at.partition(":")[2]}), timeout=10)
+except PermissionError:
+    pass
+open("/etc/passwd").close()
+print(len(guard.tries), guard.opened)
+"""
+    told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=120)
+    assert told.stdout.split()[0] != "0"
+    assert "/etc/passwd" in told.stdout
+    assert came == []
+
+
+@pytest.mark.parametrize(
+    "iri",
+    [
+        *("package://../../etc/passwd", "package://a/../../../etc/passwd", "package://%2e%2e/%2e%2e/etc/passwd"),
+        *("package:///etc/passwd", "package://..", "file:///etc/passwd", "file:/etc/passwd", "file:///dev/zero"),
+        *("file:///proc/kcore", "file:///proc/kmsg", "file:///proc/self/mem", "file:///", "file:loop", "file:pipe"),
+        *("file:../../../../../../../../etc/passwd", "data:text/turtle,a", "file:%00"),
+    ],
+)
+def test_an_import_that_leads_out_or_to_no_file_is_told_and_left(iri: str, tmp_path: Path, watch: Watch) -> None:
+    (tmp_path / "loop").symlink_to(tmp_path / "loop")
+    os.mkfifo(tmp_path / "pipe")
+    file = tmp_path / "map.owl"
+    file.write_text(imports(iri), encoding="utf-8")
+    answer = watch.read(file, ontologies=[tmp_path])
+    assert (answer.defect, answer.refused, answer.maps) == ("", "", 1)
+    assert answer.exit_code == 1
+    assert any("it imports" in finding and "went on without it" in finding for finding in answer.findings)
+
+
+@pytest.mark.parametrize(
+    "name", ["/dev/zero", "file:///dev/zero", "pipe.stl", "/proc/kcore", "loop.obj", "package://../a.stl"]
+)
+def test_a_mesh_that_is_no_file_has_no_size(name: str, tmp_path: Path, watch: Watch) -> None:
+    (tmp_path / "loop.obj").symlink_to(tmp_path / "loop.obj")
+    os.mkfifo(tmp_path / "pipe.stl")
+    file = tmp_path / "kitchen.urdf"
+    file.write_text(
+        robot(link("a", f'<visual><geometry><mesh filename="{name}"/></geometry></visual>')), encoding="utf-8"
+    )
+    answer = watch.read(file)
+    assert (answer.defect, answer.bodies) == ("", 1)
+
+
+# -- more than fits ----------------------------------------------------------------------------------------------------
+
+LAUGHS = "".join(f'<!ENTITY a{n} "{f"&a{n - 1};" * 10}">' for n in range(1, 12))
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        owl(f'[<!ENTITY a0 "lol">{LAUGHS}]', label="&a11;"),
+        owl(f'[<!entity a0 "lol">{LAUGHS.lower()}]', label="&a11;"),
+        owl(f'[<!ENTITY a "{"x" * 60_000}">]', label="&a;" * 20_000),
+        owl('[<!ENTITY a "&b;"><!ENTITY b "&a;">]', label="&a;"),
+        owl(f'[<!ENTITY a0"lol">{LAUGHS}]', label="&a11;"),
+        owl(f"[<!ENTITY a0 'lol'>{LAUGHS}]", '<owl:Thing rdf:about="a" rdf:about="&a11;"/>'),
+    ],
+    ids=["many times ten", "in small letters", "one long one", "a circle", "not well-formed", "in an attribute"],
+)
+@pytest.mark.parametrize("suffix", [".owl", ".xml", ".urdf"])
+def test_entities_that_grow_without_end_are_refused(text: str, suffix: str, tmp_path: Path, watch: Watch) -> None:
+    file = tmp_path / f"map{suffix}"
+    file.write_text(text.replace("rdf:RDF", "robot") if suffix == ".urdf" else text, encoding="utf-8")
+    answer = watch.read(file)
+    assert answer.defect == ""
+    assert "SourceUnreadable" in answer.refused
+    assert answer.exit_code == 2
+
+
+def web(levels: int = 6, width: int = 60) -> str:
+    """Things below a thing that have more ways between them than anyone could go."""
+    lines = [f":cup soma:hasLocalization {', '.join(f':n0-{n}' for n in range(width))} ; soma:hasShape :n0-1 ."]
+    for level in range(levels):
+        below = ", ".join(f":n{level + 1}-{n}" for n in range(width))
+        lines += [f":n{level}-{n} dul:hasRegion {below} ." for n in range(width)]
+    return soma(":cup a owl:NamedIndividual, soma:Cup .", *lines)
+
+
+def relative_frames() -> str:
+    pose = '[ soma:isRelativeTo :c{} ; k:translation "1 0 0" ; k:quaternion "0 0 0 1" ]'
+    return soma(*(f":c{n} a soma:Cup ; soma:hasLocalization {pose.format((n + 1) % MANY)} ." for n in range(MANY)))
+
+
+def nested_things() -> str:
+    return room(body("cup", f"k:child {'[ k:child ' * MANY}[]{']' * MANY}"))
+
+
+LARGE: dict[str, Callable[[], str]] = {
+    "a web of ways": web,
+    "poses relative to one another in a circle": relative_frames,
+    "things inside things": nested_things,
+    "parents in a circle": lambda: room(*(body(f"b{n}", f"k:child :b{(n + 1) % MANY}") for n in range(MANY))),
+    "a thing with all as its children": lambda: room(
+        body("b0", f"k:child {', '.join(f':b{n}' for n in range(MANY))}"), *(body(f"b{n}") for n in range(1, MANY))
+    ),
+    "joints between two things": lambda: room(
+        body("a"), body("b"), *(constraint(f"j{n}", "a", "b") for n in range(MANY // 3))
+    ),
+    "things with one id": lambda: room(*(body(f"b{n}", 'ms:id "b"') for n in range(MANY))),
+    "things with one local name": lambda: room(
+        *(body("b").replace(":b ", f"<http://example.org/{n}#b> ").replace(":b-p", f":b{n}-p") for n in range(MANY))
+    ),
+    "poses of one thing": lambda: room(body("a"), *(body("a").replace(":a-pose", f":p{n}") for n in range(MANY))),
+    "classes above one another": lambda: room(
+        body("cup", cls="e:c0"), *(f"e:c{n} rdfs:subClassOf e:c{n + 1} ." for n in range(MANY))
+    ),
+    "classes of one thing": lambda: room(body("cup", f"a {', '.join(f'e:c{n}' for n in range(MANY))}")),
+    "maps": lambda: room(*(f":m{n} a k:SemanticEnvironmentMap ." for n in range(20))),
+    "a list": lambda: room(body("cup", f"e:list ({' '.join(map(str, range(MANY)))})")),
+    "a long text": lambda: room(body("cup", f'rdfs:label "{"x" * 10_000_000}"')),
+    "a long number": lambda: room(body("cup", f'k:mass "{"9" * 1_000_000}" ; k:tagsData "{"A,b;" * 100_000}"')),
+}
+
+
+@pytest.mark.parametrize("name", LARGE)
+def test_many_of_one_kind_end_in_time(name: str, tmp_path: Path, watch: Watch) -> None:
+    file = tmp_path / "map.ttl"
+    file.write_text(LARGE[name](), encoding="utf-8")
+    answer = watch.read(file)
+    assert (answer.defect, answer.refused) == ("", "")
+    assert answer.maps
+
+
+def test_a_text_that_no_parser_holds_is_refused(tmp_path: Path, watch: Watch) -> None:
+    file = tmp_path / "map.ttl"
+    file.write_text(room(body("cup", f'rdfs:label "{"x" * 20_000_000}"')), encoding="utf-8")
+    answer = watch.read(file)
+    assert (answer.defect, answer.exit_code) == ("", 2)
+    assert "too long to be held in memory" in answer.refused
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "<a>" * 100_000,
+        owl("", "<owl:Thing>" * 50_000),
+        owl("", "<owl:Thing><k:child>" * 2000, "</k:child></owl:Thing>" * 2000),
+        owl("", "<!--" * 50_000),
+        owl("", '<owl:Thing rdf:about="a" ' + 'rdf:about="b" ' * 20_000 + "/>"),
+        owl("", "<owl:Thing>&" + "&a;" * 20_000 + "</owl:Thing>"),
+        owl("[" + "<!ENTITY a" * 20_000 + "]"),
+        owl("", "</owl:Thing>" * 20_000),
+        "<!DOCTYPE " * 50_000,
+        "<!-- -->" * 20_000 + "<robot",
+        "\n" * 1_000_000 + "<rdf:RDF",
+        "# a\n" * 200_000 + "x",
+        "<a> <b> " * 100_000,
+        "@prefix a: <a> .\n" * 20_000 + "a:" + "b" * 10_000_000,
+        "[" * 100_000,
+        "",
+        "\0" * 100_000,
+    ],
+    ids=range(17),
+)
+@pytest.mark.parametrize("suffix", [".owl", ".ttl", ".urdf"])
+def test_a_flood_of_signs_ends_in_time(text: str, suffix: str, tmp_path: Path, watch: Watch) -> None:
+    file = tmp_path / f"map{suffix}"
+    file.write_text(text, encoding="utf-8")
+    assert watch.read(file).defect == ""
+
+
+def test_a_robot_of_many_links_ends_in_time(tmp_path: Path, watch: Watch) -> None:
+    many = MANY // 3
+    links = [link(f"l{n}", box("1 1 1")) for n in range(many)]
+    joints = [joint(f"j{n}", "revolute", f"l{n}", f"l{(n + 1) % many}", "<axis xyz='0 0 1'/>") for n in range(many)]
+    file = tmp_path / "kitchen.urdf"
+    file.write_text(robot(*links, *joints), encoding="utf-8")
+    answer = watch.read(file)
+    assert (answer.defect, answer.bodies) == ("", many)
+
+
+# -- whoever watches ---------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("trouble", "said"), [("while True: pass", "it hangs"), ("os._exit(7)", "ended with 7")])
+def test_a_worker_in_trouble_is_ended_and_the_next_one_works(
+    trouble: str, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("tests.knowledge.fuzz_watch.CPU_LIMIT_S", 1.0)
+    good = tmp_path / "map.ttl"
+    good.write_text(room(body("cup")), encoding="utf-8")
+    with Watch(tmp_path) as watch:
+        monkeypatch.setattr(
+            watch, "_command", [sys.executable, "-c", f"import os, sys\nsys.stdin.readline()\n{trouble}"]
+        )
+        assert said in watch.read(good).defect
+        monkeypatch.undo()
+        assert watch.read(good).defect == ""
+
+
+def test_the_command_line_ends_without_a_traceback(tmp_path: Path) -> None:
+    file = tmp_path / "map.owl"
+    file.write_text(owl(f'[<!ENTITY a0 "lol">{LAUGHS}]', label="&a11;"), encoding="utf-8")
+    command = [sys.executable, "-m", "mindstage", "validate", str(file)]
+    result = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+    assert result.returncode == 2
+    assert "Traceback" not in result.stderr
+    assert result.stderr.startswith("mindstage: error: cannot read")

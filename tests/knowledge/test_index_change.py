@@ -1,0 +1,136 @@
+"""An index that heard of every change is the one that would be built afresh: told, retracted, loaded, in any order."""
+
+from __future__ import annotations
+
+from itertools import count
+
+import pyoxigraph as ox
+from hypothesis import given
+from hypothesis import strategies as st
+
+from mindstage.knowledge.names import local_name
+from mindstage.knowledge.reasoning import Index, Namebook, NameKind
+from mindstage.knowledge.reasoning.properties import node_of
+from mindstage.world import Iri
+from tests.knowledge.maps import OWL, RDFS, knowrob
+
+RDF = "http://www.w3.org/1999/02/22-rdf-syntax-ns#"
+TOLD = ox.NamedNode("http://example.org/told")
+CLASSES = [Iri(f"http://example.org/class#{letter}") for letter in "ABCD"]
+THINGS = [Iri(f"http://example.org/thing#{letter}") for letter in "abcd"]
+PROPERTIES = [Iri(f"http://example.org/property#{letter}") for letter in "pqr"]
+MAP = Iri("http://example.org/map#room")
+BLANKS = [Iri(f"_:{number}") for number in range(3)]
+
+Triple = tuple[str, str, str]
+
+classes = st.sampled_from(CLASSES)
+expressions = st.sampled_from([*CLASSES, *BLANKS])
+things = st.sampled_from([*THINGS, BLANKS[0]])
+properties = st.sampled_from(PROPERTIES)
+lists = st.sampled_from([*BLANKS, RDF + "nil"])
+
+triples = st.one_of(
+    st.tuples(expressions, st.sampled_from([RDFS + "subClassOf", OWL + "equivalentClass"]), expressions),
+    st.tuples(classes, st.just(OWL + "disjointWith"), expressions),
+    st.tuples(things, st.just(RDF + "type"), st.sampled_from([*CLASSES, *BLANKS, knowrob("Pose"), OWL + "Class"])),
+    st.tuples(st.sampled_from([*THINGS, MAP]), st.just(RDF + "type"), st.just(knowrob("SemanticEnvironmentMap"))),
+    st.tuples(things, st.just(knowrob("describedInMap")), st.sampled_from([MAP, THINGS[0]])),
+    st.tuples(things, properties, things),
+    st.tuples(properties, st.sampled_from([RDFS + "subPropertyOf", OWL + "inverseOf"]), properties),
+    st.tuples(properties, st.just(OWL + "propertyChainAxiom"), lists),
+    st.tuples(properties, st.just(RDF + "type"), st.just(OWL + "TransitiveProperty")),
+    st.tuples(properties, st.sampled_from([RDFS + "domain", RDFS + "range"]), expressions),
+    st.tuples(st.sampled_from(BLANKS), st.just(OWL + "onProperty"), properties),
+    st.tuples(st.sampled_from(BLANKS), st.just(OWL + "someValuesFrom"), expressions),
+    st.tuples(st.sampled_from(BLANKS), st.just(OWL + "hasValue"), things),
+    st.tuples(expressions, st.sampled_from([OWL + "unionOf", OWL + "intersectionOf", OWL + "oneOf"]), lists),
+    st.tuples(expressions, st.just(OWL + "complementOf"), expressions),
+    st.tuples(lists, st.just(RDF + "first"), st.one_of(expressions, things, properties)),
+    st.tuples(lists, st.just(RDF + "rest"), lists),
+)
+some_triples = st.lists(triples, min_size=1, max_size=8)
+changes = st.lists(
+    st.one_of(
+        st.tuples(st.just("tell"), some_triples),
+        st.tuples(st.just("retract"), st.lists(st.integers(0, 1000), min_size=1, max_size=4)),
+        st.tuples(st.just("load"), some_triples),
+    ),
+    min_size=1,
+    max_size=5,
+)
+
+
+def quads(told: list[Triple], graph: ox.NamedNode) -> list[ox.Quad]:
+    return [ox.Quad(node_of(Iri(s)), ox.NamedNode(p), node_of(Iri(o)), graph) for s, p, o in told]
+
+
+def everything(index: Index) -> dict[str, object]:
+    """All that an index can be asked."""
+    axioms, individuals, nodes = index.axioms, index.individuals, [*THINGS, *BLANKS]
+    return {
+        "above": {cls: dict(index.classes.above(cls)) for cls in CLASSES},
+        "below": {cls: dict(index.classes.below(cls)) for cls in CLASSES},
+        "own": {cls: axioms.own(cls) for cls in CLASSES},
+        "naming": {(p, cls): list(index.naming(p, cls)) for p in PROPERTIES for cls in CLASSES},
+        "stating": {p: list(index.stating(p)) for p in PROPERTIES},
+        "apart": {(one, other): index.apart(one, other) for one in CLASSES for other in CLASSES},
+        "conditions": set(axioms.conditions),
+        "classes": {cls for cls in [*CLASSES, *THINGS] if index.knows_class(cls)},
+        "types": {thing: (index.types.get(thing), index.types_of(thing)) for thing in nodes},
+        "grounds": {thing: dict(index.membership.grounds(thing)) for thing in nodes},
+        "members": {(cls, map): index.members(cls, map) for cls in CLASSES for map in (None, MAP)},
+        "residents": {map: set(residents) for map, residents in index.residents.items()},
+        "maps": index.maps_of,
+        "untyped": set(individuals.untyped),
+        "declared": {kind: set(declared) for kind, declared in individuals.declared.items()},
+        "expressions": {thing: set(told) for thing, told in individuals.expressions.items()},
+        "here": {key: set(here) for key, here in individuals.here.items()},
+        "properties": {p: index.properties.implied(p) for p in PROPERTIES},
+        "steps": {
+            (p, t): sorted(map(repr, index.properties.steps(((p, True),), t))) for p in PROPERTIES for t in nodes
+        },
+        "values": {(p, t): set(index.properties.values(p, t)) for p in PROPERTIES for t in nodes},
+        "property names": {p for p in PROPERTIES if index.knows_property(p)},
+    }
+
+
+def meanings(names: Namebook) -> dict[str, object]:
+    return {name: names.kind_of(name) for name in map(local_name, [*CLASSES, *THINGS, *PROPERTIES, MAP])}
+
+
+@given(st.lists(triples, max_size=12), changes)
+def test_after_any_changes_it_is_as_if_built_afresh(start: list[Triple], steps: list[tuple[str, list]]) -> None:
+    store, numbers = ox.Store(), count()
+    store.extend(quads(start, TOLD))
+    index = Index(store)
+    names = Namebook(store, index)
+    meanings(names)
+    everything(index)
+    for what, told in steps:
+        if what == "load":
+            graph = ox.NamedNode(f"http://example.org/file/{next(numbers)}")
+            store.extend(quads(told, graph))
+            names.learn(index.read(graph))
+        else:
+            there = sorted(store, key=str)
+            touched = quads(told, TOLD) if what == "tell" else [there[at % len(there)] for at in told if there]
+            for quad in touched:
+                store.add(quad) if what == "tell" else store.remove(quad)
+            index.reread(touched)
+            names.learn(Iri(node.value) for quad in touched for node in quad.triple if isinstance(node, ox.NamedNode))
+        afresh = Index(store)
+        assert everything(index) == everything(afresh)
+        assert meanings(names) == meanings(Namebook(store, afresh))
+
+
+def test_names_mean_what_they_are_now() -> None:
+    store = ox.Store()
+    index = Index(store)
+    names = Namebook(store, index)
+    (told,) = quads([(THINGS[0], RDF + "type", CLASSES[0])], TOLD)
+    for change, meaning in ((store.add, (CLASSES[0], NameKind.CLASS)), (store.remove, None), (store.add, None)):
+        change(told)
+        index.reread([told])
+        names.learn([CLASSES[0], THINGS[0]])
+        assert names.kind_of("A") == (meaning if change == store.remove else (CLASSES[0], NameKind.CLASS))

@@ -1,0 +1,166 @@
+"""What is missing: without an answer, a question says what nobody has told."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from mindstage.knowledge import KnowledgeBase, bundled_kitchen
+from mindstage.knowledge.names import local_name
+from tests.knowledge.maps import body, knowing, room
+
+
+@pytest.fixture(scope="module")
+def kitchen() -> KnowledgeBase:
+    kb = KnowledgeBase()
+    kb.load(bundled_kitchen())
+    return kb
+
+
+@pytest.mark.parametrize(
+    ("name", "args", "why"),
+    [
+        (
+            "storage_place",
+            {"item": "Robot"},
+            "Robot has no container: no typePrimaryFunction-containerFor names Robot or an ancestor of it",
+        ),
+        (
+            "storage_place",
+            {"item": "Bread", "place": "Dishwasher"},
+            "Bread is not kept in Dishwasher: no typePrimaryFunction-containerFor of Dishwasher names Bread or an "
+            "ancestor of it",
+        ),
+        (
+            "storage_place",
+            {"place": "Spoon"},
+            "Spoon keeps nothing: it does not say typePrimaryFunction-containerFor some …",
+        ),
+        ("device_for_action", {"action": "Robot"}, "Robot has no such deviceUsed: neither it nor an ancestor of it"),
+        ("device_for_action", {"action": "BakingFood", "device": "Dishwasher"}, "it needs HeatSource"),
+        ("device_for_action", {"device": "Cup"}, "no action needs a Cup: no deviceUsed names it"),
+        ("handle_of", {"individual": "fridge_door_handle"}, "has no handle: none of its parts is a Handle"),
+        ("handle_of", {"handle": "plate_3"}, "plate_3 (Plate) is no Handle"),
+        ("handle_of", {"individual": "fridge_door", "handle": "plate_3"}, "plate_3 (Plate) is no Handle"),
+        (
+            "handle_of",
+            {"individual": "fridge_door", "handle": "oven_door_handle"},
+            "fridge_door (ApplianceDoorW60H140) has another handle, fridge_door_handle",
+        ),
+        (
+            "part_of",
+            {"whole": "fridge_door_handle"},
+            "fridge_door_handle is made of nothing: neither child, parent",
+        ),
+        ("part_of", {"part": "plate_3"}, "plate_3 is a part of nothing: neither child, parent nor a property"),
+        ("part_of", {"part": "plate_3", "whole": "fridge"}, "plate_3 is no part of fridge: neither child"),
+        ("subclass_of", {"cls": "Refrigerator", "superclass": "Cup"}, "Refrigerator is no Cup: it is "),
+        (
+            "class_properties",
+            {"cls": "Refrigerator", "property": "deviceUsed"},
+            "nor an ancestor of it says deviceUsed",
+        ),
+        ("class_properties", {"cls": "Bread", "property": "deviceUsed", "value": "Oven"}, "of it says deviceUsed Oven"),
+        ("class_properties", {"cls": "Bread", "value": "Oven"}, "neither Bread nor an ancestor of it says … Oven"),
+        ("class_properties", {"property": "deviceUsed", "value": "Bread"}, "no class says deviceUsed Bread"),
+        (
+            "storage_place",
+            {"place": "IAIFridgeCasing"},
+            "it does not say typePrimaryFunction-containerFor some …; ask about Refrigerator, which it is",
+        ),
+        (
+            "storage_place",
+            {"item": "Bread", "place": "IAIFridgeCasing"},
+            "names Bread or an ancestor of it; ask about Refrigerator, which it is",
+        ),
+        (
+            "storage_place_in_environment",
+            {"individual": "plate_3"},
+            "plate_3 (Plate) keeps nothing: no class that it is of says typePrimaryFunction-containerFor some …",
+        ),
+        ("storage_place_in_environment", {"item": "CowsMilk", "individual": "oven"}, "oven is no Refrigerator"),
+        (
+            "device_for_action",
+            {"device": "IAIOvenCase"},
+            "no action needs a IAIOvenCase: no deviceUsed names it; ask about HeatSource, which it is",
+        ),
+        (
+            "device_for_action_in_environment",
+            {"individual": "plate_3"},
+            "plate_3 (Plate) is needed by no action: no deviceUsed names a class that it is of",
+        ),
+        ("individual_of_class", {"cls": "Robot"}, "no individual in any map is a Robot"),
+        ("individual_of_class", {"cls": "Cup", "individual": "fridge_door"}, "fridge_door is no Cup"),
+    ],
+)
+def test_without_an_answer_it_says_what_nobody_told(
+    name: str, args: dict[str, str], why: str, kitchen: KnowledgeBase
+) -> None:
+    answers = kitchen.ask(name, **args)
+    assert not answers
+    assert why in answers.missing[0].why
+
+
+@pytest.mark.parametrize(
+    ("args", "why"),
+    [
+        ({"thing": "plate_3"}, "plate_3 (Plate) has no door, drawer or lid that a constraint moves"),
+        ({"front": "plate_3"}, "plate_3 (Plate) opens nothing: it is no door, drawer or lid that a constraint moves"),
+        ({"thing": "oven", "front": "fridge_door"}, "fridge_door opens fridge, not oven"),
+        (
+            {"thing": "fridge_door"},
+            "nothing opens fridge_door, which itself opens fridge: ask for front=fridge_door",
+        ),
+        ({"thing": "fridge", "state": "open"}, "nobody measured what is open"),
+    ],
+)
+def test_what_does_not_open_is_told_apart_from_what_nobody_measured(
+    args: dict[str, str], why: str, kitchen: KnowledgeBase
+) -> None:
+    (lack,) = kitchen.ask("openings", **args).missing
+    assert lack.why.startswith(why)
+
+
+def test_a_kitchen_without_a_word_about_purposes_says_so(tmp_path: Path) -> None:
+    path = tmp_path / "room.ttl"
+    path.write_text(room(body("cup")), encoding="utf-8")
+    kb = knowing(path)
+    (lack,) = kb.ask("storage_place").missing
+    assert lack.why == "no class says typePrimaryFunction-containerFor some …"
+    (lack,) = kb.ask("device_for_action").missing
+    assert lack.why == "no class says deviceUsed some …"
+    (lack,) = kb.ask("storage_place_in_environment").missing
+    assert lack.why.startswith("everything in all maps keeps nothing: no class")
+    (lack,) = kb.ask("class_properties").missing
+    assert lack.why == "no class says anything of its members"
+
+
+def test_what_is_known_but_not_here_is_said_so(tmp_path: Path) -> None:
+    path = tmp_path / "room.ttl"
+    path.write_text(room(body("cup")), encoding="utf-8")
+    kb = knowing(path, bundled_ontology=True)
+    (lack,) = kb.ask("storage_place_in_environment", item="CowsMilk").missing
+    assert lack.why == "no individual in any map is a Refrigerator"
+    (lack,) = kb.ask("device_for_action_in_environment", action="BakingFood", map="room").missing
+    assert lack.why == "no individual in room is a HeatSource"
+    assert kb.ask("storage_place_in_environment", item="Robot").missing == kb.ask("storage_place", item="Robot").missing
+
+
+def test_a_map_that_nobody_describes_and_a_thing_in_none_are_told_as_missing(tmp_path: Path) -> None:
+    path = tmp_path / "room.ttl"
+    path.write_text(room("k:Cup a owl:Class . :cup a k:Cup . e:Lonely a owl:Class ."), encoding="utf-8")
+    kb = knowing(path)
+    assert kb.ask("everything_in_map").missing == ()
+    (lack,) = kb.ask("everything_in_map", map="room").missing
+    assert lack.why == "nothing is in room: no describedInMap leads there"
+    (lack,) = kb.ask("everything_in_map", individual="cup").missing
+    assert (local_name(lack.cls), local_name(lack.property)) == ("Cup", "describedInMap")
+    (lack,) = kb.ask("subclass_of", cls="Lonely").missing
+    assert lack.why == "Lonely has no class above it: no subClassOf says so"
+    (lack,) = kb.ask("siblings", cls="Lonely").missing
+    assert lack.why == "Lonely has no such sibling: no subClassOf says what it is"
+    (lack,) = kb.ask("identical_maps").missing
+    assert lack.why == "there are 1 maps, and it takes two to differ"
+    (lack,) = KnowledgeBase(bundled_ontology=False).ask("maps").missing
+    assert lack.why.startswith("no semantic map is known")

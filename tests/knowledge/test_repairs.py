@@ -1,0 +1,182 @@
+"""Files that are malformed and read all the same: each repair is told, and SWI-Prolog reads the same statements."""
+
+from __future__ import annotations
+
+import subprocess
+from collections.abc import Iterable
+from contextlib import suppress
+from pathlib import Path
+
+import pyoxigraph as ox
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from mindstage.errors import SourceUnreadable
+from mindstage.knowledge import Severity
+from mindstage.knowledge.sources.files import SourceFile, read_file
+from tests.knowledge.malformed import GOOD, MALFORMED
+from tests.knowledge.maps import knowing
+
+each_malformation = pytest.mark.parametrize("name", MALFORMED)
+
+ASK_SWI = """
+:- use_module(library(rdf)).
+main :- current_prolog_flag(argv, Files), forall(member(File, Files), tell(File)).
+tell(File) :-
+    load_rdf(file(File), Triples, [base_uri('http://example.org/base')]),
+    exclude(of_syntax, Triples, Statements), sort(Statements, Set), length(Set, Count), format("~d~n", [Count]).
+of_syntax(rdf(_, Property, _)) :-
+    atom_concat('http://www.w3.org/1999/02/22-rdf-syntax-ns#', Name, Property), memberchk(Name, [about, 'ID']).
+:- initialization((catch(main, Error, (print_message(error, Error), halt(1))), halt)).
+"""
+"""Says of each file how many statements it holds, but for those whose property is a word of RDF/XML's syntax."""
+
+
+BETTER_THAN_SWI = {"a statement without its end", "a statement with two objects"}
+"""Here SWI-Prolog says that it cannot interpret something, and leaves it out."""
+
+
+def reading(path: Path) -> tuple[SourceFile, set[ox.Quad]]:
+    file = read_file(path)
+    try:
+        return file, set(ox.parse(file.data, file.format, base_iri=file.iri))
+    except SyntaxError as error:
+        file = file.repaired(error)
+        return file, set(ox.parse(file.data, file.format, base_iri=file.iri))
+
+
+def written(tmp_path: Path, text: str | bytes) -> Path:
+    path = tmp_path / "map.owl"
+    path.write_bytes(text.encode() if isinstance(text, str) else text)
+    return path
+
+
+def counts_of_swi(swipl: Path, files: Iterable[Path], tmp_path: Path) -> list[int]:
+    script = tmp_path / "count.pl"
+    script.write_text(ASK_SWI, encoding="utf-8")
+    asked = [str(swipl), str(script), *map(str, files)]
+    told = subprocess.run(asked, capture_output=True, text=True, timeout=120, check=True)
+    return [int(line) for line in told.stdout.split()]
+
+
+def test_the_document_that_is_spoilt_needs_no_repair(tmp_path: Path) -> None:
+    file, statements = reading(written(tmp_path, GOOD))
+    assert file.repairs == ()
+    assert len(statements) == 5
+
+
+@each_malformation
+def test_a_malformed_document_is_read_and_the_repair_is_told_with_its_line(name: str, tmp_path: Path) -> None:
+    case = MALFORMED[name]
+    good = reading(written(tmp_path, GOOD))[1]
+    path = written(tmp_path, case.text)
+    file, statements = reading(path)
+    assert any(repair.line == case.line and case.what in f"{repair.what} {repair.did}" for repair in file.repairs)
+    if case.same:
+        assert statements == good
+    knowledge = knowing(path)
+    told = [finding for finding in knowledge.findings() if finding.individual == str(path)]
+    assert told
+    assert all(finding.severity is Severity.WARNING and finding.did for finding in told)
+    assert any(finding.what.startswith(f"line {case.line}: ") for finding in told)
+
+
+def test_what_swi_prolog_reads_is_read(swipl: Path, tmp_path: Path) -> None:
+    files = []
+    for number, case in enumerate(MALFORMED.values()):
+        files.append(tmp_path / f"{number:02}.owl")
+        files[-1].write_text(case.text, encoding="utf-8")
+    ours = dict(zip(MALFORMED, (len(reading(path)[1]) for path in files), strict=True))
+    theirs = dict(zip(MALFORMED, counts_of_swi(swipl, files, tmp_path), strict=True))
+    assert {name for name in MALFORMED if ours[name] != theirs[name]} == BETTER_THAN_SWI
+    assert all(ours[name] > theirs[name] for name in BETTER_THAN_SWI)
+
+
+SPOILINGS = [
+    ("entities without blanks", b'<!ENTITY owl "', b'<!ENTITY owl"'),
+    ("an ontology that is about itself twice", b"<owl:Ontology rdf:about=", b'<owl:Ontology rdf:about="a" rdf:about='),
+]
+
+
+@pytest.mark.parametrize(("name", "old", "new"), SPOILINGS, ids=[name for name, *_ in SPOILINGS])
+@pytest.mark.parametrize("map", ["iai-kitchen-original", "ameva-task-two"])
+def test_a_real_map_that_is_spoilt_says_what_swi_prolog_hears(
+    map: str, name: str, old: bytes, new: bytes, shared_data: Path, swipl: Path, tmp_path: Path
+) -> None:
+    data = (shared_data / "maps" / f"{map}.owl").read_bytes()
+    assert old in data
+    path = written(tmp_path, data.replace(old, new))
+    file, statements = reading(path)
+    assert file.repairs
+    (heard,) = counts_of_swi(swipl, [path], tmp_path)
+    assert len(statements) == heard
+
+
+# -- letters -----------------------------------------------------------------------------------------------------------
+
+
+def test_letters_of_another_encoding_than_told_are_read_and_told(tmp_path: Path) -> None:
+    path = written(tmp_path, GOOD.replace("A cup", "Küche").encode("latin-1"))
+    file, statements = reading(path)
+    assert any("Küche" in str(quad.object) for quad in statements)
+    assert file.repairs[0].line == 15
+    assert "0xfc is no UTF-8" in file.repairs[0].what
+
+
+@pytest.mark.parametrize("encoding", ["klingon", "utf-16", "UTF-32LE", "ucs-2"])
+def test_an_encoding_that_cannot_be_the_files_own_is_told(encoding: str, tmp_path: Path) -> None:
+    text = GOOD.replace('"utf-8"', f'"{encoding}"').replace("A cup", "Küche")
+    file, statements = reading(written(tmp_path, text))
+    assert any("Küche" in str(quad.object) for quad in statements)
+    assert encoding in file.repairs[0].what
+
+
+def test_text_before_the_declaration_is_left_out_and_told(tmp_path: Path) -> None:
+    file, statements = reading(written(tmp_path, f"Here is my map:\n\n{GOOD}"))
+    assert len(statements) == 5
+    assert file.repairs[0].line == 1
+    assert "Here is my map" in file.repairs[0].what
+
+
+@pytest.mark.parametrize("before", ["\ufeff", "\n\n  ", "<!-- mine -->\n", "\ufeff\n"])
+def test_what_may_stand_before_a_document_is_no_finding(before: str, tmp_path: Path) -> None:
+    file, statements = reading(written(tmp_path, f"{before}{GOOD}"))
+    assert len(statements) == 5
+    assert file.repairs == ()
+
+
+# -- many, and any -----------------------------------------------------------------------------------------------------
+
+
+def test_many_repairs_are_counted_and_not_told_one_by_one(tmp_path: Path) -> None:
+    things = "\n".join(f'<knowrob:Cup rdf:about="&m;a cup {number}"/>' for number in range(1000))
+    path = written(tmp_path, GOOD.replace("</rdf:RDF>", f"{things}\n</rdf:RDF>"))
+    findings = [finding for finding in knowing(path).findings() if finding.individual == str(path)]
+    assert len(findings) == 101
+    assert "900 more places" in findings[-1].what
+
+
+def test_lines_stay_where_they_were(tmp_path: Path) -> None:
+    """What fails after a repair is still told with the line of the file."""
+    text = MALFORMED["an attribute twice"].text.replace("</rdf:RDF>", '<rdf:Description rdf:nodeID="1 2"/>\n</rdf:RDF>')
+    with pytest.raises(SourceUnreadable) as caught:
+        knowing(written(tmp_path, text))
+    assert caught.value.line == 17
+
+
+LETTERS = st.sampled_from([*"<>&;\"'=/!-[]", "<!ENTITY ", "rdf:about=", "</rdf:RDF>", "\n", "\0", "ü", " "])
+
+
+@given(data=st.data(), letters=st.lists(LETTERS, min_size=1, max_size=3))
+def test_no_change_of_a_document_ends_in_anything_but_statements_or_an_error(
+    data: st.DataObject, letters: list[str], tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    text = GOOD
+    for letter in letters:
+        at = data.draw(st.integers(0, len(text)))
+        text = text[:at] + letter + text[at + data.draw(st.integers(0, 12)) :]
+    path = tmp_path_factory.mktemp("any") / "map.owl"
+    path.write_text(text, encoding="utf-8")
+    with suppress(SourceUnreadable):
+        assert all(finding.what and finding.did for finding in knowing(path).findings())

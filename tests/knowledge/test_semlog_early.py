@@ -1,0 +1,118 @@
+"""SemLog's early maps: mobility in tags only, constraints that are described in no map, and a DTD that is none."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from mindstage.knowledge import MapFormat, Severity, save_map, write_map
+from mindstage.world import Mobility
+from tests.knowledge.maps import Read, assert_same, body, constraint, knowing, knowrob, m, room
+
+
+def tagged(name: str, *tags: str, at: str = "1.0 2.0 3.0") -> str:
+    told = "".join(f"{tag};" for tag in tags)
+    return body(name, f'k:tagsData "SemLog;Class,Cup;{told}"', at=at)
+
+
+def homeless(text: str, name: str) -> str:
+    """The map, of which this individual no longer says that it is in it."""
+    start = text.index(f":{name} a owl:NamedIndividual, k:Constraint")
+    return text[:start] + text[start:].replace(" ; k:describedInMap :room", "", 1)
+
+
+def test_mobility_is_told_by_tags_alone(read: Read) -> None:
+    world, findings = read(room(tagged("cup", "Mobility,Dynamic"), tagged("wall", "Mobility,Static", at="0 0 0")))
+    assert world.body("cup").physics.mobility is Mobility.DYNAMIC
+    assert world.body("wall").physics.mobility is Mobility.STATIC
+    assert world.body("cup").tags[-1].value == "Dynamic", "the tag stays"
+    assert findings == ()
+    again, _ = read(write_map(world, format=MapFormat.TURTLE))
+    assert_same(world, again)
+
+
+def test_a_property_counts_more_than_a_tag(read: Read) -> None:
+    told = body("pan", 'k:mobility "static"', 'k:tagsData "SemLog;Mobility,Dynamic;"', at="0 0 0")
+    world, _ = read(room(tagged("cup", "Mobility,Dynamic"), told))
+    assert world.body("pan").physics.mobility is Mobility.STATIC
+
+
+def test_a_tag_that_tells_no_mobility_is_named(read: Read) -> None:
+    cup, pan = tagged("cup", "Mobility,Dynamic"), tagged("pan", "Mobility,Sometimes", at="0 0 0")
+    world, (finding,) = read(room(cup, pan))
+    assert world.body("pan").physics.mobility is None
+    assert (finding.individual, finding.property) == (m("pan"), knowrob("mobility"))
+    assert "'Sometimes'" in finding.what
+
+
+def test_a_constraint_belongs_where_its_ends_do(read: Read, tmp_path: Path) -> None:
+    told = room(body("base"), body("door", at="0 0 0"), constraint("hinge", "base", "door"))
+    world, findings = read(homeless(told, "hinge"))
+    assert [joint.id for joint in world.constraints] == ["hinge"]
+    assert not [finding for finding in findings if finding.severity is Severity.ERROR]
+    save_map(world, tmp_path / "out.ttl")
+    assert_same(world, knowing(tmp_path / "out.ttl").world())
+
+
+def test_a_constraint_whose_ends_name_it_belongs_with_them(read: Read) -> None:
+    told = room(
+        body("base", "k:child :hinge"), body("door", "k:parent :hinge", at="0 0 0"), constraint("hinge", "x", "y")
+    )
+    told = homeless(told, "hinge").replace("k:parent :x ; k:child :y", 'e:note "none"')
+    world, _ = read(told)
+    (joint,) = world.constraints
+    assert (joint.parent, joint.child) == ("base", "door")
+
+
+def test_a_constraint_that_belongs_nowhere_is_kept(read: Read) -> None:
+    world, _ = read(homeless(room(body("base"), constraint("hinge", "x", "y")), "hinge"))
+    assert world.constraints == ()
+    assert m("hinge") in {resource.iri for resource in world.resources}
+
+
+def test_a_constraint_goes_to_the_map_of_its_ends_and_to_no_other(tmp_path: Path) -> None:
+    first = homeless(room(body("base"), body("door", at="0 0 0"), constraint("hinge", "base", "door")), "hinge")
+    second = room(body("cup"), map="other").replace(":room", ":other")
+    (tmp_path / "first.ttl").write_text(first, encoding="utf-8")
+    (tmp_path / "second.ttl").write_text(second, encoding="utf-8")
+    knowledge = knowing(tmp_path / "first.ttl", tmp_path / "second.ttl")
+    assert [joint.id for joint in knowledge.world("room").constraints] == ["hinge"]
+    assert knowledge.world("other").constraints == ()
+    assert knowledge.analyse("room").constraints == 1
+
+
+@pytest.mark.parametrize("spoil", [True, False])
+def test_the_kitchen_of_the_thesis_as_an_early_map_is_the_same_kitchen(
+    spoil: bool, shared_data: Path, tmp_path: Path
+) -> None:
+    text = (shared_data / "maps" / "iai-kitchen-original.owl").read_text(encoding="utf-8")
+    expected = knowing(shared_data / "maps" / "iai-kitchen-original.owl").world()
+    early = []
+    for block in text.split("\n\n"):
+        lines = block.split("\n")
+        mobility = next((line.split(">")[1].split("<")[0] for line in lines if "knowrob:mobility " in line), "")
+        lines = [
+            line for line in lines if not any(f"knowrob:{word} " in line for word in ("mobility", "mass", "gravity"))
+        ]
+        if mobility:
+            lines = [
+                line.replace(";</knowrob:tagsData", f";Mobility,{mobility.title()};</knowrob:tagsData")
+                for line in lines
+            ]
+        if any("&knowrob;Constraint" in line for line in lines):
+            lines = [line for line in lines if "describedInMap" not in line]
+        early.append("\n".join(lines))
+    spoilt = "\n\n".join(early)
+    if spoil:
+        spoilt = spoilt.replace('<!ENTITY owl "', '<!ENTITY owl"').replace(
+            "<owl:Ontology rdf:about=", '<owl:Ontology rdf:about="x" rdf:about='
+        )
+    (tmp_path / "early.owl").write_text(spoilt, encoding="utf-8")
+    world = knowing(tmp_path / "early.owl").world()
+    assert len(world.constraints) == len(expected.constraints) == 22
+    assert [body.physics.mobility for body in world.bodies] == [body.physics.mobility for body in expected.bodies]
+    assert {body.physics.mass_kg for body in world.bodies} == {None}
+    assert [body.pose for body in world.bodies] == [body.pose for body in expected.bodies]
+    save_map(world, tmp_path / "out.owl")
+    assert_same(world, knowing(tmp_path / "out.owl").world())

@@ -1,0 +1,350 @@
+"""Knowledge in a folder: what was loaded and told is there again, and nothing half-written is ever used."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from mindstage.errors import ArgumentRefused, SourceUnreadable, StoreUnusable
+from mindstage.knowledge import Finding, KnowledgeBase, bundled_kitchen, bundled_ontology
+from mindstage.knowledge.names import local_name
+from mindstage.knowledge.questions import questions
+from mindstage.knowledge.sources import library
+from mindstage.knowledge.stores.localstore import LocalStore
+from tests.knowledge.maps import body, m, room
+
+CONTAINER_FOR = "typePrimaryFunction-containerFor"
+
+
+@pytest.fixture(scope="module")
+def kitchen_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("stores") / "kitchen"
+    with KnowledgeBase(store=folder) as kb:
+        kb.load(bundled_kitchen())
+    return folder
+
+
+@pytest.fixture
+def folder(kitchen_folder: Path, tmp_path: Path) -> Path:
+    """A folder of its own, with the kitchen."""
+    return shutil.copytree(kitchen_folder, tmp_path / "kitchen")
+
+
+@pytest.fixture
+def small(tmp_path: Path) -> tuple[Path, Path]:
+    """A folder and the map that was loaded into it, which has a cup and imports an ontology."""
+    map = tmp_path / "room.ttl"
+    ontology = tmp_path / "words.ttl"
+    ontology.write_text("@prefix owl: <http://www.w3.org/2002/07/owl#> . <e:Word> a owl:Class .", encoding="utf-8")
+    map.write_text(room(body("cup"), f"<> owl:imports <{ontology.as_uri()}> ."), encoding="utf-8")
+    with KnowledgeBase(store=tmp_path / "store", bundled_ontology=False) as kb:
+        kb.load(map)
+    return tmp_path / "store", map
+
+
+def reopened(folder: Path) -> KnowledgeBase:
+    return KnowledgeBase(store=folder)
+
+
+# -- what comes back ---------------------------------------------------------------------------------------------------
+
+
+def test_everything_is_there_again_and_nothing_is_parsed(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    fresh = KnowledgeBase()
+    fresh.load(bundled_kitchen())
+
+    def refuse(*_: object) -> None:
+        raise AssertionError("a source was parsed")
+
+    monkeypatch.setattr(LocalStore, "load", refuse)
+    monkeypatch.setattr(library, "read_file", refuse)
+    with reopened(folder) as kb:
+        assert kb.maps() == fresh.maps()
+        for question in questions():
+            assert set(kb.ask(question)) == set(fresh.ask(question)), question.name
+        assert kb.world() == fresh.world(), "to the letter"
+        assert kb.sources() == (bundled_ontology(), bundled_kitchen())
+
+
+def test_findings_are_there_again(tmp_path: Path) -> None:
+    map = tmp_path / "room.ttl"
+    map.write_text(room(body("cup"), "<> owl:imports <package://nowhere/x.owl> ."), encoding="utf-8")
+    with KnowledgeBase(store=tmp_path / "store") as kb:
+        kb.load(map)
+        found = kb.findings()
+    assert "package://nowhere/x.owl" in found[0].what
+    with reopened(tmp_path / "store") as kb:
+        assert kb.findings() == found
+
+
+def test_what_was_told_stays_told_and_what_was_taken_back_stays_away(folder: Path) -> None:
+    with reopened(folder) as kb:
+        kb.tell("Cupboard", CONTAINER_FOR, "Robot")
+        assert kb.retract("Refrigerator", CONTAINER_FOR, "Perishable")
+    with reopened(folder) as kb:
+        assert [local_name(row.place) for row in kb.ask("storage_place", item="Robot")] == ["Cupboard"]
+        assert not kb.ask("storage_place", item="CowsMilk")
+        assert kb.retract("Cupboard", CONTAINER_FOR, "Robot")
+    with reopened(folder) as kb:
+        assert not kb.ask("storage_place", item="Robot")
+
+
+def test_naming_the_sources_again_changes_nothing(folder: Path) -> None:
+    before = (folder / "mindstage.json").read_bytes()
+    with reopened(folder) as kb:
+        kb.load(bundled_kitchen())
+        assert len(kb.maps()) == 1
+    assert (folder / "mindstage.json").read_bytes() == before
+
+
+def test_more_can_be_loaded_later(folder: Path, tmp_path: Path) -> None:
+    map = tmp_path / "room.ttl"
+    map.write_text(room(body("cup")), encoding="utf-8")
+    with reopened(folder) as kb:
+        kb.load(map)
+    with reopened(folder) as kb:
+        assert [local_name(map) for map in kb.maps()] == ["kitchen", "room"]
+        assert len(kb.world("room").bodies) == 1
+
+
+def test_queries_see_the_folder_and_what_was_just_told(folder: Path) -> None:
+    ask = "ASK { ms:Rack rdfs:subClassOf knowrob:Refrigerator }"
+    with reopened(folder) as kb:
+        assert kb.sparql("ASK { ?map a knowrob:SemanticEnvironmentMap }").truth
+        assert not kb.sparql(ask).truth
+        kb.tell("ms:Rack", "subClassOf", "Refrigerator")
+        assert kb.sparql(ask).truth
+    assert sorted(path.name for path in folder.iterdir()) == ["mindstage.json", "texts", "triples"]
+    (folder / "triples-as-asked-7").mkdir()  # as a process leaves it that was killed while it asked
+    reopened(folder).close()
+    assert not (folder / "triples-as-asked-7").exists()
+
+
+def test_a_folder_keeps_the_ontology_it_was_made_with(small: tuple[Path, Path], folder: Path) -> None:
+    with reopened(small[0]) as kb:
+        assert bundled_ontology() not in kb.sources()
+    with pytest.raises(StoreUnusable, match="it was made with the bundled ontology; make another one"):
+        KnowledgeBase(store=folder, bundled_ontology=False)
+
+
+def test_the_ontology_of_another_mindstage_is_replaced(folder: Path) -> None:
+    told = json.loads((folder / "mindstage.json").read_text())
+    told["sources"][0]["hash"] = "0" * 64
+    text = json.dumps(told).replace(str(bundled_ontology()), "/elsewhere/household.ttl")
+    (folder / "mindstage.json").write_text(text)
+    with reopened(folder) as kb:
+        assert bundled_ontology() in kb.sources()
+        assert len(kb.sources()) == 2
+        assert [local_name(row.place) for row in kb.ask("storage_place", item="CowsMilk")] == ["Refrigerator"]
+
+
+# -- what has changed since --------------------------------------------------------------------------------------------
+
+
+def test_a_source_that_has_changed_is_read_anew_and_that_is_told(small: tuple[Path, Path]) -> None:
+    folder, map = small
+    map.write_text(room(body("cup"), body("jug")), encoding="utf-8")
+    with reopened(folder) as kb:
+        assert [each.id for each in kb.world().bodies] == ["cup", "jug"]
+        (finding,) = changes(kb)
+        assert (finding.individual, finding.did) == (str(map), "it was read anew")
+        assert kb.sources() == (map,), "what it imports no more is gone"
+        assert not kb.sparql("ASK { <e:Word> ?p ?o }").truth
+    with reopened(folder) as kb:
+        assert not changes(kb), "once"
+        assert len(kb.world().bodies) == 2
+
+
+def test_an_ontology_that_has_changed_is_read_anew_too(small: tuple[Path, Path]) -> None:
+    folder, map = small
+    map.with_name("words.ttl").write_text("<e:Other> a <http://www.w3.org/2002/07/owl#Class> .", encoding="utf-8")
+    with reopened(folder) as kb:
+        assert kb.sparql("ASK { <e:Other> a owl:Class }").truth
+        assert not kb.sparql("ASK { <e:Word> a owl:Class }").truth
+        assert len(kb.sources()) == 2
+
+
+def test_a_source_that_was_only_touched_has_not_changed(small: tuple[Path, Path]) -> None:
+    folder, map = small
+    os.utime(map, (1, 1))
+    with reopened(folder) as kb:
+        assert not changes(kb)
+
+
+def test_a_source_that_is_gone_is_not_missed(small: tuple[Path, Path]) -> None:
+    folder, map = small
+    map.unlink()
+    with reopened(folder) as kb:
+        assert [each.id for each in kb.world().bodies] == ["cup"]
+        assert not kb.findings()
+
+
+def test_a_source_that_can_no_longer_be_read_stays_as_it_was_and_that_is_told(small: tuple[Path, Path]) -> None:
+    folder, map = small
+    map.write_text("@prefix : <", encoding="utf-8")
+    with reopened(folder) as kb:
+        assert [each.id for each in kb.world().bodies] == ["cup"]
+        (finding,) = changes(kb)
+        assert "cannot read" in finding.what
+        assert finding.did == "the stored one stays"
+
+
+def test_what_cannot_be_loaded_leaves_the_folder_as_it_was(small: tuple[Path, Path], tmp_path: Path) -> None:
+    folder, _ = small
+    before = (folder / "mindstage.json").read_bytes()
+    (tmp_path / "bad.ttl").write_text("@prefix : <", encoding="utf-8")
+    with reopened(folder) as kb, pytest.raises(SourceUnreadable):
+        kb.load(tmp_path / "bad.ttl")
+    assert (folder / "mindstage.json").read_bytes() == before
+    with reopened(folder) as kb:
+        assert kb.maps() == (m("room"),)
+
+
+def test_a_large_source_that_cannot_be_read_leaves_nothing_behind(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("mindstage.knowledge.stores.localstore._BULK", 0)
+    (tmp_path / "bad.ttl").write_text("<e:a> <e:b> <e:c> .\n" * 100 + "<e:a> <", encoding="utf-8")
+    (tmp_path / "good.ttl").write_text("<e:d> <e:b> <e:c> .", encoding="utf-8")
+    with reopened(folder) as kb:
+        kb.load((), ontologies=tmp_path / "good.ttl")
+        with pytest.raises(SourceUnreadable):
+            kb.load((), ontologies=tmp_path / "bad.ttl")
+        assert len(kb.sparql("SELECT ?s { ?s <e:b> ?o }").rows) == 1
+
+
+# -- what is no such folder --------------------------------------------------------------------------------------------
+
+
+def test_a_folder_with_other_files_is_left_alone(tmp_path: Path) -> None:
+    (tmp_path / "mine.txt").write_text("mine")
+    with pytest.raises(StoreUnusable, match="there are other files in it; name a new folder"):
+        reopened(tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["mine.txt"]
+
+
+def test_a_file_is_no_folder(tmp_path: Path) -> None:
+    (tmp_path / "mine.txt").write_text("mine")
+    with pytest.raises(StoreUnusable, match=r"mine\.txt cannot be used: a file is in its place; name a new"):
+        reopened(tmp_path / "mine.txt")
+
+
+def test_a_folder_of_a_newer_format_is_left_alone(folder: Path) -> None:
+    (folder / "mindstage.json").write_text('{"format_version": 99, "feelings": []}')
+    with pytest.raises(StoreUnusable, match="it is of format 99, and this version knows 1; use a newer Mindstage"):
+        reopened(folder)
+
+
+@pytest.mark.parametrize("text", ["", "{", "[]", '{"format_version": 1, "sources": [{"path": 3}]}'])
+def test_a_damaged_list_of_contents_is_named(text: str, folder: Path) -> None:
+    (folder / "mindstage.json").write_text(text)
+    with pytest.raises(StoreUnusable, match=r"mindstage\.json: .*; delete the folder and load the sources"):
+        reopened(folder)
+
+
+def test_damaged_triples_are_named(folder: Path) -> None:
+    (folder / "triples" / "CURRENT").write_text("nonsense")
+    with pytest.raises(StoreUnusable, match="cannot be used"):
+        reopened(folder)
+
+
+def test_a_text_that_is_gone_is_named_when_it_is_needed(folder: Path) -> None:
+    shutil.rmtree(folder / "texts")
+    with reopened(folder) as kb:
+        assert kb.ask("storage_place", item="CowsMilk")
+        with pytest.raises(StoreUnusable, match="No such file"):
+            kb.world()
+
+
+def test_another_process_that_holds_the_folder_is_named(folder: Path) -> None:
+    with reopened(folder):
+        script = f"from mindstage.knowledge import KnowledgeBase; KnowledgeBase(store={str(folder)!r})"
+        command = [sys.executable, "-c", script]
+        done = subprocess.run(command, stderr=subprocess.PIPE, text=True, timeout=120, check=False)
+    assert "another process holds it; wait until that has ended" in done.stderr.splitlines()[-1]
+    reopened(folder).close()
+
+
+def test_a_process_that_dies_while_it_fills_a_folder_leaves_one_that_says_so(folder: Path, tmp_path: Path) -> None:
+    map = tmp_path / "room.ttl"
+    map.write_text(room(body("cup")), encoding="utf-8")
+    script = f"""
+import time
+from mindstage.knowledge import KnowledgeBase
+from mindstage.knowledge.stores.localstore import LocalStore
+def stop(*_, **__):
+    print("filling", flush=True)
+    time.sleep(600)
+LocalStore.load = stop
+KnowledgeBase(store={str(folder)!r}).load({str(map)!r})
+"""
+    process = subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE, text=True)
+    try:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "filling\n"
+        with pytest.raises(StoreUnusable, match="another process holds it"):
+            reopened(folder)
+        process.send_signal(signal.SIGKILL)
+        process.wait(60)
+    finally:
+        process.kill()
+        process.communicate()
+    with pytest.raises(StoreUnusable, match="it is half-written: a process died while filling it; delete the folder"):
+        reopened(folder)
+
+
+def test_a_process_that_dies_after_it_has_told_something_has_told_it(folder: Path) -> None:
+    script = f"""
+import os
+from mindstage.knowledge import KnowledgeBase
+KnowledgeBase(store={str(folder)!r}).tell("Cupboard", {CONTAINER_FOR!r}, "Robot")
+os.kill(os.getpid(), 9)
+"""
+    subprocess.run([sys.executable, "-c", script], timeout=120, check=False)
+    with reopened(folder) as kb:
+        assert kb.ask("storage_place", item="Robot")
+
+
+def test_a_folder_that_can_only_be_read_answers_and_takes_nothing(
+    small: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder, map = small
+    monkeypatch.setattr(os, "access", lambda *_: False)  # root may write everywhere
+    before = sorted((path, path.stat().st_mtime_ns) for path in folder.rglob("*"))
+    map.write_text(room(body("cup"), body("jug")), encoding="utf-8")
+    with reopened(folder) as kb:
+        assert [each.id for each in kb.world().bodies] == ["cup"]
+        assert changes(kb)[0].did == "the stored one stays: the folder is read-only"
+        assert kb.sparql("ASK { ?map a knowrob:SemanticEnvironmentMap }").truth
+        kb.load(map)
+        with pytest.raises(StoreUnusable, match="it can only be read; copy it, and use the copy"):
+            kb.tell("ms:shed", "type", "Cup")
+        with pytest.raises(StoreUnusable, match="it can only be read"):
+            kb.load(bundled_kitchen())
+    assert sorted((path, path.stat().st_mtime_ns) for path in folder.rglob("*")) == before
+
+
+def test_a_knowledge_base_is_kept_in_one_place(tmp_path: Path) -> None:
+    with pytest.raises(ArgumentRefused, match="it is kept in a folder or at an endpoint, not in both"):
+        KnowledgeBase(store=tmp_path / "store", endpoint="http://localhost:7878/query")
+
+
+def test_closing_twice_is_harmless_and_asking_after_is_refused(folder: Path) -> None:
+    kb = reopened(folder)
+    kb.close()
+    kb.close()
+    with pytest.raises(StoreUnusable, match="it is closed; open it again"):
+        kb.ask("maps")
+    with pytest.raises(StoreUnusable, match="it is closed"):
+        kb.tell("Cupboard", CONTAINER_FOR, "Robot")
+
+
+def changes(kb: KnowledgeBase) -> list[Finding]:
+    return [finding for finding in kb.findings() if "changed since it was stored" in finding.what]

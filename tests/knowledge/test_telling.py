@@ -1,0 +1,55 @@
+"""Answers as plain values: what other programs read."""
+
+from __future__ import annotations
+
+import pytest
+
+from mindstage.knowledge import KnowledgeBase, bundled_kitchen
+from mindstage.knowledge.names import local_name
+from mindstage.knowledge.questions import answers_to_builtins
+from tests.knowledge.maps import KNOWROB
+
+
+@pytest.fixture(scope="module")
+def kitchen() -> KnowledgeBase:
+    kb = KnowledgeBase()
+    kb.load(bundled_kitchen())
+    return kb
+
+
+def test_answers_become_what_other_programs_read(kitchen: KnowledgeBase) -> None:
+    told = answers_to_builtins(kitchen, kitchen.ask("storage_place_in_environment", item="CowsMilk"), why=True)
+    (answer,) = told["answers"]
+    assert told["question"] == "storage_place_in_environment"
+    assert told["args"] == {"item": f"{KNOWROB}CowsMilk"}
+    assert answer["iri"] == answer["individual"]
+    assert answer["id"] == "fridge"
+    assert answer["class"] == kitchen.index.class_of(answer["iri"])
+    assert answer["why"]
+    assert told["missing"] == []
+
+
+@pytest.mark.parametrize(
+    ("name", "args", "about"),
+    [
+        ("what_is", {"individual": "oven"}, "oven"),
+        ("everything_in_map", {"individual": "oven"}, "oven"),
+        ("handle_of", {"individual": "oven_door"}, "oven_door_handle"),
+        ("handle_of", {"handle": "oven_door_handle"}, "oven"),
+        ("handle_of", {"individual": "oven", "handle": "oven_door_handle"}, "oven_door_handle"),
+        ("storage_place_in_environment", {"item": "CowsMilk", "individual": "fridge"}, "fridge"),
+        ("storage_place", {"item": "CowsMilk", "place": "Refrigerator"}, "Refrigerator"),
+        ("where_is", {"thing": "plate_3", "relation": "on"}, "table"),
+        ("maps", {}, "kitchen"),
+    ],
+)
+def test_what_was_asked_for_has_its_name_in_each_answer(
+    name: str, args: dict[str, str], about: str, kitchen: KnowledgeBase
+) -> None:
+    told = answers_to_builtins(kitchen, kitchen.ask(name, **args))
+    assert about in {answer["id"] for answer in told["answers"]}
+
+
+def test_handles_are_what_is_asked_for_where_nothing_is_given(kitchen: KnowledgeBase) -> None:
+    told = answers_to_builtins(kitchen, kitchen.ask("handle_of"))
+    assert {answer["id"] for answer in told["answers"]} == {local_name(row.handle) for row in kitchen.ask("handle_of")}

@@ -1,0 +1,132 @@
+"""Several threads: some ask while one tells, and each answer is one that was true at some moment."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from threading import Event
+
+import pytest
+
+from mindstage.engines import NullEngine
+from mindstage.knowledge import KnowledgeBase, bundled_kitchen
+from mindstage.knowledge.names import local_name
+from mindstage.stage import Stage
+from mindstage.world import Iri
+from tests.knowledge.maps import M, body, room
+
+CONTAINER_FOR = "typePrimaryFunction-containerFor"
+ROUNDS = 60
+PATIENCE_S = 120.0
+
+
+@pytest.fixture
+def often() -> Iterator[None]:
+    """Threads take turns as often as Python lets them."""
+    before = sys.getswitchinterval()
+    sys.setswitchinterval(1e-5)
+    yield
+    sys.setswitchinterval(before)
+
+
+@pytest.fixture
+def kitchen() -> KnowledgeBase:
+    kb = KnowledgeBase()
+    kb.load(bundled_kitchen())
+    return kb
+
+
+def superclasses(kb: KnowledgeBase, cls: str) -> set[str]:
+    return {local_name(row.superclass) for row in kb.ask("subclass_of", cls=cls)}
+
+
+def asking(kb: KnowledgeBase, over: Event) -> set[frozenset[str]]:
+    """Asks until it is over; what about what a pantry cupboard is, and everything else besides."""
+    found = set()
+    while not over.is_set():
+        found.add(frozenset(superclasses(kb, "PantryCupboard")))
+        kb.ask("subclass_of")
+        assert kb.ask("handle_of", individual="fridge_door")
+        assert kb.ask("what_is", individual="fridge")[0].pose
+    return found
+
+
+def test_whoever_tells_is_heard_at_once_however_many_ask_meanwhile(often: None, kitchen: KnowledgeBase) -> None:
+    before = superclasses(kitchen, "PantryCupboard")
+    below = [local_name(row.cls) for row in kitchen.ask("subclass_of", superclass="Cupboard")]
+    over = Event()
+    with ThreadPoolExecutor(3) as threads:
+        askers = [threads.submit(asking, kitchen, over) for _ in range(3)]
+        try:
+            for number in range(ROUNDS):
+                new = f"Kind{number}"
+                kitchen.tell(f"ms:{new}", "subClassOf", "Container")
+                kitchen.tell("Cupboard", "subClassOf", new)
+                assert all(new in superclasses(kitchen, cls) for cls in below)
+                kitchen.retract("Cupboard", "subClassOf", new)
+                assert not any(new in superclasses(kitchen, cls) for cls in below)
+        finally:
+            over.set()
+        found = {each for asker in askers for each in asker.result(timeout=PATIENCE_S)}
+    assert found <= {frozenset(before), *(frozenset({*before, f"Kind{number}"}) for number in range(ROUNDS))}
+
+
+def test_a_change_waits_for_the_answer_that_is_being_worked_out(
+    kitchen: KnowledgeBase, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    looking, go_on = Event(), Event()
+    descend = kitchen.index.classes.below
+
+    def slowly(cls: Iri) -> Mapping[Iri, int]:
+        looking.set()
+        assert go_on.wait(PATIENCE_S)
+        return descend(cls)
+
+    monkeypatch.setattr(kitchen.index.classes, "below", slowly)
+    with ThreadPoolExecutor(2) as threads:
+        asked = threads.submit(kitchen.ask, "subclass_of", superclass="Cupboard")
+        assert looking.wait(PATIENCE_S)
+        told = threads.submit(kitchen.tell, "ms:Locker", "subClassOf", "Cupboard")
+        try:
+            with pytest.raises(TimeoutError):
+                told.result(timeout=0.3)
+        finally:
+            go_on.set()
+        assert "Locker" not in {local_name(row.cls) for row in asked.result(timeout=PATIENCE_S)}
+        assert told.result(timeout=PATIENCE_S)
+    assert "Locker" in {local_name(row.cls) for row in kitchen.ask("subclass_of", superclass="Cupboard")}
+
+
+def test_maps_are_loaded_while_others_ask(often: None, kitchen: KnowledgeBase, tmp_path: Path) -> None:
+    over = Event()
+    with ThreadPoolExecutor(2) as threads:
+        askers = [threads.submit(asking, kitchen, over) for _ in range(2)]
+        try:
+            for number in range(5):
+                path = tmp_path / f"room{number}.ttl"
+                path.write_text(room(body("cup")).replace(M, f"{M[:-1]}{number}#"), encoding="utf-8")
+                kitchen.load(path)
+                assert len(kitchen.ask("maps")) == number + 2
+                assert len(kitchen.ask("what_is", map=f"{M[:-1]}{number}#room")) == 1
+        finally:
+            over.set()
+        assert all(asker.result(timeout=PATIENCE_S) for asker in askers)
+
+
+def test_an_engine_that_takes_its_time_keeps_nobody_else_waiting(kitchen: KnowledgeBase) -> None:
+    with Stage(kitchen, NullEngine()) as stage, ThreadPoolExecutor(2) as threads:
+        stage.spawn()
+        busy, free = Event(), Event()
+        held = threads.submit(stage.call, lambda _: (busy.set(), free.wait(PATIENCE_S)), timeout_s=PATIENCE_S)
+        assert busy.wait(PATIENCE_S)
+        try:
+            waiting = threads.submit(stage.ask, "openings", thing="fridge")
+            assert kitchen.ask("storage_place", item="CowsMilk")
+            assert kitchen.tell("KitchenTable", CONTAINER_FOR, "Robot")
+            assert not waiting.done()
+        finally:
+            free.set()
+        assert waiting.result(timeout=PATIENCE_S)
+        held.result(timeout=PATIENCE_S)

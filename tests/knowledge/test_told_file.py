@@ -1,0 +1,123 @@
+"""What was told, in a file that everybody can load."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pyoxigraph as ox
+import pytest
+
+from mindstage.errors import ArgumentRefused, NameUnknown, SourceUnreadable
+from mindstage.knowledge import KnowledgeBase, ToldFile
+from mindstage.knowledge.names import local_name
+from tests.knowledge.maps import KNOWROB, OWL, RDFS
+
+CONTAINER_FOR = "typePrimaryFunction-containerFor"
+
+_WORDS = f"""@prefix k: <{KNOWROB}> . @prefix owl: <{OWL}> . @prefix rdfs: <{RDFS}> .
+k:{CONTAINER_FOR} a owl:ObjectProperty . k:mass a owl:DatatypeProperty .
+k:Perishable a owl:Class . k:Bread a owl:Class ; rdfs:subClassOf k:Perishable . k:Breadbasket a owl:Class .
+k:Refrigerator a owl:Class ; rdfs:subClassOf
+    [ a owl:Restriction ; owl:onProperty k:{CONTAINER_FOR} ; owl:someValuesFrom k:Perishable ] .
+"""
+
+
+@pytest.fixture
+def words(tmp_path: Path) -> Path:
+    path = tmp_path / "words.ttl"
+    path.write_text(_WORDS, encoding="utf-8")
+    return path
+
+
+def told_file(path: Path, words: Path) -> ToldFile:
+    """The file, as another process would open it."""
+    kb = KnowledgeBase(bundled_ontology=False)
+    kb.load((), ontologies=words)
+    return ToldFile(path, kb)
+
+
+def places(words: Path, *more: Path) -> list[str]:
+    kb = KnowledgeBase(bundled_ontology=False)
+    kb.load((), ontologies=[words, *more])
+    return [local_name(row.place) for row in kb.ask("storage_place", item="Bread")]
+
+
+def test_what_is_told_can_be_loaded_and_taken_back(words: Path, tmp_path: Path) -> None:
+    path = tmp_path / "told.ttl"
+    assert places(words) == ["Refrigerator"]
+    assert told_file(path, words).tell("Breadbasket", CONTAINER_FOR, "Bread")
+    assert places(words, path) == ["Breadbasket", "Refrigerator"]
+    assert told_file(path, words).retract("Breadbasket", CONTAINER_FOR, "Bread")
+    assert places(words, path) == ["Refrigerator"]
+    assert not list(ox.parse(path=str(path), format=ox.RdfFormat.TURTLE)), "no half of a restriction stays"
+
+
+def test_one_after_another(words: Path, tmp_path: Path) -> None:
+    path = tmp_path / "told.ttl"
+    told_file(path, words).tell("ms:Rack", "subClassOf", "Breadbasket")
+    told_file(path, words).tell("ms:joe", "type", "Rack")
+    told_file(path, words).tell("joe", "mass", 0.1)
+    told_file(path, words).tell("Breadbasket", CONTAINER_FOR, "Bread")
+    assert told_file(path, words).retract("joe", "mass", 0.1)
+    text = path.read_text(encoding="utf-8")
+    assert text.count("@prefix ms:") == 1
+    assert "mass" not in text
+    kb = KnowledgeBase(bundled_ontology=False)
+    kb.load((), ontologies=[words, path])
+    assert [local_name(row.place) for row in kb.ask("storage_place", item="Bread")] == ["Breadbasket", "Refrigerator"]
+    assert [local_name(cls) for row in kb.ask("what_is", individual="joe") for cls in row.classes] == ["Rack"]
+
+
+def test_what_was_known_is_not_told_again(words: Path, tmp_path: Path) -> None:
+    path = tmp_path / "told.ttl"
+    assert not told_file(path, words).tell("Refrigerator", CONTAINER_FOR, "Perishable")
+    assert not path.exists()
+    told_file(path, words).tell("Breadbasket", CONTAINER_FOR, "Bread")
+    before = path.read_bytes()
+    assert not told_file(path, words).tell("Breadbasket", CONTAINER_FOR, "Bread")
+    assert path.read_bytes() == before
+
+
+def test_what_the_file_does_not_say_cannot_be_taken_back_there(words: Path, tmp_path: Path) -> None:
+    path = tmp_path / "told.ttl"
+    told_file(path, words).tell("Breadbasket", CONTAINER_FOR, "Bread")
+    before = path.read_bytes()
+    assert not told_file(path, words).retract("Refrigerator", CONTAINER_FOR, "Perishable")
+    assert path.read_bytes() == before
+
+
+def test_a_file_of_somebody_else_is_added_to_and_otherwise_left_alone(words: Path, tmp_path: Path) -> None:
+    path = tmp_path / "mine.ttl"
+    mine = f'# My words.\n@prefix ms: <e:> .\n@prefix knowrob: <{KNOWROB}> .\nms:me ms:weighs "1.50"^^ms:kg'
+    path.write_text(f"{mine} .", encoding="utf-8")
+    told_file(path, words).tell("http://mindstage.org/ontology#Rack", "subClassOf", "Breadbasket")
+    text = path.read_text(encoding="utf-8")
+    assert text.startswith(mine)
+    assert text.count("@prefix knowrob:") == 1
+    triples = {str(quad.triple) for quad in ox.parse(text, ox.RdfFormat.TURTLE)}
+    assert any("<e:me> <e:weighs>" in each for each in triples)
+    assert any("<http://mindstage.org/ontology#Rack>" in each for each in triples)
+    with pytest.raises(ArgumentRefused, match=r"others wrote it, .*; take the statement out by hand"):
+        told_file(path, words).retract("Rack", "subClassOf", "Breadbasket")
+    assert path.read_text(encoding="utf-8") == text
+
+
+def test_what_makes_no_statement_leaves_no_file(words: Path, tmp_path: Path) -> None:
+    path = tmp_path / "told.ttl"
+    with pytest.raises(NameUnknown, match="near: 'Breadbasket'"):
+        told_file(path, words).tell("Bredbasket", CONTAINER_FOR, "Bread")
+    assert not path.exists()
+
+
+def test_only_turtle_is_written(words: Path, tmp_path: Path) -> None:
+    with pytest.raises(ArgumentRefused, match=r"told\.owl: what is told is written as Turtle; call it \.ttl"):
+        told_file(tmp_path / "told.owl", words)
+
+
+def test_a_file_that_cannot_be_read_is_not_written(words: Path, tmp_path: Path) -> None:
+    path = tmp_path / "told.ttl"
+    path.write_text("@prefix : <", encoding="utf-8")
+    with pytest.raises(SourceUnreadable, match=r"told\.ttl"):
+        told_file(path, words)
+    with pytest.raises(FileNotFoundError):
+        told_file(tmp_path / "none.ttl", words).retract("Breadbasket", CONTAINER_FOR, "Bread")

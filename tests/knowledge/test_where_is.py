@@ -1,0 +1,223 @@
+"""Where things are: in the bundled kitchen as it is told, and as an engine has it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from mindstage.engines import MujocoEngine, NullEngine
+from mindstage.errors import ArgumentRefused, NameUnknown
+from mindstage.knowledge import KnowledgeBase, bundled_kitchen
+from mindstage.knowledge.moment import Moment, Present
+from mindstage.knowledge.names import local_name
+from mindstage.knowledge.questions import answers_to_builtins, cell_text, handle_of, where_is
+from mindstage.stage import Stage
+from mindstage.world import BodyId, Pose
+from mindstage.world.space import Relation
+from tests.engines.scenes import body, world
+from tests.knowledge.maps import KNOWROB, M, knowing, room
+from tests.knowledge.maps import body as individual
+
+
+@pytest.fixture(scope="module")
+def kitchen() -> KnowledgeBase:
+    kb = KnowledgeBase()
+    kb.load(bundled_kitchen())
+    return kb
+
+
+@pytest.fixture
+def stage(kitchen: KnowledgeBase) -> Iterator[Stage]:
+    with Stage(kitchen, NullEngine()) as stage:
+        stage.spawn()
+        yield stage
+
+
+def told(answerer: KnowledgeBase | Stage, **args: object) -> set[tuple[str, str, str]]:
+    rows = answerer.ask(where_is, **args)
+    return {(local_name(row.thing), row.relation.value, local_name(row.other)) for row in rows}
+
+
+@pytest.mark.parametrize(
+    ("thing", "relation", "other"),
+    [
+        ("milk_carton_1", "inside", "fridge"),
+        ("milk_carton_1", "next_to", "milk_carton_2"),
+        ("milk_carton_1", "above", "egg_box_1"),
+        ("egg_box_1", "below", "milk_carton_1"),
+        ("fridge", "on", "freezer"),
+        ("freezer", "below", "fridge"),
+        ("fridge", "next_to", "pantry"),
+        ("plate_3", "on", "table"),
+        ("table", "below", "plate_3"),
+        ("oak_board_1", "on", "counter_left"),
+        ("serrated_knife_1", "on", "oak_board_1"),
+        ("serrated_knife_1", "above", "counter_left"),
+        ("counter_left", "on", "drawer_unit_left"),
+        ("hob", "on", "counter_left"),
+        ("small_saucepan_1", "on", "hob"),
+        ("saucepan_lid_1", "on", "small_saucepan_1"),
+        ("table_fork_1", "inside", "drawer_left_1"),
+        ("table_fork_1", "inside", "drawer_unit_left"),
+        ("table_fork_1", "next_to", "table_fork_2"),
+        ("drawer_left_1", "inside", "drawer_unit_left"),
+        ("drawer_left_1", "above", "drawer_left_2"),
+        ("red_apple_1", "inside", "wide_fruit_bowl_1"),
+        ("bread_loaf_1", "inside", "woven_breadbasket_1"),
+        ("cereal_bowl_1", "inside", "sink"),
+        ("pendant_lamp", "above", "table"),
+        ("chair_1", "on", "floor"),
+        ("hood", "above", "hob"),
+    ],
+)
+def test_the_kitchen_is_as_people_would_say(kitchen: KnowledgeBase, thing: str, relation: str, other: str) -> None:
+    assert (thing, relation, other) in told(kitchen, thing=thing, other=other)
+
+
+@pytest.mark.parametrize(
+    ("thing", "relation", "other"),
+    [
+        ("milk_carton_1", "on", "freezer"),
+        ("milk_carton_1", "next_to", "fridge"),
+        ("lettuce_head_1", "above", "freezer"),
+        ("table_fork_1", "next_to", "oven"),
+        ("drawer_left_1", "on", "drawer_left_2"),
+        ("counter_west", "on", "base_cupboard_door_left"),
+        ("fridge_door", "next_to", "fridge"),
+        ("room_door", "on", "floor"),
+        ("bread_loaf_1", "on", "counter_west"),
+        ("plate_3", "inside", "table"),
+    ],
+)
+def test_and_not_as_nobody_would(kitchen: KnowledgeBase, thing: str, relation: str, other: str) -> None:
+    assert (thing, relation, other) not in told(kitchen, thing=thing, other=other)
+
+
+def test_answers_come_thing_by_thing_the_nearest_of_a_kind_first(kitchen: KnowledgeBase) -> None:
+    rows = kitchen.ask(where_is, thing="milk_carton_1")
+    kinds = list(Relation)
+    assert [(kinds.index(row.relation), row.gap) for row in rows] == sorted(
+        (kinds.index(row.relation), row.gap) for row in rows
+    )
+    everything = kitchen.ask(where_is)
+    assert [row.thing for row in everything] == sorted(row.thing for row in everything)
+
+
+def test_why_shows_the_numbers_and_who_says_so(kitchen: KnowledgeBase, stage: Stage) -> None:
+    (inside,) = kitchen.ask(where_is, thing="milk_carton_1", relation="inside")
+    assert kitchen.why(where_is, inside) == (
+        "100% of milk_carton_1 is in fridge, 0.048 m from its nearest side",
+        "as the map tells; no engine was asked",
+    )
+    (row,) = stage.ask(where_is, thing="milk_carton_1", relation="above", other="egg_box_1")
+    assert kitchen.why(where_is, row) == (
+        "0.31 m from the top of egg_box_1 up to milk_carton_1, which share 89% of the smaller footprint",
+        "as null has it now",
+    )
+    (row,) = kitchen.ask(where_is, thing="egg_box_1", relation="below", other="milk_carton_1")
+    assert kitchen.why(where_is, row)[0].startswith("0.31 m from the top of egg_box_1 up to milk_carton_1")
+    (row,) = kitchen.ask(where_is, thing="milk_carton_1", relation="next_to", other="milk_carton_2")
+    assert "0.028 m between milk_carton_1 and milk_carton_2" in kitchen.why(where_is, row)[0]
+
+
+def test_answers_are_plain_values_for_other_programs(kitchen: KnowledgeBase) -> None:
+    answers = kitchen.ask(where_is, thing="milk_carton_1", relation="inside")
+    (answer,) = answers_to_builtins(kitchen, answers)["answers"]
+    assert (answer["id"], answer["relation"], answer["gap"], answer["source"]) == ("fridge", "inside", 0.048, "map")
+    assert cell_text(answers[0].relation) == "inside"
+    (argument,) = [each for each in where_is.arguments if each.name == "relation"]
+    assert argument.choices == ("on", "inside", "above", "below", "next_to")
+    assert "present" not in [each.name for each in where_is.arguments]
+
+
+def test_a_relation_that_is_none_gets_those_that_are(kitchen: KnowledgeBase) -> None:
+    with pytest.raises(ArgumentRefused, match="there is on, inside, above, below, next_to"):
+        kitchen.ask(where_is, relation="beside")
+
+
+# -- as it is now ------------------------------------------------------------------------------------------------------
+
+
+def test_what_was_moved_is_where_it_is_now_and_the_map_tells_what_it_told(stage: Stage) -> None:
+    assert ("plate_3", "on", "table") in told(stage, thing="plate_3")
+    top = stage.knowledge.world().body("counter_right").pose.position
+    x, y, z = top
+    stage.call(lambda engine: engine.set_pose(BodyId("plate_3"), Pose((x, y, z + 0.032))))
+    assert ("plate_3", "on", "counter_right") in told(stage, thing="plate_3")
+    assert ("plate_3", "on", "table") not in told(stage, thing="plate_3")
+    assert ("plate_3", "on", "table") in told(stage.knowledge, thing="plate_3")
+    assert {row.source for row in stage.ask(where_is, thing="plate_3")} == {"null"}
+
+
+def test_milk_that_falls_out_of_the_air_comes_to_rest_on_the_table(kitchen: KnowledgeBase) -> None:
+    with Stage(kitchen, MujocoEngine()) as stage:
+        stage.spawn()
+        stage.call(lambda engine: engine.set_pose(BodyId("milk_carton_1"), Pose((-0.1, -0.7, 0.9))))
+        assert ("milk_carton_1", "above", "table") in told(stage, thing="milk_carton_1")
+        stage.step(1.0)
+        assert ("milk_carton_1", "on", "table") in told(stage, thing="milk_carton_1")
+        assert ("milk_carton_1", "inside", "fridge") not in told(stage, thing="milk_carton_1")
+
+
+def test_a_deleted_thing_is_nowhere_and_a_spawned_one_is_known(stage: Stage) -> None:
+    stage.call(lambda engine: engine.delete([BodyId("milk_carton_1")]), edits=True)
+    answers = stage.ask(where_is, thing="milk_carton_1")
+    assert not answers
+    assert "milk_carton_1 is nowhere" in answers.missing[0].why
+    stage.spawn(world(body("parcel", (-0.1, -0.55, 0.85), (0.2, 0.2, 0.2), "dynamic")))
+    assert ("parcel", "on", "table") in told(stage, thing="parcel")
+    with pytest.raises(NameUnknown, match="parcel"):
+        stage.knowledge.ask(where_is, thing="parcel")
+    with pytest.raises(NameUnknown, match="parcel"):
+        stage.ask("handle_of", individual="parcel")
+
+
+def test_maps_that_are_not_spawned_are_told_from_their_files(tmp_path: Path) -> None:
+    first, second = tmp_path / "room.ttl", tmp_path / "hall.ttl"
+    size = "k:depthOfObject 1.0 ; k:widthOfObject 1.0 ; k:heightOfObject 1.0"
+    for path, name in ((first, "room"), (second, "hall")):
+        parts = [individual(f"{name}-{n}", size, at=f"0.0 0.0 {n}.0") for n in (1, 2)]
+        text = room(*parts, map=name).replace("describedInMap :room", f"describedInMap :{name}")
+        path.write_text(text, encoding="utf-8")
+    kb = knowing(first, second)
+    with Stage(kb, NullEngine()) as stage:
+        stage.spawn("room")
+        rows = stage.ask(where_is, relation="on")
+        sources = {(local_name(row.map), local_name(row.thing), row.source) for row in rows}
+        assert sources == {("room", "room-2", "null"), ("hall", "hall-2", "map")}
+        assert {local_name(row.map) for row in stage.ask(where_is, map="hall")} == {"hall"}
+        stage.spawn("hall")
+        assert {row.source for row in stage.ask(where_is)} == {"null"}
+        assert {local_name(row.map) for row in stage.ask(where_is, thing="hall-2")} == {"hall"}
+
+
+def test_an_engine_is_asked_once_and_only_if_it_matters(kitchen: KnowledgeBase) -> None:
+    taken: list[Moment] = []
+
+    def take() -> Moment:
+        taken.append(Moment(world=kitchen.world(), told=(kitchen.world(),), source="counted"))
+        return taken[-1]
+
+    handle_of.ask(kitchen, {}, present=Present(kitchen, take))
+    assert taken == []
+    where_is.ask(kitchen, {"thing": "milk_carton_1", "relation": "on"}, present=Present(kitchen, take))
+    assert len(taken) == 1
+
+
+# -- what is missing ---------------------------------------------------------------------------------------------------
+
+
+def test_without_an_answer_it_says_what_nobody_told(tmp_path: Path) -> None:
+    path = tmp_path / "room.ttl"
+    lost = ":lost a owl:NamedIndividual, k:Cup ; k:describedInMap :room ."
+    path.write_text(room(individual("sizeless"), lost), encoding="utf-8")
+    kb = knowing(path, bundled_ontology=True)
+    (lack,) = kb.ask(where_is, thing="sizeless").missing
+    assert (lack.cls, lack.property) == (KNOWROB + "Cup", KNOWROB + "depthOfObject")
+    assert lack.why == "sizeless has no size: neither it nor Cup tells one"
+    (lack,) = kb.ask(where_is, other="lost", relation="on").missing
+    assert (lack.cls, lack.property) == (KNOWROB + "Cup", KNOWROB + "pose")
+    assert lack.why.startswith("lost is nowhere")
+    assert M + "lost" not in lack.why
