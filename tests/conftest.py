@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import os
 import shutil
+import sys
 from pathlib import Path
+from typing import NoReturn
 
 import pytest
 from hypothesis import HealthCheck, settings
@@ -48,11 +50,32 @@ def chromium() -> Path:
     return _program("chromium", "chromium-browser", "google-chrome", package="chromium")
 
 
+@pytest.fixture(scope="session")
+def oxigraph() -> Path:
+    """A SPARQL server's executable."""
+    beside_python = Path(sys.executable).with_name("oxigraph")
+    return beside_python if beside_python.is_file() else _program("oxigraph", package="none; PyPI's is oxigraph")
+
+
+@pytest.fixture(scope="session")
+def node() -> Path:
+    """Node's executable."""
+    return _program("node", "nodejs", package="nodejs")
+
+
+@pytest.fixture(scope="session")
+def roslibjs() -> Path:
+    """The module of roslib, the ROS client of web pages."""
+    module = ROOT / "build" / "node" / "node_modules" / "roslib" / "dist" / "RosLib.js"
+    return module if module.is_file() else _missing("roslib is not installed (scripts/install_node.sh does it)")
+
+
 def _program(*names: str, package: str) -> Path:
-    for name in names:
-        if path := shutil.which(name):
-            return Path(path)
-    reason = f"{names[0]} is not installed (Debian's package {package})"
+    found = next(filter(None, map(shutil.which, names)), None)
+    return Path(found) if found else _missing(f"{names[0]} is not installed (Debian's package {package})")
+
+
+def _missing(reason: str) -> NoReturn:
     if os.environ.get("CI"):
         pytest.fail(reason)
     pytest.skip(reason)

@@ -4,19 +4,29 @@ from __future__ import annotations
 
 import os
 import re
+import shlex
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
+
+from mindstage.cli.app import app
+from mindstage.knowledge import bundled_kitchen, bundled_ontology
+from tests.knowledge.serving import Server
 
 ROOT = Path(__file__).resolve().parent.parent
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 DOCUMENTS = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").glob("*.md"))]
 
 
-def blocks(language: str) -> list[str]:
-    return re.findall(rf"^```{language}\n(.*?)^```$", README, re.MULTILINE | re.DOTALL)
+ASKING = (ROOT / "docs" / "asking.md").read_text(encoding="utf-8")
+ENDPOINT = "http://localhost:7878/query"
+
+
+def blocks(language: str, page: str = README) -> list[str]:
+    return re.findall(rf"^```{language}\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
 
 
 @pytest.mark.parametrize("code", blocks("python"))
@@ -49,6 +59,43 @@ def test_the_shell_of_the_readme_runs(script: str, tmp_path: Path) -> None:
     assert result.returncode == 0, result.stdout + result.stderr
 
 
+def test_the_python_about_asking_runs_and_prints_what_it_says(tmp_path: Path) -> None:
+    """All of it is one program."""
+    code = "".join(blocks("python", ASKING))
+    result = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False, timeout=120
+    )
+    assert result.returncode == 0, result.stderr
+    promised = re.findall(r"^(?:\s*print\(.*\)  )?# (.+)$", code, re.MULTILINE)
+    assert len(promised) >= 8
+    assert result.stdout.splitlines() == promised
+
+
+def test_the_shell_about_asking_ends_as_it_says(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, oxigraph: Path
+) -> None:
+    """One line after the other, in one folder; the server is a real one elsewhere."""
+    monkeypatch.chdir(tmp_path)
+    server = Server(oxigraph)
+    try:
+        server.put(bundled_kitchen(), bundled_ontology())
+        for line in "".join(blocks("sh", ASKING)).splitlines():
+            command, _, promise = line.partition("  # ends with ")
+            code, _, said = promise.partition(": ")
+            typed = shlex.split(command.replace(ENDPOINT, server.url))
+            assert typed[0] == "mindstage"
+            result = CliRunner().invoke(app, typed[1:], prog_name="mindstage")
+            assert result.exit_code == int(code or 0), f"{line}\n{result.output}"
+            assert said in result.output
+    finally:
+        server.stop()
+
+
+def test_the_pages_are_short_enough_to_be_read() -> None:
+    assert len(ASKING.splitlines()) <= 150
+    assert ENDPOINT in ASKING
+
+
 def test_the_readme_can_be_read_in_one_go() -> None:
     assert len(README.splitlines()) <= 120
     assert len(blocks("python")) >= 1
@@ -62,8 +109,6 @@ def test_links_and_pictures_lead_somewhere(path: Path) -> None:
 
 
 def test_every_verb_of_the_command_line_is_in_the_readme() -> None:
-    from mindstage.cli.app import app
-
     for command in app.registered_commands:
         assert command.callback is not None
         assert f"mindstage {command.callback.__name__}" in README

@@ -16,7 +16,7 @@ def test_the_json_that_other_programs_read(run: Run) -> None:
     result = run("ask", "storage_place_in_environment", "CowsMilk", *KITCHEN, "--json", "--why")
     assert result.exit_code == 0
     answer = told(result)
-    assert list(answer) == ["question", "args", "answers", "missing", "findings"]
+    assert list(answer) == ["question", "args", "answers", "missing", "assumptions", "findings"]
     (place,) = answer["answers"]
     assert place["id"] == "fridge"
     assert place["iri"].endswith("#fridge")
@@ -31,6 +31,31 @@ def test_people_get_a_table_with_short_names(run: Run) -> None:
     assert "http://" not in result.stdout
     assert "why" not in result.stdout
     assert "every Refrigerator" in run("ask", "storage-place", "CowsMilk", "--why").stdout
+
+
+def test_reasons_stand_below_their_answer_a_line_each(run: Run) -> None:
+    shown = run("ask", "storage_place", "Bread", "--why").stdout
+    lines = [line.split(maxsplit=1) for line in shown.splitlines()]
+    at = lines.index(["place", "Refrigerator"])
+    assert lines.index(["place", "Breadbasket"]) < at
+    why = next(number for number, line in enumerate(lines) if number > at and line[0] == "why")
+    assert lines[why][1].startswith("Bread is a ")
+    assert " ".join(lines[why + 1]).startswith("every Refrigerator: ")
+
+
+def test_what_fits_in_no_table_has_a_line_for_each_field(run: Run) -> None:
+    shown = run("ask", "what_is", "fridge_door_hinge", *KITCHEN).stdout
+    fields = dict(line.split(maxsplit=1) for line in shown.splitlines())
+    assert fields["joint"].startswith("fridge to fridge_door, swing1 limited ")
+    assert fields["classes"].strip() == "Constraint"
+    assert "size" not in fields, "what is not told is not shown"
+
+
+def test_what_was_asked_for_is_shown_with_its_class(run: Run) -> None:
+    shown = run("ask", "handle_of", "fridge_door", *KITCHEN).stdout
+    assert "class of handle" in shown
+    assert "BarHandle" in shown
+    assert "class of" not in run("ask", "individual_of_class", "Cup", *KITCHEN).stdout
 
 
 @pytest.mark.parametrize(
@@ -51,7 +76,7 @@ def test_without_an_answer_it_says_what_is_missing_and_ends_with_1(run: Run) -> 
 
 
 def test_what_nobody_can_tell_is_no_answer(run: Run) -> None:
-    result = run("ask", "maps")
+    result = run("ask", "openings")
     assert result.exit_code == 1
     assert result.stdout == "no answer\n"
 
@@ -71,7 +96,8 @@ def test_maps_and_ontologies_are_given_as_elsewhere(run: Run, write_map: WriteMa
         (("storage_place", "a", "b", "c"), "'c' is one argument too many; it takes item, place"),
         (("storage_place", "Bread", "item=Cake"), "item is given twice"),
         (("storage_place", "thing=Bread"), "it has no argument 'thing'; there is item, place"),
-        (("identical_maps", "tolerance=much"), "tolerance"),
+        (("identical_maps", "tolerance=much"), "identical_maps, tolerance: 'much' is no number"),
+        (("where_is", "relation=near"), "where_is, relation: 'near' is no relation; there is on, inside, above"),
         (("maps", "--map", "nowhere.owl"), "nowhere.owl"),
     ],
 )

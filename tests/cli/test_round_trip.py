@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
 
 from mindstage.cli.sources import BUNDLED_KITCHEN
+from mindstage.world import World
 from tests.cli.typed import Run, WriteMap, told
 
 
@@ -65,7 +67,7 @@ def test_check_sees_what_a_file_loses(run: Run, write_map: WriteMap, monkeypatch
     save = knowledge.save_map
     monkeypatch.setattr(
         "mindstage.knowledge.save_map",
-        lambda world, path: save(msgspec.structs.replace(world, bodies=world.bodies[1:]), path),
+        lambda world, path, **more: save(msgspec.structs.replace(world, bodies=world.bodies[1:]), path, **more),
     )
     result = run("check", write_map(), "--engine", "null", "--json")
     assert result.exit_code == 1
@@ -73,21 +75,32 @@ def test_check_sees_what_a_file_loses(run: Run, write_map: WriteMap, monkeypatch
     assert told(result)["identical"] is False
 
 
-@pytest.mark.parametrize("suffix", [".owl", ".rdf", ".xml", ".ttl"])
-def test_a_converted_map_is_the_same_map(suffix: str, run: Run, tmp_path: Path) -> None:
-    out = tmp_path / f"out{suffix}"
-    result = run("convert", BUNDLED_KITCHEN, out, "--json")
-    assert result.exit_code == 0
-    assert told(result)["out"] == str(out)
-    assert told(result)["bodies"] >= 120
-    assert run("compare", BUNDLED_KITCHEN, out).exit_code == 0
+def test_check_sees_a_statement_that_a_file_does_not_make(
+    run: Run, write_map: WriteMap, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Such as a class, of which no world knows."""
+    from mindstage import knowledge
 
+    save = knowledge.save_map
 
-def test_an_unknown_suffix_is_refused(run: Run, write_map: WriteMap, tmp_path: Path) -> None:
-    result = run("convert", write_map(), tmp_path / "out.docx")
-    assert result.exit_code == 2
-    assert "Traceback" not in result.output
-    assert not (tmp_path / "out.docx").exists()
+    def save_less(world: World, path: Path, **more: object) -> None:
+        save(world, path, **more)  # type: ignore[arg-type]
+        text = path.read_text(encoding="utf-8")
+        assert "owl:Ontology" in text
+        path.write_text(re.sub("<owl:Ontology.*?/>", "", text), encoding="utf-8")
+
+    monkeypatch.setattr("mindstage.knowledge.save_map", save_less)
+    source = write_map()
+    text = source.read_text(encoding="utf-8")
+    ontology = '<owl:Ontology rdf:about="http://example.org/room.owl"/></rdf:RDF>'
+    source.write_text(text.replace("</rdf:RDF>", ontology), encoding="utf-8")
+    verdict = told(run("check", source, "--engine", "null", "--json"))
+    assert verdict["identical"] is False
+    assert verdict["lost_facts"] == len(verdict["lost"]) == 1
+    assert "Ontology" in verdict["lost"][0]["said"]
+    result = run("check", source, "--engine", "null")
+    assert result.exit_code == 1
+    assert "1 statements of the map are lost." in result.stdout
 
 
 def test_the_log_of_a_world_that_stood_still_is_its_map(run: Run, tmp_path: Path) -> None:

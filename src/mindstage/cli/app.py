@@ -22,9 +22,13 @@ from mindstage.cli.convert import convert
 from mindstage.cli.demo import demo
 from mindstage.cli.log import log
 from mindstage.cli.outcome import Outcome, verb
+from mindstage.cli.prolog import prolog
 from mindstage.cli.questions import questions
+from mindstage.cli.serve import serve
 from mindstage.cli.sparql import sparql
 from mindstage.cli.spawn import spawn
+from mindstage.cli.tell import tell
+from mindstage.cli.validate import validate
 
 __all__ = ["app", "main"]
 
@@ -38,7 +42,22 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
-for function in (demo, spawn, analyse, compare, check, log, convert, ask, questions, sparql):
+for function in (
+    demo,
+    spawn,
+    analyse,
+    validate,
+    compare,
+    check,
+    log,
+    serve,
+    convert,
+    ask,
+    questions,
+    prolog,
+    sparql,
+    tell,
+):
     app.command()(verb(function))
 
 

@@ -2,13 +2,41 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from mindstage.cli.options import AsJson, Bundled, MapOptions, Ontologies
+from mindstage.cli.engine import make_engine
+from mindstage.cli.highlight import Highlight
+from mindstage.cli.options import (
+    AsJson,
+    Bundled,
+    Closure,
+    EndpointUrl,
+    EngineName,
+    MapName,
+    MapOptions,
+    Ontologies,
+    Port,
+    Robots,
+    Seconds,
+    StoreFolder,
+    WithViewport,
+)
 from mindstage.cli.outcome import Outcome
-from mindstage.cli.output import findings_json, print_findings, print_json, print_table, say, working
+from mindstage.cli.output import (
+    Cell,
+    findings_json,
+    fits_in_a_table,
+    print_findings,
+    print_json,
+    print_records,
+    print_table,
+    say,
+    working,
+)
+from mindstage.cli.reading import assumptions_json
 from mindstage.cli.sources import knowledge_base
 
 if TYPE_CHECKING:
@@ -20,42 +48,122 @@ __all__ = ["ask"]
 _FREE = "_"
 """Leaves an argument out that others follow."""
 
+QuestionName = Annotated[
+    str, typer.Argument(metavar="QUESTION", help="Which one; `mindstage questions` lists them.", show_default=False)
+]
+
+Arguments = Annotated[
+    list[str] | None,
+    typer.Argument(
+        metavar="[ARGS]…",
+        help="Names in the question's order (_ leaves one out), or NAME=VALUE. What is left out is asked for.",
+        show_default=False,
+    ),
+]
+
+Why = Annotated[bool, typer.Option("--why", help="Show what led to each answer.")]
+
+Colour = Annotated[
+    str | None,
+    typer.Option(
+        "--highlight",
+        metavar="COLOUR",
+        help="Spawn the map and light the answers up there: black, red, blue, green, yellow, none, #rrggbb or "
+        "r,g,b from 0 to 1. The options below are for that.",
+        show_default=False,
+    ),
+]
+
 
 def ask(
-    question: Annotated[
-        str, typer.Argument(metavar="QUESTION", help="Which one; `mindstage questions` lists them.", show_default=False)
-    ],
-    args: Annotated[
-        list[str] | None,
-        typer.Argument(
-            metavar="[ARGS]…",
-            help="Names in the question's order (_ leaves one out), or NAME=VALUE. What is left out is asked for.",
-            show_default=False,
-        ),
-    ] = None,
+    context: typer.Context,
+    question: QuestionName,
+    args: Arguments = None,
     *,
     maps: MapOptions = None,
-    why: Annotated[bool, typer.Option("--why", help="Show what led to each answer.")] = False,
+    why: Why = False,
+    store: StoreFolder = None,
+    endpoint: EndpointUrl = None,
     ontologies: Ontologies = None,
     bundled: Bundled = True,
+    closure: Closure = False,
+    robots: Robots = None,
+    highlight: Colour = None,
+    map_name: MapName = None,
+    engine: EngineName = "mujoco",
+    with_viewport: WithViewport = True,
+    port: Port = 8080,
+    seconds: Seconds = None,
     as_json: AsJson = False,
 ) -> Outcome:
-    """Ask what the robot knows. Without an answer, say what is missing, and end with 1."""
-    from mindstage.knowledge.questions import answers_to_builtins, question_named
+    """Ask what the robot knows. Without an answer, say what is missing, and end with 1.
 
+    With --highlight it is asked of the running world: where things are then, and what is open.
+    """
+    from mindstage.knowledge.questions import question_named
+    from mindstage.world.colours import colour_from
+
+    # First, so that a mistyped word is told before a long map is read.
+    asked = question_named(question)
+    named = _named(asked, args or [])
+    if highlight is None:
+        _only_with_highlight(context)
+        show = None
+    else:
+        show = Highlight(
+            colour=colour_from(highlight),
+            engine=make_engine(engine),
+            port=port if with_viewport else None,
+            seconds=seconds,
+            quiet=as_json,
+        )
     with working("thinking"):
-        asked = question_named(question)
-        named = _named(asked, args or [])
-        knowledge = knowledge_base(maps or [], ontologies=ontologies, bundled=bundled)
+        knowledge = knowledge_base(
+            maps or [],
+            ontologies=ontologies,
+            bundled=bundled,
+            robots=robots,
+            store=store,
+            endpoint=endpoint,
+            closure=closure,
+        )
+    tell = partial(_tell, knowledge, why=why, as_json=as_json)
+    if show is None:
         answers = knowledge.ask(asked, **named)
+        tell(answers, {})
+    else:
+        answers = show.ask(knowledge, asked, named, map_name=map_name, tell=tell)
+    return Outcome.DONE if answers else Outcome.NO
+
+
+def _tell(
+    knowledge: KnowledgeBase, answers: Answers[Any], more: dict[str, object], *, why: bool, as_json: bool
+) -> None:
+    from mindstage.knowledge.questions import answers_to_builtins
+
     findings = knowledge.findings()
     if as_json:
-        told = answers_to_builtins(knowledge, answers, why=why)
-        print_json(told | {"findings": findings_json(findings)})
+        told = answers_to_builtins(knowledge, answers, why=why) | more
+        print_json(told | {"assumptions": assumptions_json(knowledge), "findings": findings_json(findings)})
     else:
         print_findings(findings)
         _print_answers(knowledge, answers, why=why)
-    return Outcome.DONE if answers else Outcome.NO
+
+
+def _only_with_highlight(context: typer.Context) -> None:
+    """Refuses what says how answers are shown where none are.
+
+    Raises:
+        ArgumentRefused: there is such an option.
+    """
+    from mindstage.errors import ArgumentRefused
+
+    options = {"map_name": "--map-name", "engine": "--engine", "with_viewport": "--no-viewport"}
+    options |= {"port": "--port", "seconds": "--for"}
+    for name, option in options.items():
+        source = context.get_parameter_source(name)
+        if source is not None and source.name == "COMMANDLINE":
+            raise ArgumentRefused(option, cause="it says how answers are shown", remedy="give --highlight COLOUR too")
 
 
 def _named(question: Question[Any], args: list[str]) -> dict[str, str]:
@@ -84,17 +192,31 @@ def _named(question: Question[Any], args: list[str]) -> dict[str, str]:
 
 
 def _print_answers(knowledge: KnowledgeBase, answers: Answers[Any], *, why: bool) -> None:
-    from mindstage.knowledge.questions import cell_text
-
     for lack in answers.missing:
         say(f"missing: {lack.why}")
+    if not answers and not answers.missing:
+        say("no answer")
     if not answers:
-        if not answers.missing:
-            say("no answer")
         return
-    columns = [*answers.question.columns, *(["why"] if why else [])]
-    rows = []
-    for row in answers:
-        cells = [cell_text(getattr(row, name)) for name in answers.question.columns]
-        rows.append([*cells, "; ".join(knowledge.why(answers.question, row))] if why else cells)
-    print_table("", columns, rows)
+    columns, rows = _cells(knowledge, answers)
+    if why:
+        reasons = (knowledge.why(answers.question, row) for row in answers)
+        print_records([*columns, "why"], [[*cells, each] for cells, each in zip(rows, reasons, strict=True)])
+    elif fits_in_a_table(columns, rows):
+        print_table("", columns, rows)
+    else:
+        print_records(columns, rows)
+
+
+def _cells(knowledge: KnowledgeBase, answers: Answers[Any]) -> tuple[list[str], list[list[Cell]]]:
+    """The answers as they are printed, and the class of what was asked for: many individuals are called by a number."""
+    from mindstage.knowledge.questions import about_column, cell_text
+    from mindstage.knowledge.reasoning import NameKind
+
+    columns, about = list(answers.question.columns), about_column(answers)
+    rows = [[cell_text(getattr(row, name)) for name in columns] for row in answers]
+    if about and answers.question.columns[about] is NameKind.INDIVIDUAL and not {"cls", "classes"} & {*columns}:
+        classes = (knowledge.index.class_of(getattr(row, about)) for row in answers)
+        rows = [[*cells, cell_text(cls)] for cells, cls in zip(rows, classes, strict=True)]
+        columns.append(f"class of {about}")
+    return columns, rows

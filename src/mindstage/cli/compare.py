@@ -9,11 +9,12 @@ import typer
 from mindstage.cli.options import AsJson, Bundled, Delta, MapName, Ontologies
 from mindstage.cli.outcome import Outcome
 from mindstage.cli.output import findings_json, print_findings, print_json, working
+from mindstage.cli.reading import assumptions_json
 from mindstage.cli.sources import knowledge_base
 from mindstage.cli.verdict import difference_json, print_difference
 
 if TYPE_CHECKING:
-    from mindstage.knowledge import Finding
+    from mindstage.knowledge import KnowledgeBase
     from mindstage.world import World
 
 __all__ = ["compare"]
@@ -32,18 +33,19 @@ def compare(
     """Compare two maps in everything they say; exit 0 if identical, 1 if different, 2 on trouble."""
     from mindstage.world import difference
 
-    def read(path: str) -> tuple[World, tuple[Finding, ...]]:
+    def read(path: str) -> tuple[World, KnowledgeBase]:
         knowledge = knowledge_base([path], ontologies=ontologies, bundled=bundled)
-        return knowledge.world(map_name), knowledge.findings()
+        return knowledge.world(map_name), knowledge
 
     with working("reading"):
-        (world_a, findings_a), (world_b, findings_b) = read(a), read(b)
+        (world_a, knowledge_a), (world_b, knowledge_b) = read(a), read(b)
     with working("comparing"):
         found = difference(world_a, world_b)
     if as_json:
-        findings = {"a": findings_json(findings_a), "b": findings_json(findings_b)}
-        print_json(difference_json(found, delta) | {"findings": findings})
+        findings = {"a": findings_json(knowledge_a.findings()), "b": findings_json(knowledge_b.findings())}
+        assumptions = {"a": assumptions_json(knowledge_a, world_a), "b": assumptions_json(knowledge_b, world_b)}
+        print_json(difference_json(found, delta) | {"assumptions": assumptions, "findings": findings})
     else:
-        print_findings((*findings_a, *findings_b))
+        print_findings((*knowledge_a.findings(), *knowledge_b.findings()))
         print_difference(found, delta, about=world_a)
     return Outcome.DONE if found.identical(delta) else Outcome.NO

@@ -1,4 +1,4 @@
-"""`mindstage convert`: the same map in another format."""
+"""`mindstage convert`: the same place in another dialect, or as a file for other programs."""
 
 from __future__ import annotations
 
@@ -7,9 +7,23 @@ from typing import Annotated
 
 import typer
 
-from mindstage.cli.options import AsJson, Bundled, MapName, OneMap, Ontologies
+from mindstage.cli.numbers import Numbers
+from mindstage.cli.options import (
+    AsJson,
+    Bundled,
+    FrameNames,
+    MapName,
+    OneMap,
+    Ontologies,
+    QuaternionOrders,
+    Robots,
+    Strict,
+    UnitNames,
+)
 from mindstage.cli.outcome import Outcome
-from mindstage.cli.output import findings_json, print_findings, print_json, say, working
+from mindstage.cli.output import findings_json, print_findings, print_json, say, warn, working
+from mindstage.cli.reading import print_reading, reading_json
+from mindstage.cli.saving import FileDialect, FileFormat, format_of, origin_of, save_world
 from mindstage.cli.sources import findings_about, knowledge_base
 
 __all__ = ["convert"]
@@ -19,26 +33,59 @@ def convert(
     source: OneMap,
     out: Annotated[
         Path,
-        typer.Argument(metavar="OUT", help="Where to: .owl, .rdf or .xml (RDF/XML), or .ttl.", show_default=False),
+        typer.Argument(
+            metavar="OUT",
+            help="Where to. The suffix says how: .owl or .rdf (RDF/XML), .ttl (Turtle), .mjcf or .xml (MuJoCo), "
+            ".glb (glTF).",
+            show_default=False,
+        ),
     ],
     *,
+    dialect: Annotated[
+        FileDialect | None,
+        typer.Option(
+            "--dialect",
+            help="In whose words a map is written: those of the map itself, those that it was converted from, "
+            "SemLog's (2019), or SOMA's (KnowRob 2).",
+            show_default="same",
+        ),
+    ] = None,
+    format: Annotated[
+        FileFormat | None,
+        typer.Option("--format", help="How it is written, whatever the suffix of OUT.", show_default=False),
+    ] = None,
     map_name: MapName = None,
     ontologies: Ontologies = None,
     bundled: Bundled = True,
+    robots: Robots = None,
+    units: UnitNames = None,
+    frame: FrameNames = None,
+    quaternion: QuaternionOrders = None,
+    strict: Strict = False,
     as_json: AsJson = False,
 ) -> Outcome:
-    """Read a map and write it in the format that the suffix of OUT names; nothing in it is lost."""
-    from mindstage.knowledge import save_map
-
+    """Read a map and write it again: nothing is lost between dialects, and what another format cannot hold is said."""
+    kind, chosen = format_of(out, format, dialect), dialect or FileDialect.SAME
     with working("converting"):
-        knowledge = knowledge_base([source], ontologies=ontologies, bundled=bundled)
+        knowledge = knowledge_base(
+            [source], ontologies=ontologies, bundled=bundled, robots=robots, numbers=Numbers(units, frame, quaternion)
+        )
         world = knowledge.world(map_name)
-        findings = findings_about(world, knowledge)
-        save_map(world, out)
+        findings = findings_about(world, knowledge, strict=strict)
+        notes = save_world(world, knowledge, out, kind, chosen)
+    own = chosen in (FileDialect.SAME, FileDialect.GIVEN)
+    dialect_name = origin_of(world, knowledge, chosen).dialect if own else chosen.value
+    words = dialect_name if kind.is_map else None
     if as_json:
         told = {"map": world.iri, "out": str(out), "bodies": len(world.bodies), "constraints": len(world.constraints)}
-        print_json(told | {"findings": findings_json(findings)})
+        told |= {"format": kind.value, "dialect": words, "notes": list(notes)}
+        print_json(told | {"findings": findings_json(findings)} | reading_json(world, knowledge))
     else:
         print_findings(findings)
-        say(f"{world.name or world.iri}: {len(world.bodies)} bodies, {len(world.constraints)} constraints → {out}")
+        for note in notes:
+            warn(note)
+        print_reading(world, knowledge)
+        how = kind.value if words is None else f"{kind.value}, {words}"
+        counted = f"{len(world.bodies)} bodies, {len(world.constraints)} constraints"
+        say(f"{world.name or world.iri}: {counted} → {out} ({how})")
     return Outcome.DONE

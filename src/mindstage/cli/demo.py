@@ -10,7 +10,7 @@ from mindstage.cli.engine import make_engine
 from mindstage.cli.options import EngineName, Port, finite
 from mindstage.cli.outcome import Outcome
 from mindstage.cli.output import print_findings, say, working
-from mindstage.cli.page import keep_alive, open_page, open_viewport
+from mindstage.cli.page import open_page, show_page
 from mindstage.cli.report import print_report
 from mindstage.cli.sources import BUNDLED_KITCHEN, knowledge_base
 
@@ -44,11 +44,10 @@ def demo(
             report = stage.spawn(world)
         print_findings(knowledge.findings())
         print_report(report, title=world.name, verbose=False)
-        viewport = open_viewport(stage, port=port)
-        try:
-            say(f"The kitchen is open at {viewport.url}")
-            open_page(viewport.url, wanted=open_browser)
-            keep_alive(stage, duration_s=seconds)
-        finally:
-            viewport.close()
+
+        def announce(url: str) -> None:
+            say(f"The kitchen is open at {url}")
+            open_page(url, wanted=open_browser)
+
+        show_page(stage, port=port, duration_s=seconds, announce=announce)
     return Outcome.DONE

@@ -3,23 +3,28 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING
 
-from mindstage.errors import EngineUnavailable
+from mindstage.cli.outcome import at_end
+from mindstage.errors import EngineUnavailable, MindstageError
 
 if TYPE_CHECKING:
     from mindstage.engines import Engine
+    from mindstage.stage import Stage
 
-__all__ = ["make_engine"]
+__all__ = ["alone_in", "is_far", "make_engine"]
 
-_HERE = "choose mujoco or null"
+_FAR = "ros://"
+_KNOWN = f"choose mujoco, null, or {_FAR}HOST:PORT/NAMESPACE"
 
 
 def make_engine(name: str) -> Engine:
-    """The engine of that name.
+    """The engine of that name; one that is far away is let go of when the verb ends.
 
     Raises:
-        EngineUnavailable: there is no such engine, it comes in a later version, or it cannot be loaded here.
+        EngineUnavailable: there is no such engine, it comes in a later version, it cannot be loaded here, or reached.
     """
     from mindstage import engines
 
@@ -34,8 +39,39 @@ def make_engine(name: str) -> Engine:
             except ImportError as error:
                 raise EngineUnavailable(name, cause=str(error), remedy="reinstall mindstage, or use null") from error
         case "godot":
-            raise EngineUnavailable(name, cause="it comes in a later version", remedy=_HERE)
-        case _ if name.startswith("ros://"):
-            raise EngineUnavailable(name, cause="engines behind ROS come in a later version", remedy=_HERE)
+            raise EngineUnavailable(name, cause="it comes in a later version", remedy=_KNOWN)
+        case _ if is_far(name):
+            far = engines.RemoteEngine.connect(name)
+            at_end(far.close)
+            return far
         case _:
-            raise EngineUnavailable(name, cause="there is no engine of that name", remedy=_HERE)
+            raise EngineUnavailable(name, cause="there is no engine of that name", remedy=_KNOWN)
+
+
+def is_far(name: str) -> bool:
+    """Whether the name is the address of an engine that runs elsewhere, with a world that outlives the verb."""
+    return name.startswith(_FAR)
+
+
+@contextmanager
+def alone_in(stage: Stage) -> Iterator[None]:
+    """Makes sure that a far world is empty to begin with, and leaves it so; any other is so by itself.
+
+    Raises:
+        EngineUnavailable: something stands there already.
+    """
+    if not is_far(stage.engine_name):
+        yield
+        return
+    there = stage.log()
+    if there.bodies or there.lights or there.facts or there.resources:
+        cause = f"its world is not empty ({there.name or there.iri}, with {len(there.bodies)} bodies)"
+        remedy = "use a stage that has no map yet, as mindstage serve alone starts one"
+        raise EngineUnavailable(stage.engine_name, cause=cause, remedy=remedy)
+    try:
+        yield
+    except BaseException:
+        with suppress(MindstageError):  # what went wrong first is what is told
+            stage.clear()
+        raise
+    stage.clear()

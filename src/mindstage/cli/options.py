@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -10,16 +11,25 @@ import typer
 __all__ = [
     "AsJson",
     "Bundled",
+    "Closure",
     "Delta",
+    "EndpointUrl",
     "EngineName",
+    "FrameNames",
     "MapName",
     "MapOptions",
     "Maps",
     "OneMap",
     "Ontologies",
     "Port",
+    "QuaternionOrders",
+    "Robots",
     "Seconds",
+    "StoreFolder",
+    "Strict",
+    "UnitNames",
     "Verbose",
+    "WithViewport",
     "finite",
 ]
 
@@ -61,6 +71,17 @@ Ontologies = Annotated[
     ),
 ]
 
+Robots = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--urdf",
+        metavar="FILE",
+        help="A robot's description (URDF or xacro) that holds the places and joints of maps that only name links; "
+        "may be repeated.",
+        show_default=False,
+    ),
+]
+
 Bundled = Annotated[
     bool,
     typer.Option(
@@ -70,9 +91,59 @@ Bundled = Annotated[
     ),
 ]
 
+_PER_MAP = "MAP= before it, with a map's file name, says it of that one only; may be repeated."
+
+UnitNames = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--units",
+        metavar="[MAP=]UNITS",
+        help=f"What lengths are counted in: m, cm or mm, instead of what the map makes likely. {_PER_MAP}",
+        show_default=False,
+    ),
+]
+
+FrameNames = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--frame",
+        metavar="[MAP=]FRAME",
+        help="Which way axes point: ros (right-handed, y left) or unreal (left-handed, y right).",
+        show_default=False,
+    ),
+]
+
+QuaternionOrders = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--quaternion", metavar="[MAP=]ORDER", help="Where rotations have w: wxyz or xyzw.", show_default=False
+    ),
+]
+
+Strict = Annotated[bool, typer.Option("--strict", help="Refuse a map about which anything is odd, and end with 2.")]
+
+StoreFolder = Annotated[
+    Path | None,
+    typer.Option(
+        "--store",
+        metavar="DIR",
+        help="A folder that keeps what is loaded and told; once filled, it does without the sources.",
+        show_default=False,
+    ),
+]
+
+EndpointUrl = Annotated[
+    str | None,
+    typer.Option("--endpoint", metavar="URL", help="A SPARQL server that knows more.", show_default=False),
+]
+
 EngineName = Annotated[
     str,
-    typer.Option("--engine", metavar="ENGINE", help="mujoco (physics), or null (everything stands still)."),
+    typer.Option(
+        "--engine",
+        metavar="ENGINE",
+        help="mujoco (physics), null (everything stands still), or ros://HOST:PORT/NAMESPACE (one far away).",
+    ),
 ]
 
 Delta = Annotated[
@@ -95,6 +166,15 @@ Seconds = Annotated[
         help="How long the world lives: simulated seconds, or real ones where the viewport shows it.",
         show_default=False,
     ),
+]
+
+WithViewport = Annotated[
+    bool, typer.Option(" /--no-viewport", help="Do not show the world in the browser.", show_default=False)
+]
+
+Closure = Annotated[
+    bool,
+    typer.Option("--closure", help="First derive all that follows by the rules of OWL 2 RL (extra `closure`)."),
 ]
 
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON for other programs.")]

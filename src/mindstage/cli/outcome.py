@@ -9,6 +9,8 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Callable
+from contextlib import ExitStack
+from contextvars import ContextVar
 from enum import IntEnum
 from functools import wraps
 from typing import ParamSpec
@@ -18,9 +20,12 @@ import typer
 from mindstage.cli.output import one_line, print_json
 from mindstage.errors import MapAmbiguous, MindstageError, WorldError
 
-__all__ = ["Outcome", "exit_code", "verb"]
+__all__ = ["Outcome", "at_end", "exit_code", "verb"]
 
 P = ParamSpec("P")
+
+_ENDS: ContextVar[ExitStack | None] = ContextVar("_ENDS", default=None)
+"""What the verb that is running must let go of."""
 
 
 class Outcome(IntEnum):
@@ -43,6 +48,12 @@ def exit_code(error: MindstageError) -> Outcome:
     return Outcome.NO if isinstance(error, WorldError) else Outcome.TROUBLE
 
 
+def at_end(close: Callable[[], None]) -> None:
+    """Has something closed when the verb ends, however it does."""
+    if ends := _ENDS.get():
+        ends.callback(close)
+
+
 def verb(function: Callable[P, Outcome]) -> Callable[P, None]:
     """Makes a function a verb: what it returns or raises becomes the process's end.
 
@@ -54,7 +65,9 @@ def verb(function: Callable[P, Outcome]) -> Callable[P, None]:
     def run(*args: P.args, **kwargs: P.kwargs) -> None:
         as_json = bool(kwargs.get("as_json"))
         try:
-            outcome = function(*args, **kwargs)
+            with ExitStack() as ends:
+                _ENDS.set(ends)
+                outcome = function(*args, **kwargs)
             sys.stdout.flush()  # a closed pipe shall show here, not while Python shuts down
         except MindstageError as error:
             outcome = exit_code(error)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from itertools import chain, repeat
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -16,9 +17,11 @@ __all__ = [
     "Cell",
     "console",
     "findings_json",
+    "fits_in_a_table",
     "one_line",
     "print_findings",
     "print_json",
+    "print_records",
     "print_table",
     "say",
     "warn",
@@ -99,12 +102,41 @@ def print_table(title: str, columns: Sequence[str], rows: Iterable[Sequence[Cell
     terminal.print(table)
 
 
-def print_findings(findings: Sequence[Finding]) -> None:
-    """What the knowledge base found odd, on stderr, one line each."""
-    for finding in findings[:_MANY]:
+def fits_in_a_table(columns: Sequence[str], rows: Iterable[Sequence[Cell]]) -> bool:
+    """Whether a table needs to break no cell."""
+    widths = [len(column) for column in columns]
+    for row in rows:
+        widths = [max(width, len(_shown(cell))) for width, cell in zip(widths, row, strict=True)]
+    return sum(widths) + 3 * len(widths) + 1 <= console().width
+
+
+def print_records(columns: Sequence[str], rows: Iterable[Sequence[Cell | Sequence[str]]]) -> None:
+    """The same with a line for each field, and for each of several texts in one; what is empty is left out."""
+    from textwrap import wrap
+
+    from rich.text import Text
+
+    terminal = console()
+    indent = max(map(len, columns), default=0) + 2
+    for at, row in enumerate(rows):
+        if at:
+            terminal.print()
+        for column, cell in zip(columns, row, strict=True):
+            texts = [_shown(cell)] if isinstance(cell, str | int | float) else list(cell or ())
+            width = max(20, terminal.width - indent)
+            lines = [line for text in texts for line in wrap(one_line(text), width, break_on_hyphens=False)]
+            for first, line in zip(chain([column], repeat("")), lines, strict=False):
+                terminal.print(Text.assemble((first.ljust(indent), "bold"), line), soft_wrap=True)
+
+
+def print_findings(findings: Sequence[Finding], *, all: bool = False) -> None:
+    """What the knowledge base found odd, on stderr, one line each; errors first, and only so many unless all are."""
+    many = len(findings) if all else _MANY
+    ordered = sorted(findings, key=lambda finding: finding.severity.value)  # "error" comes before "warning"
+    for finding in ordered[:many]:
         warn(str(finding))
-    if len(findings) > _MANY:
-        warn(f"… and {len(findings) - _MANY} more; --json shows all")
+    if len(findings) > many:
+        warn(f"… and {len(findings) - many} more; --json shows all")
 
 
 def findings_json(findings: Iterable[Finding]) -> list[dict[str, object]]:

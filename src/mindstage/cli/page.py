@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import sys
 import time
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from mindstage.cli.output import say, warn
@@ -13,7 +14,7 @@ if TYPE_CHECKING:
     from mindstage.stage import Stage
     from mindstage.viewport import Viewport
 
-__all__ = ["keep_alive", "open_page", "open_viewport"]
+__all__ = ["keep_alive", "open_page", "open_viewport", "show_page"]
 
 _LOOK_S = 0.2
 """How often it is looked whether time is up, or the world came to a stop [s]."""
@@ -24,6 +25,26 @@ def open_viewport(stage: Stage, *, port: int) -> Viewport:
     from mindstage.viewport import Viewport
 
     return Viewport(stage, host="127.0.0.1", port=port)
+
+
+def show_page(
+    stage: Stage, *, port: int, duration_s: float | None, announce: Callable[[str], None], quiet: bool = False
+) -> None:
+    """Serves the page and keeps the world alive on it.
+
+    Args:
+        stage: what is shown.
+        port: where; the next one where that is taken.
+        duration_s: how long [s]; for ever without.
+        announce: told the address once the page is there.
+        quiet: whether to keep to oneself how it ends.
+    """
+    viewport = open_viewport(stage, port=port)
+    try:
+        announce(viewport.url)
+        keep_alive(stage, duration_s=duration_s, quiet=quiet)
+    finally:
+        viewport.close()
 
 
 def open_page(url: str, *, wanted: bool | None) -> None:

@@ -12,10 +12,6 @@ __all__ = ["questions"]
 def questions(*, as_json: AsJson = False) -> Outcome:
     """List the questions that `mindstage ask` knows."""
     from mindstage.knowledge import questions as declared
-    from mindstage.knowledge.reasoning import NameKind
-
-    def kind(told: object) -> str:
-        return told.value if isinstance(told, NameKind) else getattr(told, "__name__", str(told))
 
     every = declared.questions()
     if as_json:
@@ -23,7 +19,7 @@ def questions(*, as_json: AsJson = False) -> Outcome:
             [
                 {
                     "question": each.name,
-                    "arguments": [{"name": argument.name, "kind": kind(argument.kind)} for argument in each.arguments],
+                    "arguments": [{"name": argument.name, "kind": argument.kind_text} for argument in each.arguments],
                     "text": each.text,
                     "examples": list(each.examples),
                 }

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 from mindstage.cli.output import print_table, warn
 
 if TYPE_CHECKING:
-    from mindstage.engines import Failure, SpawnReport
+    from mindstage.engines import SpawnReport
     from mindstage.knowledge import Finding
 
-__all__ = ["everything_stands", "print_report", "report_json"]
+__all__ = ["everything_stands", "print_report", "report_json", "warn_of_failures"]
 
 
 def everything_stands(report: SpawnReport, findings: Iterable[Finding]) -> bool:
@@ -46,8 +46,7 @@ def print_report(report: SpawnReport, *, title: str, verbose: bool) -> None:
         ("attachments", report.attachments, report.failed_attachments),
     )
     print_table(title, ("", "spawned", "failed"), [(kind, done, len(failed)) for kind, done, failed in kinds])
-    for kind, _, failed in kinds:
-        _warn_of(kind, failed)
+    warn_of_failures(report)
     if report.notes and verbose:
         rows = [(note.kind.value, ", ".join(note.ids), note.text) for note in report.notes]
         print_table("What the map did not say", ("assumption", "about", "what"), rows)
@@ -56,6 +55,9 @@ def print_report(report: SpawnReport, *, title: str, verbose: bool) -> None:
         print_table("What the map did not say (--verbose lists each)", ("assumption", "times"), counts.most_common())
 
 
-def _warn_of(kind: str, failures: tuple[Failure, ...]) -> None:
-    for failure in failures:
-        warn(f"not spawned, of the {kind}: {failure.id}: {failure.reason}")
+def warn_of_failures(report: SpawnReport) -> None:
+    """What could not be spawned, one by one."""
+    kinds = ("bodies", report.failed_bodies), ("constraints", report.failed_constraints)
+    for kind, failures in (*kinds, ("attachments", report.failed_attachments)):
+        for failure in failures:
+            warn(f"not spawned, of the {kind}: {failure.id}: {failure.reason}")

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from mindstage.cli.options import AsJson, Bundled, MapOptions, Ontologies, finite
+from mindstage.cli.options import AsJson, Bundled, Closure, EndpointUrl, MapOptions, Ontologies, StoreFolder, finite
 from mindstage.cli.outcome import Outcome
 from mindstage.cli.output import findings_json, print_findings, print_json, print_table, say, working
 from mindstage.cli.sources import knowledge_base
@@ -23,18 +23,29 @@ def sparql(
     maps: MapOptions = None,
     timeout_s: Annotated[
         float,
-        typer.Option("--timeout", metavar="SECONDS", min=0.0, callback=finite, help="How long to wait for the answer."),
+        typer.Option("--timeout", metavar="SECONDS", min=0.0, callback=finite, help="When it is stopped."),
     ] = 30.0,
+    allow_service: Annotated[bool, typer.Option("--allow-service", help="Let it ask other servers (SERVICE).")] = False,
+    store: StoreFolder = None,
+    endpoint: EndpointUrl = None,
     ontologies: Ontologies = None,
     bundled: Bundled = True,
+    closure: Closure = False,
     as_json: AsJson = False,
 ) -> Outcome:
-    """Put a SPARQL query to everything that was loaded. No result, or ASK's no, ends with 1."""
+    """Put a SPARQL query to everything that was loaded, or to an endpoint. No result, or ASK's no, ends with 1."""
     import msgspec
 
+    from mindstage.errors import ArgumentRefused
+
+    if closure and endpoint:
+        cause = "an endpoint answers by itself, and hears nothing of what is derived here"
+        raise ArgumentRefused("--closure", cause=cause, remedy="leave it out, or ask one of the questions")
     with working("querying"):
-        knowledge = knowledge_base(maps or [], ontologies=ontologies, bundled=bundled)
-        table = knowledge.sparql(query, timeout_s=timeout_s)
+        knowledge = knowledge_base(
+            maps or [], ontologies=ontologies, bundled=bundled, store=store, endpoint=endpoint, closure=closure
+        )
+        table = knowledge.sparql(query, timeout_s=timeout_s, allow_service=allow_service)
     findings = knowledge.findings()
     if as_json:
         solutions = [

@@ -7,11 +7,28 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from mindstage.cli.engine import make_engine
-from mindstage.cli.options import AsJson, Bundled, EngineName, MapName, Maps, Ontologies, Port, Seconds, Verbose
+from mindstage.cli.numbers import Numbers
+from mindstage.cli.options import (
+    AsJson,
+    Bundled,
+    EngineName,
+    FrameNames,
+    MapName,
+    Maps,
+    Ontologies,
+    Port,
+    QuaternionOrders,
+    Robots,
+    Seconds,
+    Strict,
+    UnitNames,
+    Verbose,
+)
 from mindstage.cli.outcome import Outcome
 from mindstage.cli.output import findings_json, print_findings, print_json, say, working
-from mindstage.cli.page import keep_alive, open_viewport
+from mindstage.cli.page import show_page
 from mindstage.cli.passing import let_pass
+from mindstage.cli.reading import print_reading, reading_json
 from mindstage.cli.report import everything_stands, print_report, report_json
 from mindstage.cli.sources import findings_about, knowledge_base
 from mindstage.cli.stopwatch import Stopwatch
@@ -28,6 +45,11 @@ def spawn(
     map_name: MapName = None,
     ontologies: Ontologies = None,
     bundled: Bundled = True,
+    robots: Robots = None,
+    units: UnitNames = None,
+    frame: FrameNames = None,
+    quaternion: QuaternionOrders = None,
+    strict: Strict = False,
     engine: EngineName = "mujoco",
     with_viewport: Annotated[
         bool, typer.Option(" /--no-viewport", help="Do not show the world in the browser.", show_default=False)
@@ -43,16 +65,19 @@ def spawn(
     running = make_engine(engine)  # first: a wrong name is told before a long map is read
     watch = Stopwatch()
     with working("reading"), watch.measure("load"):
-        knowledge = knowledge_base(maps, ontologies=ontologies, bundled=bundled)
+        knowledge = knowledge_base(
+            maps, ontologies=ontologies, bundled=bundled, robots=robots, numbers=Numbers(units, frame, quaternion)
+        )
         world = knowledge.world(map_name)
-    findings = findings_about(world, knowledge)
+    findings = findings_about(world, knowledge, strict=strict)
     with Stage(knowledge, running) as stage:
         with working("spawning"), watch.measure("spawn"):
             report = stage.spawn(world)
         told: dict[str, object] = {"map": world.iri, "engine": stage.engine_name, "spawn": report_json(report)}
-        told |= {"seconds": watch.seconds, "findings": findings_json(findings)}
+        told |= {"seconds": watch.seconds, "findings": findings_json(findings)} | reading_json(world, knowledge)
         if not as_json:
             print_findings(findings)
+            print_reading(world, knowledge, verbose=verbose)
             print_report(report, title=world.name, verbose=verbose)
         if with_viewport:
             _show(stage, told, port=port, seconds=seconds, as_json=as_json)
@@ -62,15 +87,13 @@ def spawn(
 
 
 def _show(stage: Stage, told: dict[str, object], *, port: int, seconds: float | None, as_json: bool) -> None:
-    viewport = open_viewport(stage, port=port)
-    try:
+    def announce(url: str) -> None:
         if as_json:
-            print_json(told | {"url": viewport.url})  # now: whoever reads it wants to look while the world lives
+            print_json(told | {"url": url})  # now: whoever reads it wants to look while the world lives
         else:
-            say(f"The world is open at {viewport.url}")
-        keep_alive(stage, duration_s=seconds, quiet=as_json)
-    finally:
-        viewport.close()
+            say(f"The world is open at {url}")
+
+    show_page(stage, port=port, duration_s=seconds, announce=announce, quiet=as_json)
 
 
 def _run(stage: Stage, told: dict[str, object], *, seconds: float, as_json: bool) -> None:

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 from mindstage.cli.output import Cell, print_table, say
 
 if TYPE_CHECKING:
-    from mindstage.world import Difference, World
+    from mindstage.world import Difference, Statement, World
 
-__all__ = ["difference_json", "print_difference"]
+__all__ = ["difference_json", "losses_json", "print_difference", "print_losses"]
 
 _MANY = 20
 """More changes than this are cut short in a table; JSON has them all."""
@@ -25,6 +25,22 @@ def difference_json(found: Difference, delta: float) -> dict[str, object]:
     from mindstage.world import MECHANICS
 
     return found.to_builtins(delta) | {"identical_mechanics": found.identical(delta, kinds=MECHANICS)}
+
+
+def losses_json(found: Difference, lost: Sequence[Statement]) -> dict[str, object]:
+    """What is lost, of the world and of the statements of its map, each once."""
+    lines = [{"id": _local(each.id), "said": str(each)} for each in lost]
+    known = {(line["id"], line["said"]) for line in lines}
+    lines += [{"id": each.id, "said": str(each)} for each in found.lost if (_local(each.id), str(each)) not in known]
+    return {"lost_facts": len(lines), "lost": lines}
+
+
+def print_losses(lost: Sequence[Statement]) -> None:
+    """The statements of a map that did not come back, as a table."""
+    rows = [(_local(each.id), _shown(_brief(str(each)))) for each in lost]
+    _cut("Statements of the map that its file does not make", ("about", "what is said"), rows)
+    if lost:
+        say(f"{len(lost)} statements of the map are lost.")
 
 
 def print_difference(found: Difference, delta: float, *, about: World) -> None:

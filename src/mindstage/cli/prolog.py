@@ -1,0 +1,135 @@
+"""`mindstage prolog`: a console where every question is a predicate."""
+
+from __future__ import annotations
+
+import re
+import sys
+from collections.abc import Sequence
+from contextlib import ExitStack
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from mindstage import __version__
+from mindstage.cli.engine import make_engine
+from mindstage.cli.options import Bundled, EndpointUrl, EngineName, Ontologies, Port, StoreFolder, finite
+from mindstage.cli.outcome import Outcome
+from mindstage.cli.output import findings_json, print_findings, print_json, say, working
+from mindstage.cli.page import open_viewport
+from mindstage.cli.sources import knowledge_base
+
+if TYPE_CHECKING:
+    from mindstage.knowledge import Finding
+    from mindstage.prolog import PrologConsole
+    from mindstage.stage import Stage
+
+__all__ = ["prolog"]
+
+_ALL = 1_000_000
+"""More solutions than this nobody reads."""
+
+
+_SomeMaps = Annotated[
+    list[str] | None,
+    typer.Argument(
+        metavar="[MAP]…",
+        help="Semantic maps (OWL or Turtle), or bundled:kitchen, all in one knowledge base.",
+        show_default=False,
+    ),
+]
+_Goal = Annotated[
+    str | None,
+    typer.Option("--goal", "-g", help="Run this goal once and exit: 0 true, 1 false, 2 error.", show_default=False),
+]
+_Consult = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--consult",
+        metavar="FILE",
+        help="Facts and rules to load first; may be repeated.",
+        show_default=False,
+    ),
+]
+_Timeout = Annotated[
+    float, typer.Option("--timeout", metavar="SECONDS", min=0.001, callback=finite, help="How long --goal may take.")
+]
+_WithViewport = Annotated[bool, typer.Option("--viewport/--no-viewport", help="Show the running world in the browser.")]
+_AllAsJson = Annotated[bool, typer.Option("--json", help="With --goal: find all solutions, and print them as JSON.")]
+
+
+def prolog(
+    maps: _SomeMaps = None,
+    *,
+    goal: _Goal = None,
+    consult: _Consult = None,
+    timeout_s: _Timeout = 30.0,
+    store: StoreFolder = None,
+    endpoint: EndpointUrl = None,
+    ontologies: Ontologies = None,
+    bundled: Bundled = True,
+    engine: EngineName = "mujoco",
+    with_viewport: _WithViewport = False,
+    port: Port = 8080,
+    as_json: _AllAsJson = False,
+) -> Outcome:
+    """Ask in Prolog: SWI-Prolog's own toplevel, with every question as a predicate."""
+    from mindstage.prolog import PrologConsole, load_library
+    from mindstage.stage import Stage
+
+    if as_json and goal is None:
+        raise typer.BadParameter("it goes with --goal", param_hint="--json")
+    load_library()  # first: that it is missing is told before a long map is read
+    running = make_engine(engine)
+    with working("reading"):
+        knowledge = knowledge_base(maps or [], ontologies=ontologies, bundled=bundled, store=store, endpoint=endpoint)
+    if not as_json:
+        print_findings(knowledge.findings())
+    with ExitStack() as closing:
+        closing.callback(knowledge.close)
+        stage = closing.enter_context(Stage(knowledge, running))
+        console = closing.enter_context(PrologConsole(stage, at_halt=closing.close))
+        if with_viewport:
+            _show(stage, closing, port=port)
+        _consult(console, consult or [], strict=goal is not None)
+        if goal is not None:
+            return _run(console, goal, timeout_s=timeout_s, findings=knowledge.findings() if as_json else None)
+        _greet(stage)
+        console.toplevel()
+    return Outcome.DONE
+
+
+def _run(console: PrologConsole, goal: str, *, timeout_s: float, findings: Sequence[Finding] | None) -> Outcome:
+    """Runs a goal until its first solution; with findings, finds all of them, and prints everything as JSON."""
+    if findings is None:
+        return Outcome.DONE if console.holds(goal, timeout_s=timeout_s) else Outcome.NO
+    found = console.solutions(goal, limit=_ALL, timeout_s=timeout_s)
+    print_json({"goal": goal, "solutions": found, "findings": findings_json(findings)})
+    return Outcome.DONE if found else Outcome.NO
+
+
+def _show(stage: Stage, closing: ExitStack, *, port: int) -> None:
+    viewport = open_viewport(stage, port=port)
+    closing.callback(viewport.close)
+    stage.play()
+    typer.echo(f"The world is open at {viewport.url}", err=True)  # stdout is Prolog's
+
+
+def _consult(console: PrologConsole, files: list[str], *, strict: bool) -> None:
+    """Loads the user's files; a goal must not be answered by half of its rules, while a person sees what is wrong.
+
+    Raises:
+        SourceUnreadable: one is not there, or, where it is strict, has errors.
+    """
+    from mindstage.errors import SourceUnreadable
+
+    for file in files:
+        errors = console.consult(file)
+        if errors and strict:
+            raise SourceUnreadable(file, cause=f"{errors} error{'s' if errors > 1 else ''} in it, told above")
+
+
+def _greet(stage: Stage) -> None:
+    if sys.stdin.isatty() and sys.stdout.isatty():
+        maps = ", ".join(re.split("[#/]", map)[-1] for map in stage.knowledge.maps()) or "no map"
+        say(f"Mindstage {__version__} in SWI-Prolog knows {maps}. Each question is a predicate:")
+        say("questions. lists them, handle_of(Map, Thing, Handle). asks one, halt. or Ctrl-D ends.")

@@ -1,0 +1,95 @@
+"""Convert: from any dialect to any other, and to files for other programs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import mujoco
+import pytest
+
+from mindstage.cli.sources import BUNDLED_KITCHEN
+from tests.cli.typed import Run, WriteMap, told
+
+SAMPLES = ("ameva-task-two", "iai-kitchen-original", "knowrob1-ccrl", "soma-iai-room")
+
+
+@pytest.mark.parametrize("suffix", [".owl", ".rdf", ".ttl"])
+def test_a_converted_map_is_the_same_map(suffix: str, run: Run, tmp_path: Path) -> None:
+    out = tmp_path / f"out{suffix}"
+    result = run("convert", BUNDLED_KITCHEN, out, "--json")
+    assert result.exit_code == 0
+    assert told(result)["out"] == str(out)
+    assert told(result)["bodies"] >= 120
+    assert told(result)["notes"] == []
+    assert run("compare", BUNDLED_KITCHEN, out).exit_code == 0
+
+
+@pytest.mark.parametrize("dialect", ["same", "semlog", "soma"])
+@pytest.mark.parametrize("name", SAMPLES)
+def test_every_dialect_goes_to_every_other(
+    name: str, dialect: str, run: Run, shared_data: Path, tmp_path: Path
+) -> None:
+    source, out = shared_data / "maps" / f"{name}.owl", tmp_path / "out.owl"
+    result = run("convert", source, out, "--dialect", dialect, "--json")
+    assert result.exit_code == 0
+    assert told(result)["format"] == "owl"
+    assert told(run("compare", source, out, "--json"))["identical"] is True
+
+
+def test_a_map_stays_in_its_dialect_unless_told_otherwise(run: Run, shared_data: Path, tmp_path: Path) -> None:
+    source = shared_data / "maps" / "knowrob1-ccrl.owl"
+    result = run("convert", source, tmp_path / "out.ttl")
+    assert result.stdout.rstrip().endswith("out.ttl (ttl, KnowRob 1)")
+    assert "mindstage.org" not in (tmp_path / "out.ttl").read_text(encoding="utf-8")
+
+
+def test_a_converted_map_goes_back_to_what_it_was_converted_from(run: Run, shared_data: Path, tmp_path: Path) -> None:
+    source, si, back = shared_data / "maps" / "ameva-task-two.owl", tmp_path / "si.owl", tmp_path / "back.owl"
+    assert run("convert", source, si, "--dialect", "semlog").exit_code == 0
+    assert told(run("convert", si, back, "--dialect", "given", "--json"))["dialect"] == "AMEVA"
+    assert ">166.296265 269.170685 23.462967<" in back.read_text(encoding="utf-8")
+    assert run("check", si, "--engine", "null").exit_code == 0
+    refused = run("convert", source, tmp_path / "out.owl", "--dialect", "given")
+    assert refused.exit_code == 2
+    assert "does not say that it was converted" in refused.stderr
+
+
+def test_what_a_dialect_has_no_words_for_is_said(run: Run, tmp_path: Path) -> None:
+    result = run("convert", BUNDLED_KITCHEN, tmp_path / "out.owl", "--dialect", "soma")
+    assert result.exit_code == 0
+    assert "for which SOMA has no words" in result.stderr
+
+
+@pytest.mark.parametrize("suffix", [".xml", ".mjcf"])
+def test_a_map_becomes_a_model_of_mujoco(suffix: str, run: Run, write_map: WriteMap, tmp_path: Path) -> None:
+    out = tmp_path / f"out{suffix}"
+    result = run("convert", write_map(), out, "--json")
+    assert (result.exit_code, told(result)["dialect"]) == (0, None)
+    model = mujoco.MjModel.from_xml_path(str(out))
+    assert {model.body(number).name for number in range(model.nbody)} == {"world", "Mug1", "Mug2"}
+
+
+def test_a_map_becomes_a_scene_for_viewers(run: Run, write_map: WriteMap, tmp_path: Path) -> None:
+    out = tmp_path / "out.glb"
+    assert run("convert", write_map(), out).exit_code == 0
+    assert out.read_bytes()[:4] == b"glTF"
+
+
+def test_the_format_can_be_told(run: Run, write_map: WriteMap, tmp_path: Path) -> None:
+    out = tmp_path / "out.xml"
+    assert run("convert", write_map(), out, "--format", "owl").exit_code == 0
+    assert run("compare", write_map(), out).exit_code == 0
+
+
+def test_an_unknown_suffix_is_refused(run: Run, write_map: WriteMap, tmp_path: Path) -> None:
+    result = run("convert", write_map(), tmp_path / "out.docx")
+    assert result.exit_code == 2
+    assert "Traceback" not in result.output
+    assert ".glb" in result.stderr
+    assert not (tmp_path / "out.docx").exists()
+
+
+def test_a_dialect_of_a_format_that_has_none_is_refused(run: Run, write_map: WriteMap, tmp_path: Path) -> None:
+    result = run("convert", write_map(), tmp_path / "out.glb", "--dialect", "soma")
+    assert result.exit_code == 2
+    assert "glb has no dialects" in result.stderr

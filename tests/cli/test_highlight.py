@@ -1,0 +1,119 @@
+"""Answers that light up, typed."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from urllib.request import urlopen
+
+import pytest
+
+from tests.cli.typed import Run, WriteMap, told
+
+KITCHEN = ("--map", "bundled:kitchen", "--engine", "null")
+MINDSTAGE = [sys.executable, "-m", "mindstage"]
+
+
+def test_the_json_says_what_is_lit_and_what_is_not(run: Run) -> None:
+    asked = ("ask", "handle_of", "fridge_door", *KITCHEN, "--highlight", "red", "--no-viewport", "--json")
+    result = run(*asked)
+    assert result.exit_code == 0
+    answer = told(result)
+    assert (answer["colour"], answer["lit"], answer["not_lit"]) == ("red", ["fridge_door_handle"], [])
+    assert (answer["engine"], answer["spawn"]["ok"]) == ("null", True)
+    assert answer["answers"][0]["id"] == "fridge_door_handle"
+    answer = told(run("ask", "storage_place", "CowsMilk", *KITCHEN, "--highlight", "1,0,0", "--no-viewport", "--json"))
+    assert (answer["colour"], answer["lit"]) == ("#ff0000", [])
+    assert answer["not_lit"] == [{"id": "Refrigerator", "reason": "it is a class, which has no body"}]
+
+
+def test_people_are_told_what_could_not_be_lit(run: Run) -> None:
+    result = run("ask", "storage_place", "CowsMilk", *KITCHEN, "--highlight", "blue", "--no-viewport")
+    assert result.exit_code == 0
+    assert "Refrigerator" in result.stdout
+    assert "not lit: Refrigerator: it is a class" in result.stderr
+
+
+def test_the_running_engine_is_asked(run: Run) -> None:
+    asked = ("ask", "where_is", "plate_3", "on", "--map", "bundled:kitchen", "--highlight", "green", "--no-viewport")
+    (answer,) = told(run(*asked, "--json", "--why"))["answers"]
+    assert (answer["id"], answer["source"]) == ("table", "mujoco")
+    assert answer["why"][-1] == "as mujoco has it now"
+
+
+def test_no_colour_lights_nothing(run: Run) -> None:
+    answer = told(run("ask", "handle_of", "fridge_door", *KITCHEN, "--highlight", "none", "--no-viewport", "--json"))
+    assert (answer["colour"], answer["lit"]) == ("none", [])
+
+
+def test_without_an_answer_there_is_no_page_and_it_ends_with_1(run: Run) -> None:
+    result = run("ask", "handle_of", "fridge_door_handle", *KITCHEN, "--highlight", "red", "--json")
+    assert result.exit_code == 1
+    answer = told(result)
+    assert answer["missing"]
+    assert answer["lit"] == []
+    assert "url" not in answer
+
+
+def test_of_several_maps_the_one_that_is_asked_about_is_spawned(run: Run, write_map: WriteMap) -> None:
+    first, second = write_map("a.owl", maps=["A"], mugs={"X": "0 0 0"}), write_map("b.owl", maps=["B"])
+    both = ("--map", first, "--map", second, "--engine", "null", "--highlight", "red", "--no-viewport", "--json")
+    assert told(run("ask", "everything_in_map", "map=A", *both))["lit"] == ["X"]
+    assert told(run("ask", "everything_in_map", *both, "--map-name", "B"))["lit"] == ["Mug1", "Mug2"]
+    result = run("ask", "everything_in_map", *both)
+    assert result.exit_code == 2
+    assert "with --map-name" in result.stderr
+
+
+@pytest.mark.parametrize(
+    ("args", "message"),
+    [
+        (("--highlight", "purple"), "no colour 'purple'; there is black, red, blue, green, yellow, none, #rrggbb"),
+        (("--highlight", "yelow"), "near: 'yellow'"),
+        (("--highlight", "red", "--engine", "foo"), "there is no engine of that name"),
+        (("--port", "0"), "--port: it says how answers are shown; give --highlight COLOUR too"),
+        (("--engine", "null"), "--engine: it says how answers are shown"),
+        (("--for", "1"), "--for: it says how answers are shown"),
+        (("--no-viewport",), "--no-viewport: it says how answers are shown"),
+        (("--map-name", "kitchen"), "--map-name: it says how answers are shown"),
+    ],
+)
+def test_what_cannot_be_shown_ends_with_2_before_a_map_is_read(args: tuple[str, ...], message: str, run: Run) -> None:
+    result = run("ask", "handle_of", "--map", "nowhere.owl", *args)
+    assert result.exit_code == 2
+    assert message in result.stderr
+    assert message in told(run("ask", "handle_of", "--map", "nowhere.owl", *args, "--json"))["error"]["message"]
+
+
+def test_the_page_shows_the_answers_as_long_as_it_was_told(write_map: WriteMap) -> None:
+    map = ("--map", str(write_map()), "--engine", "null", "--port", "0", "--highlight", "red", "--for")
+    result = subprocess.run(
+        [*MINDSTAGE, "ask", "everything_in_map", *map, "0.5", "--json"],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=120,
+    )
+    assert result.returncode == 0, result.stderr
+    answer = json.loads(result.stdout)
+    assert answer["url"].startswith("http://127.0.0.1:")
+    assert answer["lit"] == ["Mug1", "Mug2"]
+    command = [*MINDSTAGE, "ask", "everything_in_map", *map, "20"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as process:
+        assert process.stdout is not None
+        url = next(line.split()[-1] for line in process.stdout if line.startswith("2 lit at http"))
+        with urlopen(url, timeout=30) as page:
+            assert b"<html" in page.read().lower()
+        process.terminate()
+
+
+def test_a_question_without_highlight_loads_no_engine(write_map: WriteMap) -> None:
+    code = (
+        "import sys; from mindstage.cli.app import app\n"
+        f"try: app(['ask', 'maps', '--map', {str(write_map())!r}])\n"
+        "except SystemExit as end: assert end.code == 0, end.code\n"
+        "print(sorted({'mujoco', 'viser', 'websockets'} & sys.modules.keys()))"
+    )
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, timeout=60)
+    assert result.stdout.splitlines()[-1] == "[]", result.stderr

@@ -1,0 +1,187 @@
+"""A world as glTF: a node for each body where it stands, as large and of the colour that the world has it."""
+
+from __future__ import annotations
+
+import io
+import json
+import struct
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import given, settings
+from msgspec.structs import replace
+
+from mindstage.errors import MapUnwritable
+from mindstage.exports import glb
+from mindstage.exports.solids import solid
+from mindstage.world import (
+    Attachment,
+    Body,
+    BodyId,
+    Iri,
+    Light,
+    LightKind,
+    Material,
+    Pose,
+    Shape,
+    ShapeKind,
+    World,
+)
+from mindstage.world.geometry import rotation_matrix, unit_pose
+from tests.kitchenette import kitchenette
+from tests.worlds import worlds
+
+M = "http://example.org/m.owl#"
+GLTF_FROM_ROS = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
+"""What is forward (x) shows to whoever looks (z), what is up (z) is up (y)."""
+CUP = Body(
+    id=BodyId("cup"),
+    iri=Iri(M + "cup"),
+    cls=Iri(M + "Cup"),
+    pose=Pose((1.0, 2.0, 3.0), (0.9659258, 0.0, 0.0, 0.258819)),
+    size=(0.1, 0.2, 0.3),
+    label="The cup",
+)
+
+
+def world_of(*bodies: Body, **more: object) -> World:
+    return replace(World(iri=Iri(M + "map"), name="map", bodies=bodies), **more)
+
+
+def told(data: bytes) -> dict[str, Any]:
+    """What the file says as JSON, after its frame was looked at."""
+    magic, version, length = struct.unpack_from("<4sII", data)
+    assert (magic, version, length) == (b"glTF", 2, len(data))
+    size, kind = struct.unpack_from("<I4s", data, 12)
+    assert kind == b"JSON"
+    assert size % 4 == 0
+    return json.loads(data[20 : 20 + size])
+
+
+def shown(world: World) -> trimesh.Scene:
+    scene = trimesh.load(io.BytesIO(glb(world).data), file_type="glb")
+    assert isinstance(scene, trimesh.Scene)
+    return scene
+
+
+def test_every_body_is_a_node_where_it_stands_and_as_large() -> None:
+    world = kitchenette()
+    scene = shown(world)
+    for body in world.bodies:
+        transform, name = scene.graph[body.id]
+        row = unit_pose(body.pose)
+        np.testing.assert_allclose(transform[:3, 3], GLTF_FROM_ROS @ row[:3], atol=1e-9)
+        np.testing.assert_allclose(transform[:3, :3], GLTF_FROM_ROS @ rotation_matrix(row[3:]), atol=1e-9)
+        if body.size is not None:
+            np.testing.assert_allclose(scene.geometry[name].extents, body.size, rtol=1e-6)
+
+
+@settings(max_examples=30)
+@given(world=worlds())
+def test_any_world_can_be_written(world: World) -> None:
+    file = told(glb(world).data)
+    nodes = file["nodes"]
+    extras = [node["extras"]["id"] for node in nodes if "class" in node.get("extras", {})]
+    assert sorted(extras) == sorted(body.id for body in world.bodies)
+    children = [child for node in nodes for child in node.get("children", ())]
+    assert sorted(children) == list(range(1, len(nodes)))
+    assert file["scenes"][0]["nodes"] == [0]
+
+
+def test_a_node_tells_what_it_is() -> None:
+    _, node = told(glb(world_of(CUP)).data)["nodes"]
+    assert node["name"] == "cup"
+    assert node["extras"] == {"id": "cup", "class": M + "Cup", "iri": M + "cup", "label": "The cup"}
+
+
+def test_what_hangs_on_something_is_below_it() -> None:
+    handle = replace(CUP, id=BodyId("handle"), iri=Iri(M + "handle"), pose=Pose((0.0, 0.0, 5.0)))
+    world = world_of(handle, CUP, attachments=(Attachment(parent=CUP.id, child=handle.id),))
+    root, below, cup = told(glb(world).data)["nodes"]
+    assert (below["name"], cup["name"]) == ("handle", "cup")
+    assert (root["children"], cup["children"]) == ([2], [1])
+    transform, _ = shown(world).graph["handle"]
+    np.testing.assert_allclose(transform[:3, 3], (0.0, 5.0, 0.0), atol=1e-7)
+
+
+def test_colours_are_those_of_materials() -> None:
+    red = Material(name="glaze", colour=(1.0, 0.5, 0.0))
+    other = replace(CUP, id=BodyId("other"), iri=Iri(M + "other"))
+    file = told(glb(world_of(replace(CUP, materials=(red,)), other)).data)
+    first, second = (file["meshes"][node["mesh"]]["primitives"][0]["material"] for node in file["nodes"][1:])
+    assert file["materials"][first]["name"] == "glaze"
+    factor = file["materials"][first]["pbrMetallicRoughness"]["baseColorFactor"]
+    assert factor == pytest.approx(
+        [1.0, 0.2140411, 0.0, 1.0], abs=1e-6
+    )  # half of the screen's scale is a fifth of light
+    assert first != second
+
+
+def test_what_looks_alike_is_there_once() -> None:
+    cups = [replace(CUP, id=BodyId(str(n)), iri=Iri(f"{M}{n}")) for n in range(50)]
+    file = told(glb(world_of(*cups)).data)
+    assert (len(file["meshes"]), len(file["nodes"])) == (1, 51)
+
+
+@pytest.mark.parametrize("kind", ShapeKind)
+def test_solids_are_closed_and_face_outwards(kind: ShapeKind) -> None:
+    surface = solid(kind, (1.0, 2.0, 3.0))
+    mesh = trimesh.Trimesh(surface.points, surface.faces)
+    mesh.merge_vertices(merge_norm=True)
+    assert mesh.is_watertight
+    full = {ShapeKind.BOX: 6.0, ShapeKind.SPHERE: np.pi, ShapeKind.CYLINDER: 1.5 * np.pi}[kind]
+    assert mesh.volume == pytest.approx(full, rel=0.04)
+    assert surface.normals is not None
+    corners = surface.points[surface.faces]
+    facing = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    assert (np.einsum("ij,ikj->ik", facing, surface.normals[surface.faces]) > 0.0).all()
+
+
+def test_a_world_of_nothing_is_a_file() -> None:
+    written = glb(world_of())
+    assert [node["name"] for node in told(written.data)["nodes"]] == ["map"]
+    assert written.notes == ()
+
+
+def test_what_shows_nothing_is_said() -> None:
+    written = glb(world_of(replace(CUP, size=None)))
+    assert "mesh" not in told(written.data)["nodes"][1]
+    assert "1 bodies have no size" in written.notes[0]
+
+
+def test_lights_shine() -> None:
+    lamp = Light(
+        id=BodyId("lamp"), iri=Iri(M + "lamp"), kind=LightKind.SPOT, pose=Pose((0.0, 0.0, 2.0)), intensity=40.0
+    )
+    file = told(glb(world_of(lights=(lamp,))).data)
+    (light,) = file["extensions"]["KHR_lights_punctual"]["lights"]
+    assert (light["type"], light["intensity"]) == ("spot", 40.0)
+    assert file["nodes"][1]["extensions"]["KHR_lights_punctual"] == {"light": 0}
+
+
+def test_a_mesh_is_copied_as_large_as_its_body(tmp_path: Path) -> None:
+    (tmp_path / "t.obj").write_text("v 1 0 0\nv 2 0 0\nv 1 2 0\nv 1 0 3\nf 1 3 2\nf 1 2 4\n", encoding="utf-8")
+    world = world_of(replace(CUP, mesh="t.obj", size=(0.5, 1.0, 1.5), pose=Pose()))
+    data = glb(world, find_mesh=lambda name: tmp_path / name).data
+    scene = trimesh.load(io.BytesIO(data), file_type="glb")
+    assert isinstance(scene, trimesh.Scene)
+    _, name = scene.graph["cup"]
+    np.testing.assert_allclose(scene.geometry[name].bounds, [(0.5, 0.0, 0.0), (1.0, 1.0, 1.5)], atol=1e-6)
+
+
+@pytest.mark.parametrize("name", ["t.obj", "t.stl", "t.fbx"])
+def test_a_mesh_that_cannot_be_read_is_said(name: str, tmp_path: Path) -> None:
+    (tmp_path / name).write_bytes(b"v 1 2 3\nf 1 2 9\n")
+    written = glb(world_of(replace(CUP, mesh=name)), find_mesh=lambda name: tmp_path / name)
+    assert name in written.notes[0]
+    assert "mesh" in told(written.data)["nodes"][1]
+
+
+def test_a_place_that_is_none_is_refused() -> None:
+    with pytest.raises(MapUnwritable, match="its pose is none"):
+        glb(world_of(replace(CUP, pose=Pose((float("nan"), 0.0, 0.0)))))
+    with pytest.raises(MapUnwritable, match="its size"):
+        glb(world_of(replace(CUP, size=(1.0, float("inf"), 1.0), shape=Shape())))
