@@ -23,7 +23,7 @@ from mindstage.cli.options import (
 from mindstage.cli.outcome import Outcome
 from mindstage.cli.output import findings_json, print_findings, print_json, say, warn, working
 from mindstage.cli.reading import print_reading, reading_json
-from mindstage.cli.saving import FileDialect, FileFormat, format_of, origin_of, save_world
+from mindstage.cli.saving import FileDialect, FileFormat, format_of, save_world, words_of
 from mindstage.cli.sources import findings_about, knowledge_base
 
 __all__ = ["convert"]
@@ -73,9 +73,7 @@ def convert(
         world = knowledge.world(map_name)
         findings = findings_about(world, knowledge, strict=strict)
         notes = save_world(world, knowledge, out, kind, chosen)
-    own = chosen in (FileDialect.SAME, FileDialect.GIVEN)
-    dialect_name = origin_of(world, knowledge, chosen).dialect if own else chosen.value
-    words = dialect_name if kind.is_map else None
+    words = words_of(world, knowledge, kind, chosen)
     if as_json:
         told = {"map": world.iri, "out": str(out), "bodies": len(world.bodies), "constraints": len(world.constraints)}
         told |= {"format": kind.value, "dialect": words, "notes": list(notes)}

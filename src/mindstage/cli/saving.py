@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from mindstage.knowledge import KnowledgeBase, Origin
     from mindstage.world import World
 
-__all__ = ["FileDialect", "FileFormat", "format_of", "origin_of", "save_world"]
+__all__ = ["FileDialect", "FileFormat", "format_of", "save_world", "words_of"]
 
 
 class FileFormat(StrEnum):
@@ -65,7 +65,15 @@ def format_of(path: Path, told: FileFormat | None, dialect: FileDialect | None) 
     return format
 
 
-def origin_of(world: World, knowledge: KnowledgeBase, dialect: FileDialect) -> Origin:
+def words_of(world: World, knowledge: KnowledgeBase, format: FileFormat, dialect: FileDialect) -> str | None:
+    """The name of the dialect that a world is written in; None for formats that have none."""
+    if not format.is_map:
+        return None
+    own = dialect in (FileDialect.SAME, FileDialect.GIVEN)
+    return _origin_of(world, knowledge, dialect).dialect if own else dialect.value
+
+
+def _origin_of(world: World, knowledge: KnowledgeBase, dialect: FileDialect) -> Origin:
     """The map that a world came from, or what that was converted from.
 
     Raises:
@@ -114,5 +122,5 @@ def save_world(
         return notes
     syntax = MapFormat.RDF_XML if format is FileFormat.OWL else MapFormat.TURTLE
     if dialect in (FileDialect.SAME, FileDialect.GIVEN):
-        return save_map(world, path, format=syntax, origin=origin_of(world, knowledge, dialect))
+        return save_map(world, path, format=syntax, origin=_origin_of(world, knowledge, dialect))
     return save_map(world, path, format=syntax, dialect=MapDialect(dialect.value))
