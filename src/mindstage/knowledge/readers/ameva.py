@@ -11,6 +11,7 @@ from dataclasses import replace
 
 from mindstage.knowledge.readers.ameva_joints import with_joints
 from mindstage.knowledge.readers.semlog import read_semlog
+from mindstage.knowledge.readers.semlog_early import with_told_by_tags
 from mindstage.knowledge.reading.census import types_of
 from mindstage.knowledge.reading.conventions import Conventions, Frame, QuaternionOrder, Units
 from mindstage.knowledge.reading.conversion import convert, is_converted
@@ -57,7 +58,7 @@ def read_ameva(excerpt: Excerpt) -> World:
     """Reads a map of dialect 3."""
     conventions = conventions_by_evidence(excerpt, USUAL)
     excerpt = convert(excerpt, conventions, dialect=AMEVA)
-    return read_semlog(with_joints(_with_class_values(excerpt)))
+    return read_semlog(with_joints(with_told_by_tags(_with_class_values(excerpt))))
 
 
 def _with_class_values(excerpt: Excerpt) -> Excerpt:

@@ -17,7 +17,7 @@ from mindstage.knowledge.wording.tags import tags_in
 from mindstage.knowledge.wording.words import GRAVITY, MASS, MOBILITY, OVERLAP_EVENTS, Word, text_in
 from mindstage.world import Fact, Iri, Literal, World
 
-__all__ = ["is_early_semlog", "read_early_semlog"]
+__all__ = ["is_early_semlog", "read_early_semlog", "with_told_by_tags"]
 
 _IN_TAGS: dict[str, Word[Any]] = {
     "mobility": MOBILITY,
@@ -40,11 +40,16 @@ def is_early_semlog(excerpt: Excerpt) -> bool:
 
 def read_early_semlog(excerpt: Excerpt) -> World:
     """Reads a map of dialect 2."""
+    return read_semlog_map(with_told_by_tags(excerpt))
+
+
+def with_told_by_tags(excerpt: Excerpt) -> Excerpt:
+    """What is said nowhere but in tags, said as properties too."""
     graph = dict(excerpt.graph)
     for member in excerpt.members:
         if told := list(_told_by_tags(excerpt, member, graph[member])):
             graph[member] = [*graph[member], *told]
-    return read_semlog_map(replace(excerpt, graph=graph))
+    return replace(excerpt, graph=graph)
 
 
 def _is_silent(facts: Sequence[Fact]) -> bool:
