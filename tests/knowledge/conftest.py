@@ -6,9 +6,21 @@ from pathlib import Path
 
 import pytest
 
-from mindstage.knowledge import Finding
+from mindstage.knowledge import Finding, KnowledgeBase
 from mindstage.world import World
-from tests.knowledge.maps import Read, knowing
+from tests.knowledge.maps import Read, Tell, knowing, room
+
+
+@pytest.fixture
+def told(tmp_path: Path) -> Tell:
+    """A knowledge base that was told just that."""
+
+    def tell(*statements: str) -> KnowledgeBase:
+        path = tmp_path / "map.ttl"
+        path.write_text(room(*statements), encoding="utf-8")
+        return knowing(path)
+
+    return tell
 
 
 @pytest.fixture

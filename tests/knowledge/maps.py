@@ -14,6 +14,7 @@ __all__ = [
     "XSD",
     "M",
     "Read",
+    "Tell",
     "assert_same",
     "body",
     "constraint",
@@ -31,6 +32,9 @@ XSD = "http://www.w3.org/2001/XMLSchema#"
 
 Read = Callable[..., tuple[World, tuple[Finding, ...]]]
 """Reads the text of a map; gives its world, and the findings that were made."""
+
+Tell = Callable[..., KnowledgeBase]
+"""Makes a knowledge base that was told some statements, and nothing else."""
 
 _PREFIXES = f"""
 @prefix : <{M}> .

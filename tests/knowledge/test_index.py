@@ -2,34 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from pathlib import Path
-
 import pytest
 
 from mindstage.knowledge import KnowledgeBase
 from mindstage.knowledge.names import local_name
-from tests.knowledge.maps import body, knowing, m, room
+from tests.knowledge.maps import Tell, body, m
 
 RDF = "http://www.w3.org/1999/02/22-rdf-syntax-ns#"
-Tell = Callable[..., KnowledgeBase]
 CONTAINER = "k:typePrimaryFunction-containerFor"
 
 
 def some(filler: str, property: str = CONTAINER) -> str:
     return f"[ a owl:Restriction ; owl:onProperty {property} ; owl:someValuesFrom {filler} ]"
-
-
-@pytest.fixture
-def told(tmp_path: Path) -> Tell:
-    """A knowledge base that was told just that."""
-
-    def tell(*statements: str) -> KnowledgeBase:
-        path = tmp_path / "map.ttl"
-        path.write_text(room(*statements), encoding="utf-8")
-        return knowing(path)
-
-    return tell
 
 
 def places(kb: KnowledgeBase, item: str) -> list[str]:

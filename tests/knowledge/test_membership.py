@@ -2,30 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from pathlib import Path
-
 import pytest
 
 from mindstage.errors import NameUnknown
 from mindstage.knowledge import KnowledgeBase
 from mindstage.knowledge.names import local_name
 from mindstage.world import Iri
-from tests.knowledge.maps import M, body, knowing, m, room
-
-Tell = Callable[..., KnowledgeBase]
-
-
-@pytest.fixture
-def told(tmp_path: Path) -> Tell:
-    """A knowledge base that was told just that."""
-
-    def tell(*statements: str) -> KnowledgeBase:
-        path = tmp_path / "map.ttl"
-        path.write_text(room(*statements), encoding="utf-8")
-        return knowing(path)
-
-    return tell
+from tests.knowledge.maps import M, Tell, body, m
 
 
 def members(kb: KnowledgeBase, cls: str) -> list[str]:

@@ -23,6 +23,7 @@ from mindstage.cli.options import (
     Seconds,
     StoreFolder,
     WithViewport,
+    typed,
 )
 from mindstage.cli.outcome import Outcome
 from mindstage.cli.output import (
@@ -160,10 +161,8 @@ def _only_with_highlight(context: typer.Context) -> None:
 
     options = {"map_name": "--map-name", "engine": "--engine", "with_viewport": "--no-viewport"}
     options |= {"port": "--port", "seconds": "--for"}
-    for name, option in options.items():
-        source = context.get_parameter_source(name)
-        if source is not None and source.name == "COMMANDLINE":
-            raise ArgumentRefused(option, cause="it says how answers are shown", remedy="give --highlight COLOUR too")
+    for option in typed(context, options):
+        raise ArgumentRefused(option, cause="it says how answers are shown", remedy="give --highlight COLOUR too")
 
 
 def _named(question: Question[Any], args: list[str]) -> dict[str, str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Annotated
 
@@ -31,6 +32,7 @@ __all__ = [
     "Verbose",
     "WithViewport",
     "finite",
+    "typed",
 ]
 
 
@@ -39,6 +41,14 @@ def finite(value: float | None) -> float | None:
     if value is not None and not math.isfinite(value):
         raise typer.BadParameter(f"{value} is no finite number")
     return value
+
+
+def typed(context: typer.Context, options: Mapping[str, str]) -> Iterator[str]:
+    """Those of some options, by parameter, that stand on the command line, whatever their defaults are."""
+    for name, option in options.items():
+        source = context.get_parameter_source(name)
+        if source is not None and source.name == "COMMANDLINE":
+            yield option
 
 
 _MAP = "A semantic map (OWL or Turtle), or bundled:kitchen."

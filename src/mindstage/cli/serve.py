@@ -20,6 +20,7 @@ from mindstage.cli.options import (
     Ontologies,
     Robots,
     finite,
+    typed,
 )
 from mindstage.cli.outcome import Outcome
 from mindstage.cli.output import findings_json, print_findings, print_json, say, warn, working
@@ -162,10 +163,8 @@ def _refuse_what_makes_no_sense(
         ArgumentRefused: some of it excludes other things, or is no name or folder.
     """
     served = {"port": "--port", "host": "--host", "origins": "--origin"}
-    for name, option in served.items() if connect is not None else ():
-        source = context.get_parameter_source(name)
-        if source is not None and source.name == "COMMANDLINE":
-            raise ArgumentRefused(option, cause="with --connect nothing is served here", remedy="leave one out")
+    for option in typed(context, served) if connect is not None else ():
+        raise ArgumentRefused(option, cause="with --connect nothing is served here", remedy="leave one out")
     if not re.fullmatch(r"/?([A-Za-z]\w*(/[A-Za-z]\w*)*)?/?", namespace, re.ASCII):
         remedy = "use letters, digits, _ and /"
         raise ArgumentRefused("--namespace", cause=f"{namespace!r} is no name in ROS", remedy=remedy)

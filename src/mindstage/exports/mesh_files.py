@@ -8,12 +8,11 @@ import numpy as np
 
 from mindstage.exports.solids import Triangles
 from mindstage.world import Vector
+from mindstage.world.geometry import fitting_scale
 
-__all__ = ["load_triangles"]
+__all__ = ["fitted", "load_triangles"]
 
 _SUFFIXES = frozenset({".obj", ".stl", ".ply", ".off", ".glb"})
-_ALIKE = 0.01
-"""Sizes that differ by less than this part are the same: maps round."""
 
 
 def load_triangles(path: Path) -> Triangles | None:
@@ -35,9 +34,4 @@ def load_triangles(path: Path) -> Triangles | None:
 def fitted(triangles: Triangles, size: Vector | None) -> Triangles:
     """The surface as large as a body, if that is known and differs."""
     extents = np.ptp(triangles.points, axis=0)
-    if size is None or not extents.all() or min(size) <= 0.0:
-        return triangles
-    scale = np.array(size) / extents
-    if np.abs(scale - 1.0).max() < _ALIKE:
-        return triangles
-    return triangles._replace(points=triangles.points * scale)
+    return triangles._replace(points=triangles.points * fitting_scale(extents, size))

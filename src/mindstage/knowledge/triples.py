@@ -13,7 +13,7 @@ import pyoxigraph as ox
 from mindstage.errors import ArgumentRefused
 from mindstage.knowledge.reasoning.expressions import node_name
 from mindstage.knowledge.reasoning.properties import node_of
-from mindstage.knowledge.stores.sparql import Term
+from mindstage.knowledge.stores.sparql import Term, term_of
 from mindstage.knowledge.teaching import TOLD
 from mindstage.world import Iri
 
@@ -51,7 +51,7 @@ class Triples:
         seen = set()
         for quad in self._quads(subject, property, value):
             about = node_name(quad.subject) or Iri(str(quad.subject))
-            triple = Triple(about, Iri(quad.predicate.value), _term(quad.object))
+            triple = Triple(about, Iri(quad.predicate.value), term_of(quad.object))
             if triple not in seen:
                 seen.add(triple)
                 yield triple
@@ -120,18 +120,6 @@ def _resource(name: str) -> Term:
 
 def _resource_text(term: Term) -> str:
     return f"_:{term.value}" if term.kind == "blank" else term.value
-
-
-def _term(node: object) -> Term:
-    match node:
-        case ox.NamedNode():
-            return Term("iri", node.value)
-        case ox.BlankNode():
-            return Term("blank", node.value)
-        case ox.Literal():
-            return Term("literal", node.value, node.datatype.value, node.language)
-        case _:
-            return Term("triple", str(node))
 
 
 def _property(name: str) -> ox.NamedNode:

@@ -11,11 +11,12 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mindstage.world.values import Pose
+from mindstage.world.values import Pose, Vector
 
 __all__ = [
     "compose",
     "conjugate",
+    "fitting_scale",
     "invert",
     "multiply",
     "pose_array",
@@ -29,6 +30,9 @@ __all__ = [
 
 Array = NDArray[np.float64]
 
+
+_ALIKE = 0.01
+"""Sizes that differ by less than this part are the same: maps round."""
 
 _NEXT, _LAST = np.array([1, 2, 0]), np.array([2, 0, 1])
 
@@ -107,6 +111,17 @@ def compose(outer: ArrayLike, inner: ArrayLike) -> Array:
     a, b = np.asarray(outer, dtype=np.float64), np.asarray(inner, dtype=np.float64)
     position = a[..., :3] + rotate(a[..., 3:], b[..., :3])
     return np.concatenate([position, multiply(a[..., 3:], b[..., 3:])], axis=-1)
+
+
+def fitting_scale(extents: Array, size: Vector | None) -> Array:
+    """What makes a mesh of such extents as large as a body, along x, y, z.
+
+    1 where the two are alike but for a hundredth, because maps round, or where one of them is not known.
+    """
+    if size is None or not extents.all():
+        return np.ones(3)
+    scale = np.array(size) / extents
+    return scale if scale.min() > 0.0 and np.abs(scale - 1.0).max() >= _ALIKE else np.ones(3)
 
 
 def invert(pose: ArrayLike) -> Array:

@@ -7,7 +7,17 @@ from typing import NamedTuple
 
 from mindstage.world.values import Constraint, Motion
 
-__all__ = ["Travel", "reaches", "travel"]
+__all__ = ["AxisRange", "Travel", "axis_ranges", "reaches", "travel"]
+
+
+class AxisRange(NamedTuple):
+    """What a constraint says of one of its six axes."""
+
+    motion: Motion
+    limit: float
+    """Either way from the middle [m or rad]; without meaning unless the motion is limited."""
+    middle: float
+    """Of its range, from where the child was spawned."""
 
 
 class Travel(NamedTuple):
@@ -21,23 +31,27 @@ class Travel(NamedTuple):
     """Of the farthest that it can go that way; None where nothing limits it."""
 
 
+def axis_ranges(joint: Constraint) -> tuple[AxisRange, ...]:
+    """All six axes: x, y, z [m], twist (about x), swing2 (about y), swing1 (about z) [rad]."""
+    linear, angular = joint.linear, joint.angular
+    return (
+        AxisRange(linear.x, linear.limit, linear.x_middle),
+        AxisRange(linear.y, linear.limit, linear.y_middle),
+        AxisRange(linear.z, linear.limit, linear.z_middle),
+        AxisRange(angular.twist, angular.twist_limit, angular.twist_middle),
+        AxisRange(angular.swing2, angular.swing2_limit, angular.swing2_middle),
+        AxisRange(angular.swing1, angular.swing1_limit, angular.swing1_middle),
+    )
+
+
 def reaches(joint: Constraint) -> tuple[float | None, ...]:
-    """How far each axis leads from where the child was spawned: x, y, z [m], twist, swing2, swing1 [rad].
+    """How far each axis leads from where the child was spawned, in the order of `axis_ranges` [m or rad].
 
     0 is no way at all, None one without an end.
     """
-    linear, angular = joint.linear, joint.angular
-    axes = (
-        (linear.x, linear.limit, linear.x_middle),
-        (linear.y, linear.limit, linear.y_middle),
-        (linear.z, linear.limit, linear.z_middle),
-        (angular.twist, angular.twist_limit, angular.twist_middle),
-        (angular.swing2, angular.swing2_limit, angular.swing2_middle),
-        (angular.swing1, angular.swing1_limit, angular.swing1_middle),
-    )
     return tuple(
         None if motion is Motion.FREE else 0.0 if motion is Motion.LOCKED else limit + abs(middle)
-        for motion, limit, middle in axes
+        for motion, limit, middle in axis_ranges(joint)
     )
 
 

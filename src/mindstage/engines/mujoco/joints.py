@@ -15,6 +15,7 @@ import numpy as np
 
 from mindstage.world import Constraint, Motion, Soft
 from mindstage.world.geometry import Array, multiply
+from mindstage.world.travel import axis_ranges
 
 __all__ = ["AXES", "Axis", "axes_of", "is_ball", "place_from", "place_of"]
 
@@ -55,19 +56,14 @@ def axes_of(constraint: Constraint, *, upside_down: bool = False) -> tuple[Axis,
         upside_down: whether its child holds its parent, so that all goes the other way.
     """
     linear, angular = constraint.linear, constraint.angular
-    motions = (linear.x, linear.y, linear.z, angular.twist, angular.swing2, angular.swing1)
-    limits = (*(linear.limit,) * 3, angular.twist_limit, angular.swing2_limit, angular.swing1_limit)
     softs = (*(linear.soft,) * 3, angular.twist_soft, angular.swing_soft, angular.swing_soft)
-    slides = (linear.x_middle, linear.y_middle, linear.z_middle)
-    middles = (*slides, angular.twist_middle, angular.swing2_middle, angular.swing1_middle)
+    ranges = axis_ranges(constraint)
     way = -1.0 if upside_down else 1.0
     return tuple(
-        Axis(index, None, softs[index])
-        if motions[index] is Motion.FREE
-        else Axis(index, limits[index], softs[index], way * middles[index])
+        Axis(index, None, softs[index]) if motion is Motion.FREE else Axis(index, limit, softs[index], way * middle)
         for index in (0, 1, 2, *_HINGE_ORDER)
-        if motions[index] is Motion.FREE
-        or (motions[index] is Motion.LIMITED and middles[index] - limits[index] < middles[index] + limits[index])
+        for motion, limit, middle in [ranges[index]]
+        if motion is Motion.FREE or (motion is Motion.LIMITED and middle - limit < middle + limit)
     )
 
 

@@ -9,13 +9,11 @@ import mujoco
 import numpy as np
 
 from mindstage.world import Vector
-from mindstage.world.geometry import Array, rotate
+from mindstage.world.geometry import Array, fitting_scale, rotate
 
 __all__ = ["Mesh", "load_mesh"]
 
 _SUFFIXES = frozenset({".obj", ".stl", ".msh"})
-_ALIKE = 0.01
-"""Sizes that differ by less than this part are the same: maps round."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,11 +26,7 @@ class Mesh:
 
     def scale_to(self, size: Vector | None) -> tuple[float, float, float]:
         """What makes it as large as a body; 1 where it is so already, or where nobody knows."""
-        if size is None or not self.extents.all():
-            return (1.0, 1.0, 1.0)
-        x, y, z = (float(scale) for scale in np.array(size) / self.extents)
-        if min(x, y, z) <= 0.0 or max(abs(x - 1.0), abs(y - 1.0), abs(z - 1.0)) < _ALIKE:
-            return (1.0, 1.0, 1.0)
+        x, y, z = fitting_scale(self.extents, size).tolist()
         return x, y, z
 
 

@@ -15,6 +15,7 @@ from functools import cached_property
 import msgspec
 import pyoxigraph as ox
 
+from mindstage.knowledge.reading.other_words import dul, soma
 from mindstage.knowledge.reasoning.axioms import CLASS_WORDS, ClassAxioms, ClassRestriction
 from mindstage.knowledge.reasoning.chains import Line
 from mindstage.knowledge.reasoning.closure import Closure
@@ -52,14 +53,11 @@ from mindstage.world import Iri
 
 __all__ = ["Index", "Part"]
 
-_DUL = "http://www.ontologydesignpatterns.org/ont/dul/DUL.owl#"
-_SOMA = "http://www.ease-crc.org/ont/SOMA.owl#"
-_HAS = (CHILD, *map(knowrob, ("parts", "physicalParts", "properPhysicalParts")))
+_HAS = (CHILD, *map(knowrob, ("parts", "physicalParts", "properPhysicalParts")), *map(dul, ("hasPart", "hasComponent")))
+_IS_OF = (PARENT, *map(dul, ("isPartOf", "isComponentOf")))
 _TO_PARTS: tuple[Line, ...] = (
-    *((word, True) for word in (*_HAS, Iri(_DUL + "hasPart"), Iri(_DUL + "hasComponent"))),
-    (Iri(_SOMA + "hasPhysicalComponent"), True),
-    *((word, False) for word in (PARENT, Iri(_DUL + "isPartOf"), Iri(_DUL + "isComponentOf"))),
-    (Iri(_SOMA + "isPhysicalComponentOf"), False),
+    *((word, True) for word in (*_HAS, soma("hasPhysicalComponent"))),
+    *((word, False) for word in (*_IS_OF, soma("isPhysicalComponentOf"))),
 )
 
 

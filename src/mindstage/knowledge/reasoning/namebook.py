@@ -10,6 +10,7 @@ import pyoxigraph as ox
 
 from mindstage.errors import NameAmbiguous, NameUnknown
 from mindstage.knowledge.names import local_name
+from mindstage.knowledge.reading.other_words import DUL, SOMA
 from mindstage.knowledge.reasoning.index import Index
 from mindstage.knowledge.stores.triplestore import Readable
 from mindstage.knowledge.vocabulary import KNOWROB, MS, OWL, RDF, RDFS, TYPE, XSD
@@ -24,8 +25,8 @@ PREFIXES = {
     "rdf": RDF,
     "rdfs": RDFS,
     "xsd": XSD,
-    "dul": "http://www.ontologydesignpatterns.org/ont/dul/DUL.owl#",
-    "soma": "http://www.ease-crc.org/ont/SOMA.owl#",
+    "dul": DUL,
+    "soma": SOMA,
 }
 """The prefixes that names may have."""
 

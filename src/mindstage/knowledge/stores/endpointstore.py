@@ -17,6 +17,7 @@ from typing import Any
 import pyoxigraph as ox
 
 from mindstage.errors import ArgumentRefused, EndpointRefused, EndpointUnreachable, QueryRefused, QueryTimedOut
+from mindstage.knowledge.reading.other_words import dul, soma
 from mindstage.knowledge.reasoning.derivation import DERIVED
 from mindstage.knowledge.sources.files import SourceFile
 from mindstage.knowledge.sources.source import Source
@@ -35,13 +36,13 @@ _OWL = """allValuesFrom cardinality complementOf disjointWith disjointUnionOf eq
     hasSelf hasValue imports intersectionOf inverseOf maxCardinality maxQualifiedCardinality members minCardinality
     minQualifiedCardinality onClass onDataRange onDatatype onProperty oneOf propertyChainAxiom propertyDisjointWith
     qualifiedCardinality sameAs someValuesFrom unionOf versionIRI withRestrictions"""
-_DUL = "http://www.ontologydesignpatterns.org/ont/dul/DUL.owl#"
 
 _BULK = (
     *(RDF + word for word in _RDF.split()),
     *(RDFS + word for word in _RDFS.split()),
     *(OWL + word for word in _OWL.split()),
-    *(_DUL + word for word in ("hasPart", "hasComponent", "isPartOf", "isComponentOf")),
+    *map(dul, ("hasPart", "hasComponent", "isPartOf", "isComponentOf")),
+    *map(soma, ("hasPhysicalComponent", "isPhysicalComponentOf")),
     *(CHILD, PARENT, DESCRIBED_IN_MAP),
 )
 """What reasoning reads, and what blank nodes hang together by."""

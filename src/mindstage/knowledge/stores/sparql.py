@@ -11,7 +11,7 @@ import pyoxigraph as ox
 from mindstage.errors import QueryRefused
 from mindstage.knowledge.reasoning.namebook import PREFIXES
 
-__all__ = ["PREFIXES", "Table", "Term", "check_query", "solutions_table", "syntax_cause", "triples_table"]
+__all__ = ["PREFIXES", "Table", "Term", "check_query", "solutions_table", "syntax_cause", "term_of", "triples_table"]
 
 
 class Term(msgspec.Struct, frozen=True, omit_defaults=True):
@@ -88,19 +88,24 @@ def solutions_table(json: bytes) -> Table:
     if isinstance(found, ox.QueryBoolean):
         return Table((), (), bool(found))
     names = tuple(variable.value for variable in found.variables)
-    return Table(names, tuple(tuple(_term(solution[name]) for name in names) for solution in found))
+    return Table(names, tuple(tuple(_bound(solution[name]) for name in names) for solution in found))
 
 
 def triples_table(triples: Iterable[ox.Quad]) -> Table:
     """What CONSTRUCT or DESCRIBE found, each triple once."""
-    rows = tuple((_term(each.subject), _term(each.predicate), _term(each.object)) for each in dict.fromkeys(triples))
+    rows = tuple(
+        (term_of(each.subject), term_of(each.predicate), term_of(each.object)) for each in dict.fromkeys(triples)
+    )
     return Table(("subject", "predicate", "object"), rows)
 
 
-def _term(value: object) -> Term | None:
+def _bound(value: object) -> Term | None:
+    return None if value is None else term_of(value)
+
+
+def term_of(value: object) -> Term:
+    """A node of the store as plain data."""
     match value:
-        case None:
-            return None
         case ox.NamedNode():
             return Term("iri", value.value)
         case ox.BlankNode():

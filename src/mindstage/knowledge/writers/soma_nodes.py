@@ -27,6 +27,7 @@ from mindstage.world import (
     ShapeKind,
 )
 from mindstage.world.geometry import Array, compose, invert, rotate, unit_pose
+from mindstage.world.travel import axis_ranges
 
 __all__ = ["Axis", "axes_of", "colour_node", "joint_node", "limits_node", "localization_node", "node", "shape_node"]
 
@@ -93,18 +94,9 @@ def colour_node(colour: Colour) -> Anonymous:
 
 def axes_of(constraint: Constraint) -> Sequence[Axis]:
     """The axes along or about which a constraint lets something move."""
-    linear, angular = constraint.linear, constraint.angular
-    ways = (
-        (linear.x, linear.limit, linear.x_middle),
-        (linear.y, linear.limit, linear.y_middle),
-        (linear.z, linear.limit, linear.z_middle),
-        (angular.twist, angular.twist_limit, angular.twist_middle),
-        (angular.swing2, angular.swing2_limit, angular.swing2_middle),
-        (angular.swing1, angular.swing1_limit, angular.swing1_middle),
-    )
     return [
         Axis(at >= 3, np.eye(3)[at % 3], None if motion is Motion.FREE else (middle - limit, middle + limit))
-        for at, (motion, limit, middle) in enumerate(ways)
+        for at, (motion, limit, middle) in enumerate(axis_ranges(constraint))
         if motion is Motion.FREE or (motion is Motion.LIMITED and limit)
     ]
 
