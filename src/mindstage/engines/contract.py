@@ -18,7 +18,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from mindstage.world import BodyId, Colour, Material, Physics, Pose, Vector, World
+from mindstage.world import NO_FORMS, BodyId, Colour, Forms, Material, Physics, Pose, Vector, World
 
 __all__ = ["Ability", "Engine", "Failure", "Note", "NoteKind", "Poses", "SpawnReport", "State"]
 
@@ -111,10 +111,14 @@ class Engine(Protocol):
     def time_s(self) -> float:
         """Simulated time since the engine was made [s]."""
 
-    def spawn(self, world: World) -> SpawnReport:
+    def spawn(self, world: World, *, forms: Forms = NO_FORMS) -> SpawnReport:
         """Adds a world to what is there: bodies first, then constraints, then attachments.
 
         What cannot be spawned is listed in the report with the reason; the rest is spawned.
+
+        Args:
+            world: what comes.
+            forms: what its bodies are made of; a body without one is its shape, in its size. They are not logged.
         """
 
     def delete(self, ids: Iterable[BodyId]) -> None:

@@ -13,7 +13,7 @@ from types import MappingProxyType
 from mindstage.engines.contract import Ability, Poses, SpawnReport, State
 from mindstage.engines.inventory import Inventory
 from mindstage.errors import EngineClosed
-from mindstage.world import BodyId, Colour, Material, Physics, Pose, Vector, World
+from mindstage.world import NO_FORMS, BodyId, Colour, Forms, Material, Physics, Pose, Vector, World
 from mindstage.world.geometry import compose, invert, pose_array, pose_from, unit_pose
 
 __all__ = ["NullEngine"]
@@ -35,7 +35,7 @@ class NullEngine:
         """See the contract, here and below."""
         return self._open()._time_s
 
-    def spawn(self, world: World) -> SpawnReport:
+    def spawn(self, world: World, *, forms: Forms = NO_FORMS) -> SpawnReport:
         return self._open()._inventory.add(world).report()
 
     def delete(self, ids: Iterable[BodyId]) -> None:

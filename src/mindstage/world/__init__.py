@@ -4,6 +4,7 @@ from mindstage.world.comparison_facts import Statement
 from mindstage.world.comparison_fields import MECHANICS, Change, Kind
 from mindstage.world.difference import Difference, difference
 from mindstage.world.facts import Anonymous, Fact, FactValue, Iri, Literal, Reference, Resource
+from mindstage.world.forms import NO_FORMS, Form, Forms, FormSource, Glow, Place, Skin, Solid, SolidKind, Surface
 from mindstage.world.values import (
     IDENTITY,
     AngularMotion,
@@ -32,6 +33,7 @@ from mindstage.world.values import (
 __all__ = [
     "IDENTITY",
     "MECHANICS",
+    "NO_FORMS",
     "AngularMotion",
     "Anonymous",
     "Attachment",
@@ -43,6 +45,10 @@ __all__ = [
     "Difference",
     "Fact",
     "FactValue",
+    "Form",
+    "FormSource",
+    "Forms",
+    "Glow",
     "Iri",
     "Kind",
     "Light",
@@ -53,14 +59,19 @@ __all__ = [
     "Mobility",
     "Motion",
     "Physics",
+    "Place",
     "Pose",
     "Quaternion",
     "Reference",
     "Resource",
     "Shape",
     "ShapeKind",
+    "Skin",
     "Soft",
+    "Solid",
+    "SolidKind",
     "Statement",
+    "Surface",
     "Tag",
     "Vector",
     "World",

@@ -20,7 +20,7 @@ from mindstage.engines.mujoco.joints import place_from, place_of
 from mindstage.engines.mujoco.live import Live
 from mindstage.engines.mujoco.scene import SceneKeeper
 from mindstage.errors import EngineClosed, PoseUnreachable, SimulationUnstable
-from mindstage.world import BodyId, Colour, Material, Physics, Pose, Vector, World
+from mindstage.world import NO_FORMS, BodyId, Colour, Forms, Material, Physics, Pose, Vector, World
 from mindstage.world.geometry import Array, compose, invert, pose_array, pose_from, rotation_angle, unit_pose
 
 __all__ = ["MujocoEngine"]
@@ -53,7 +53,7 @@ class MujocoEngine:
         """See the contract, here and below."""
         return self._open().time_s
 
-    def spawn(self, world: World) -> SpawnReport:
+    def spawn(self, world: World, *, forms: Forms = NO_FORMS) -> SpawnReport:
         return self._open().add(world)
 
     def delete(self, ids: Iterable[BodyId]) -> None:

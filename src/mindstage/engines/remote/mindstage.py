@@ -32,7 +32,7 @@ from mindstage.engines.remote.engine import RemoteEngine
 from mindstage.engines.remote.link import Link
 from mindstage.engines.remote.parcel import packed
 from mindstage.errors import EngineError, EngineUnavailable, PoseUnreachable, WorldError
-from mindstage.world import BodyId, Colour, Iri, Material, Physics, Pose, Vector, World
+from mindstage.world import NO_FORMS, BodyId, Colour, Forms, Iri, Material, Physics, Pose, Vector, World
 
 __all__ = ["MindstageEngine"]
 
@@ -100,7 +100,7 @@ class MindstageEngine(RemoteEngine):
 
     # -- the world -----------------------------------------------------------------------------------------------------
 
-    def spawn(self, world: World) -> SpawnReport:
+    def spawn(self, world: World, *, forms: Forms = NO_FORMS) -> SpawnReport:
         text, left_out = packed(world)
         parts = len(world.bodies) + len(world.constraints)
         patience_s = self._patience_s + _PART_S * parts

@@ -26,7 +26,7 @@ from mindstage.engines.remote.engine import RemoteEngine
 from mindstage.engines.remote.link import Link
 from mindstage.engines.remote.plugin import Plugin
 from mindstage.errors import EngineError, EngineUnable, EngineUnavailable, PoseUnreachable, WorldError
-from mindstage.world import BodyId, Colour, Material, Physics, Pose, Vector, World
+from mindstage.world import NO_FORMS, BodyId, Colour, Forms, Material, Physics, Pose, Vector, World
 from mindstage.world.geometry import pose_array, pose_from, rotation_angle
 
 __all__ = ["UnrealEngine"]
@@ -89,7 +89,7 @@ class UnrealEngine(RemoteEngine):
 
     # -- the world -----------------------------------------------------------------------------------------------------
 
-    def spawn(self, world: World) -> SpawnReport:
+    def spawn(self, world: World, *, forms: Forms = NO_FORMS) -> SpawnReport:
         self._open()
         if self._world_is_gone:
             self._begin_anew()

@@ -1,0 +1,139 @@
+"""Forms: what a body looks like and what of it can be touched.
+
+A map says how large a drawer is; a form says that it is open at the top. Forms are worked out when a world is spawned
+(from mesh files, else from what is known about classes) and are no part of `World`: nothing of them is logged or
+written back. All lengths are metres in the body's own frame, whose origin is the middle of the body's size.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import Enum
+from types import MappingProxyType
+
+from numpy import uint8, uint32
+from numpy.typing import NDArray
+
+from mindstage.world.geometry import Array
+from mindstage.world.values import IDENTITY, BodyId, Colour, LightKind, Pose, Value, Vector
+
+__all__ = ["NO_FORMS", "Form", "FormSource", "Forms", "Glow", "Place", "Skin", "Solid", "SolidKind", "Surface"]
+
+
+class SolidKind(Enum):
+    """The convex things that every engine can let collide."""
+
+    BOX = "box"
+    SPHERE = "sphere"
+    """An ellipsoid, where its extents differ."""
+    CYLINDER = "cylinder"
+    """Its axis is the z of its own pose."""
+    HULL = "hull"
+    """The smallest convex body round its points."""
+
+
+class Solid(Value, frozen=True, kw_only=True):
+    """One convex part that can be touched."""
+
+    kind: SolidKind = SolidKind.BOX
+    size: Vector
+    """Extents along its own axes."""
+    pose: Pose = IDENTITY
+    """Of its middle, in the body's frame; its quaternion has norm 1."""
+    points: tuple[Vector, ...] = ()
+    """Of a hull, in the solid's own frame."""
+
+
+class Surface(Value, frozen=True, kw_only=True):
+    """How light falls back from a skin: glTF's metallic-roughness model, linear factors from 0 to 1."""
+
+    material: str = ""
+    """In a word ("wood"), for people and reports."""
+    colour: Colour = (0.8, 0.8, 0.8)
+    """sRGB, as `Material.colour` is."""
+    metalness: float = 0.0
+    roughness: float = 0.8
+    opacity: float = 1.0
+    glow: float = 0.0
+    """How much of its colour it gives off by itself."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Skin:
+    """What is seen: one closed surface of triangles."""
+
+    points: Array
+    """n x 3."""
+    faces: NDArray[uint32]
+    """m x 3 numbers of points, counterclockwise seen from outside."""
+    surface: Surface
+    normals: Array | None = None
+    """n x 3, of norm 1; None where each face has its own."""
+    uv: Array | None = None
+    """n x 2, where it has an image."""
+    image: NDArray[uint8] | None = None
+    """h x w x 4 (sRGB and opacity): the texture, multiplied by the surface's colour."""
+
+
+class Place(Value, frozen=True, kw_only=True):
+    """A level rectangle, parallel to the body's x and y, on which something can be put."""
+
+    centre: Vector
+    """On the surface itself."""
+    size: tuple[float, float]
+    """Along x and y."""
+    height: float | None = None
+    """Free above it; None where there is nothing above."""
+    inside: bool = False
+    """Whether it is in the body (a shelf, a drawer's floor) rather than on it."""
+
+
+class Glow(Value, frozen=True, kw_only=True):
+    """Light that a body gives."""
+
+    kind: LightKind = LightKind.POINT
+    pose: Pose = IDENTITY
+    """In the body's frame."""
+    colour: Colour = (1.0, 1.0, 1.0)
+    intensity: float = 1.0
+    """As that of `Light`."""
+
+
+class FormSource(Enum):
+    """Where a form comes from, the most trusted first."""
+
+    MESH = "mesh"
+    """A mesh file."""
+    KNOWLEDGE = "knowledge"
+    """The ontology says how things of that class are shaped."""
+    NAME = "name"
+    """A word in the class's name, which no ontology knows: a guess."""
+    MAP = "map"
+    """The map's own shape, or a box of its size."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Form:
+    """What a body is made of. Forms of one key are the same, so engines and pages build each only once."""
+
+    key: str
+    """A digest of everything below."""
+    skins: tuple[Skin, ...]
+    solids: tuple[Solid, ...]
+    source: FormSource = FormSource.MAP
+    why: str = ""
+    """One line for reports: "a drawer, because ms:Drawer is shaped as one; open to the top"."""
+    kind: str = "box"
+    """The name of the shape ("case", "drawer", "mesh")."""
+    friction: float | None = None
+    """Sliding, against something alike; None leaves it to the engine."""
+    restitution: float | None = None
+    places: tuple[Place, ...] = ()
+    glows: tuple[Glow, ...] = ()
+
+
+Forms = Mapping[BodyId, Form]
+"""The forms of a world's bodies; a body without one is its `Shape`, in its size."""
+
+NO_FORMS: Forms = MappingProxyType({})
