@@ -5,7 +5,6 @@ from __future__ import annotations
 import io
 import json
 import struct
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,12 +14,14 @@ from hypothesis import given, settings
 from msgspec.structs import replace
 
 from mindstage.errors import MapUnwritable
-from mindstage.exports import glb
+from mindstage.exports import form_glb, glb
 from mindstage.exports.solids import solid
 from mindstage.world import (
     Attachment,
     Body,
     BodyId,
+    Form,
+    Glow,
     Iri,
     Light,
     LightKind,
@@ -28,6 +29,8 @@ from mindstage.world import (
     Pose,
     Shape,
     ShapeKind,
+    Skin,
+    Surface,
     World,
 )
 from mindstage.world.geometry import rotation_matrix, unit_pose
@@ -45,6 +48,13 @@ CUP = Body(
     size=(0.1, 0.2, 0.3),
     label="The cup",
 )
+
+
+CORNER = (
+    np.array([(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 2.0, 0.0), (0.0, 0.0, 3.0)]),
+    np.array([(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)], dtype=np.uint32),
+)
+"""Points and faces of the corner of a box."""
 
 
 def world_of(*bodies: Body, **more: object) -> World:
@@ -162,22 +172,51 @@ def test_lights_shine() -> None:
     assert file["nodes"][1]["extensions"]["KHR_lights_punctual"] == {"light": 0}
 
 
-def test_a_mesh_is_copied_as_large_as_its_body(tmp_path: Path) -> None:
-    (tmp_path / "t.obj").write_text("v 1 0 0\nv 2 0 0\nv 1 2 0\nv 1 0 3\nf 1 3 2\nf 1 2 4\n", encoding="utf-8")
-    world = world_of(replace(CUP, mesh="t.obj", size=(0.5, 1.0, 1.5), pose=Pose()))
-    data = glb(world, find_mesh=lambda name: tmp_path / name).data
+def test_forms_are_what_is_seen() -> None:
+    glass = Skin(*CORNER, surface=Surface(material="glass", colour=(0.5, 1.0, 1.0), opacity=0.25, roughness=0.1))
+    steel = Skin(*CORNER, surface=Surface(material="steel", metalness=1.0))
+    form = Form(key="jar", skins=(glass, steel), solids=())
+    other = replace(CUP, id=BodyId("other"), iri=Iri(M + "other"))
+    file = told(glb(world_of(CUP, other), forms={CUP.id: form, other.id: form}).data)
+    assert file["nodes"][1]["mesh"] == file["nodes"][2]["mesh"]
+    primitives = file["meshes"][0]["primitives"]
+    seen = [file["materials"][primitive["material"]] for primitive in primitives]
+    assert [material["name"] for material in seen] == ["glass", "steel"]
+    assert seen[0]["alphaMode"] == "BLEND"
+    assert seen[0]["pbrMetallicRoughness"]["baseColorFactor"][3] == 0.25
+    assert seen[1]["pbrMetallicRoughness"]["metallicFactor"] == 1.0
+
+
+def test_textures_come_along_the_right_way_up() -> None:
+    image = np.zeros((2, 2, 4), dtype=np.uint8)
+    image[0, 1] = (255, 0, 0, 255)  # the upper right corner
+    points, faces = CORNER
+    uv = np.array([(0.25, 0.25), (0.75, 0.25), (0.25, 0.75), (0.75, 0.75)])
+    skin = Skin(points, faces, Surface(colour=(1.0, 1.0, 1.0)), uv=uv, image=image)
+    scene = trimesh.load(io.BytesIO(glb(world_of(CUP), forms={CUP.id: Form("k", (skin,), ())}).data), file_type="glb")
+    assert isinstance(scene, trimesh.Scene)
+    (mesh,) = scene.geometry.values()
+    np.testing.assert_allclose(mesh.visual.uv, uv, atol=1e-6)
+    assert np.asarray(mesh.visual.material.baseColorTexture)[0, 1].tolist() == [255, 0, 0, 255]
+
+
+def test_what_gives_light_shines() -> None:
+    glow = Glow(pose=Pose((0.0, 0.0, -0.1)), colour=(1.0, 0.9, 0.8), intensity=60.0)
+    form = Form("lamp", (Skin(*CORNER, surface=Surface(glow=1.0)),), (), glows=(glow,))
+    file = told(glb(world_of(CUP), forms={CUP.id: form}).data)
+    assert file["extensions"]["KHR_lights_punctual"]["lights"][0]["intensity"] == 60.0
+    assert file["nodes"][1]["children"] == [2]
+    assert "emissiveFactor" in file["materials"][0]
+
+
+def test_one_form_is_a_file_in_godots_axes() -> None:
+    """What is forward (x) is along negative z there, what is left (y) along negative x, what is up along y."""
+    data = form_glb(Form("corner", (Skin(*CORNER, surface=Surface()),), ()))
     scene = trimesh.load(io.BytesIO(data), file_type="glb")
     assert isinstance(scene, trimesh.Scene)
-    _, name = scene.graph["cup"]
-    np.testing.assert_allclose(scene.geometry[name].bounds, [(0.5, 0.0, 0.0), (1.0, 1.0, 1.5)], atol=1e-6)
-
-
-@pytest.mark.parametrize("name", ["t.obj", "t.stl", "t.fbx"])
-def test_a_mesh_that_cannot_be_read_is_said(name: str, tmp_path: Path) -> None:
-    (tmp_path / name).write_bytes(b"v 1 2 3\nf 1 2 9\n")
-    written = glb(world_of(replace(CUP, mesh=name)), find_mesh=lambda name: tmp_path / name)
-    assert name in written.notes[0]
-    assert "mesh" in told(written.data)["nodes"][1]
+    np.testing.assert_allclose(scene.bounds, [(-2.0, 0.0, -1.0), (0.0, 3.0, 0.0)], atol=1e-6)
+    (mesh,) = scene.geometry.values()
+    assert mesh.volume == pytest.approx(1.0), "it is still turned outside out"
 
 
 def test_a_place_that_is_none_is_refused() -> None:

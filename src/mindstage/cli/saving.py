@@ -115,11 +115,13 @@ def save_world(
         save_whole(path, text.encode())
         return notes
     if format is FileFormat.GLTF:
+        from mindstage.assets import Assets
         from mindstage.exports import glb
 
-        data, notes = glb(world, find_mesh=knowledge.find_file)
+        forms, fitted = Assets(find_file=knowledge.find_file).forms(world.bodies)
+        data, notes = glb(world, forms=forms)
         save_whole(path, data)
-        return notes
+        return (*fitted, *notes)
     syntax = MapFormat.RDF_XML if format is FileFormat.OWL else MapFormat.TURTLE
     if dialect in (FileDialect.SAME, FileDialect.GIVEN):
         return save_map(world, path, format=syntax, origin=_origin_of(world, knowledge, dialect))

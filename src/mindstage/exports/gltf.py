@@ -6,34 +6,27 @@ glTF's (y up, z forward), all of which its one root turns; below that everything
 
 from __future__ import annotations
 
-import struct
-from collections.abc import Callable, Sequence
+from collections.abc import Iterator, Sequence
 from math import isfinite
-from pathlib import Path
 from typing import Any, NamedTuple
 
-import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
 from mindstage.errors import MapUnwritable
-from mindstage.exports.mesh_files import fitted, load_triangles
-from mindstage.exports.solids import Triangles, solid
-from mindstage.world import Body, Colour, Light, LightKind, Pose, Shape, ShapeKind, World
+from mindstage.exports.gltf_file import GltfFile
+from mindstage.exports.solids import solid
+from mindstage.world import NO_FORMS, Body, Form, Forms, Glow, Light, Pose, Shape, ShapeKind, Skin, Surface, World
 from mindstage.world.frames import xyzw_from_wxyz
 from mindstage.world.geometry import Array, compose, invert, unit_pose
 
-__all__ = ["Glb", "glb"]
+__all__ = ["Glb", "form_glb", "glb"]
 
 _ROOT_ROTATION = (-0.5, -0.5, -0.5, 0.5)
 """From x forward, y left, z up to z forward, x left, y up; x y z w."""
-_FLOAT, _INDEX = 5126, 5125
-_VERTICES, _ELEMENTS = 34962, 34963
-_LIGHTS = "KHR_lights_punctual"
+_GODOT_FROM_ROS = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, 1.0], [-1.0, 0.0, 0.0]])
+"""Godot looks along negative z, with x to the right and y up."""
 _LARGEST = 1e30
 """What single precision, which all of glTF's numbers have, can hold with ease [m]."""
-_PLAIN: Colour = (0.8, 0.8, 0.8)
-"""Of what has no colour."""
 
 
 class Glb(NamedTuple):
@@ -43,86 +36,62 @@ class Glb(NamedTuple):
     notes: tuple[str, ...]
 
 
-def glb(world: World, *, find_mesh: Callable[[str], Path | None] = lambda name: None) -> Glb:
+def glb(world: World, *, forms: Forms = NO_FORMS) -> Glb:
     """A world as binary glTF 2.0.
 
     Args:
         world: what is written.
-        find_mesh: the file that a body's mesh is, if it is at hand; what is in it is copied.
+        forms: what its bodies are made of; one without a form is its shape, in its size.
 
     Raises:
         MapUnwritable: something stands where no number leads.
     """
-    document = _Document(world, find_mesh)
+    document = _Document(world, forms)
     document.write()
-    return Glb(document.data(), tuple(document.notes))
+    return Glb(document.file.data(), tuple(document.notes))
+
+
+def form_glb(form: Form) -> bytes:
+    """One form as a file of its own, in Godot's axes: x right, y up, forward along negative z."""
+    file = GltfFile(form.kind)
+    turned = (_turned(skin, _GODOT_FROM_ROS) for skin in form.skins)
+    file.nodes.append({"name": form.kind, "mesh": file.mesh(form.key, lambda: map(file.skin, turned))})
+    return file.data()
 
 
 class _Document:
-    def __init__(self, world: World, find_mesh: Callable[[str], Path | None]) -> None:
-        self.world, self.find_mesh = world, find_mesh
-        self.nodes: list[dict[str, Any]] = []
-        self.meshes: list[dict[str, Any]] = []
-        self.materials: list[dict[str, Any]] = []
-        self.accessors: list[dict[str, Any]] = []
-        self.views: list[dict[str, Any]] = []
-        self.lights: list[dict[str, Any]] = []
-        self.binary = bytearray()
+    def __init__(self, world: World, forms: Forms) -> None:
+        self.world, self.forms = world, forms
+        self.file = GltfFile(world.name)
         self.notes: list[str] = []
-        self._surfaces: dict[object, dict[str, Any]] = {}
-        self._numbers: dict[object, int] = {}
-        self._files: dict[Path, Triangles | None] = {}
 
     def write(self) -> None:
-        """Fills the document."""
-        world = self.world
+        """Fills the file."""
+        world, nodes = self.world, self.file.nodes
         rows = {body.id: self._row(body.id, body.pose) for body in world.bodies}
         numbers = {body.id: number for number, body in enumerate(world.bodies, 1)}
         parents = {attachment.child: attachment.parent for attachment in world.attachments}
-        extras = {"iri": world.iri, "name": world.name}
-        self.nodes.append({"name": world.name, "rotation": _ROOT_ROTATION, "extras": extras})
+        nodes.append({"name": world.name, "rotation": _ROOT_ROTATION, "extras": {"iri": world.iri, "name": world.name}})
         for body in world.bodies:
             row = rows[body.id]
             if body.id in parents:
                 row = compose(invert(rows[parents[body.id]]), row)
-            self.nodes.append(self._body(body, row))
+            nodes.append(self._body(body, row))
         for child, number in numbers.items():
-            above = numbers[parents[child]] if child in parents else 0
-            self._hang(number, above)
+            self._hang(number, numbers[parents[child]] if child in parents else 0)
         for light in world.lights:
-            self._hang(len(self.nodes), 0)
-            self.nodes.append(self._light(light))
+            self._hang(len(nodes), 0)
+            nodes.append(self._light(light))
+        for body in world.bodies:
+            for glow in self.forms[body.id].glows if body.id in self.forms else ():
+                self._hang(len(nodes), numbers[body.id])
+                nodes.append(self._glow(body, glow))
         self._tell()
-
-    def data(self) -> bytes:
-        """The file: a header, what there is as JSON, and its numbers."""
-        told: dict[str, Any] = {
-            "asset": {"version": "2.0", "generator": "Mindstage"},
-            "scene": 0,
-            "scenes": [{"name": self.world.name, "nodes": [0]}],
-            "nodes": self.nodes,
-        }
-        lists = {
-            "meshes": self.meshes,
-            "materials": self.materials,
-            "accessors": self.accessors,
-            "bufferViews": self.views,
-        }
-        told |= {name: each for name, each in lists.items() if each}
-        if self.binary:
-            told["buffers"] = [{"byteLength": len(self.binary)}]
-        if self.lights:
-            told |= {"extensionsUsed": [_LIGHTS], "extensions": {_LIGHTS: {"lights": self.lights}}}
-        text = msgspec.json.encode(told)
-        chunks = _chunk(b"JSON", text + b" " * (-len(text) % 4))
-        if self.binary:
-            chunks += _chunk(b"BIN\0", bytes(self.binary))
-        return struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks
 
     # -- nodes ---------------------------------------------------------------------------------------------------------
 
     def _hang(self, number: int, above: int) -> None:
-        self.nodes[above].setdefault("children", []).append(number)
+        self.file.nodes[above].setdefault("children", []).append(number)
 
     def _row(self, id: str, pose: Pose) -> Array:
         row = unit_pose(pose)
@@ -144,17 +113,18 @@ class _Document:
         return node if mesh is None else node | {"mesh": mesh}
 
     def _light(self, light: Light) -> dict[str, Any]:
-        told: dict[str, Any] = {"type": light.kind.value, "color": light.colour, "intensity": light.intensity}
-        if light.kind is LightKind.SPOT:
-            told["spot"] = {}
-        self.lights.append(told | {"name": light.id})
         node = {"name": light.id, "extras": {"id": light.id, "iri": light.iri}}
-        node |= {"extensions": {_LIGHTS: {"light": len(self.lights) - 1}}}
+        node |= self.file.light(light.kind, light.colour, light.intensity, name=light.id)
         return node | _placed(self._row(light.id, light.pose))
+
+    def _glow(self, body: Body, glow: Glow) -> dict[str, Any]:
+        name = f"{body.id} light"
+        node = {"name": name} | self.file.light(glow.kind, glow.colour, glow.intensity, name=name)
+        return node | _placed(unit_pose(glow.pose))
 
     def _tell(self) -> None:
         world = self.world
-        unsized = sum(body.size is None for body, node in zip(world.bodies, self.nodes[1:], strict=False))
+        unsized = sum(body.size is None and body.id not in self.forms for body in world.bodies)
         shown = [
             (unsized, "bodies have no size; those without a mesh are nodes that show nothing"),
             (len(world.constraints), "constraints have no place in glTF; they are left out"),
@@ -166,82 +136,29 @@ class _Document:
     # -- looks ---------------------------------------------------------------------------------------------------------
 
     def _mesh(self, body: Body) -> int | None:
-        surface = self._surface(body)
-        if surface is None:
-            return None
-        named = next((material for material in body.materials if material.colour), None)
-        material = self._material(named.name if named else "", (named and named.colour) or _PLAIN)
-        key = ("mesh", id(surface), material)
-        if key not in self._numbers:
-            self._numbers[key] = len(self.meshes)
-            self.meshes.append({"primitives": [surface | {"material": material}]})
-        return self._numbers[key]
-
-    def _surface(self, body: Body) -> dict[str, Any] | None:
-        path = self.find_mesh(body.mesh) if body.mesh else None
-        if path is not None and (file := self._file(path)) is not None:
-            return self._kept((path, body.size), lambda: fitted(file, body.size))
+        if (form := self.forms.get(body.id)) is not None:
+            return self.file.mesh(form.key, lambda: map(self.file.skin, form.skins)) if form.skins else None
         if body.size is None:
             return None
         size, kind = body.size, (body.shape or Shape()).kind
         if not all(0.0 <= extent <= _LARGEST for extent in size):
             raise MapUnwritable(repr(body.id), cause=f"its size {size} is none")
-        return self._kept((kind, size), lambda: solid(ShapeKind(kind), size))
+        named = next((material for material in body.materials if material.colour), None)
+        surface = Surface() if named is None or named.colour is None else Surface(colour=named.colour)
+        name = named.name if named else ""
+        return self.file.mesh((kind, size, surface, name), lambda: self._shape(kind, size, surface, name))
 
-    def _file(self, path: Path) -> Triangles | None:
-        if path not in self._files:
-            self._files[path] = load_triangles(path)
-            if self._files[path] is None:
-                self.notes.append(f"no mesh could be read from {path}; boxes and the like stand for it")
-        return self._files[path]
+    def _shape(
+        self, kind: ShapeKind, size: tuple[float, float, float], surface: Surface, name: str
+    ) -> Iterator[dict[str, Any]]:
+        primitive = self.file.triangles(solid(kind, size))
+        yield primitive | {"material": self.file.material(surface, name=name)}
 
-    def _kept(self, key: object, make: Callable[[], Triangles]) -> dict[str, Any]:
-        """The numbers of a surface, which stand in the file once."""
-        if key not in self._surfaces:
-            triangles = make()
-            attributes = {"POSITION": self._numbers_of(triangles.points, bounds=True)}
-            if triangles.normals is not None:
-                attributes["NORMAL"] = self._numbers_of(triangles.normals)
-            indices = self._append(triangles.faces.reshape(-1).astype("<u4"), _ELEMENTS)
-            accessor = {"bufferView": indices, "componentType": _INDEX, "type": "SCALAR", "count": triangles.faces.size}
-            self.accessors.append(accessor)
-            self._surfaces[key] = {"attributes": attributes, "indices": len(self.accessors) - 1}
-        return self._surfaces[key]
 
-    def _numbers_of(self, rows: Array, *, bounds: bool = False) -> int:
-        numbers = rows.astype("<f4")
-        view = self._append(numbers, _VERTICES)
-        accessor: dict[str, Any] = {"bufferView": view, "componentType": _FLOAT, "type": "VEC3", "count": len(rows)}
-        if bounds:
-            accessor |= {"min": numbers.min(axis=0).tolist(), "max": numbers.max(axis=0).tolist()}
-        self.accessors.append(accessor)
-        return len(self.accessors) - 1
-
-    def _append(self, numbers: NDArray[Any], target: int) -> int:
-        content = numbers.tobytes()
-        view = {"buffer": 0, "byteOffset": len(self.binary), "byteLength": len(content), "target": target}
-        self.views.append(view)
-        self.binary += content
-        return len(self.views) - 1
-
-    def _material(self, name: str, colour: Colour) -> int:
-        key = ("material", name, colour)
-        if key not in self._numbers:
-            self._numbers[key] = len(self.materials)
-            surface = {"baseColorFactor": [*map(_linear, colour), 1.0], "metallicFactor": 0.0, "roughnessFactor": 0.8}
-            self.materials.append({"pbrMetallicRoughness": surface} | ({"name": name} if name else {}))
-        return self._numbers[key]
+def _turned(skin: Skin, turn: Array) -> Skin:
+    normals = None if skin.normals is None else skin.normals @ turn.T
+    return Skin(skin.points @ turn.T, skin.faces, skin.surface, normals, skin.uv, skin.image)
 
 
 def _placed(row: Array) -> dict[str, Sequence[float]]:
     return {"translation": (row[:3] + 0.0).tolist(), "rotation": (xyzw_from_wxyz(row[3:]) + 0.0).tolist()}
-
-
-def _linear(part: float) -> float:
-    """As much light as a screen's value stands for (the curve of sRGB, IEC 61966-2-1)."""
-    part = min(max(part, 0.0), 1.0)
-    return part / 12.92 if part <= 0.04045 else float(((part + 0.055) / 1.055) ** 2.4)
-
-
-def _chunk(kind: bytes, content: bytes) -> bytes:
-    return struct.pack("<I4s", len(content), kind) + content

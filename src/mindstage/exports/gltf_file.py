@@ -1,0 +1,166 @@
+"""GltfFile: a binary glTF 2.0 file while it is being put together; what is alike stands in it once."""
+
+from __future__ import annotations
+
+import io
+import struct
+from collections.abc import Callable, Iterable
+from typing import Any
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from mindstage.exports.solids import Triangles
+from mindstage.world import Colour, LightKind, Skin, Surface
+from mindstage.world.geometry import Array
+
+__all__ = ["GltfFile"]
+
+_FLOAT, _INDEX = 5126, 5125
+_VERTICES, _ELEMENTS = 34962, 34963
+_LIGHTS = "KHR_lights_punctual"
+_SEE_THROUGH = 0.999
+_TYPES = {2: "VEC2", 3: "VEC3"}
+
+
+class GltfFile:
+    """Nodes, meshes, materials, textures and lights."""
+
+    def __init__(self, name: str) -> None:
+        """Begins a file without nodes; the first one that is added is the root of its only scene."""
+        self.nodes: list[dict[str, Any]] = []
+        self._name = name
+        self._lists: dict[str, list[dict[str, Any]]] = {}
+        self._lights: list[dict[str, Any]] = []
+        self._binary = bytearray()
+        self._kept: dict[object, Any] = {}
+
+    def data(self) -> bytes:
+        """The file: a header, what there is as JSON, and its numbers."""
+        told: dict[str, Any] = {
+            "asset": {"version": "2.0", "generator": "Mindstage"},
+            "scene": 0,
+            "scenes": [{"name": self._name, "nodes": [0]}],
+            "nodes": self.nodes,
+        } | self._lists
+        if self._binary:
+            told["buffers"] = [{"byteLength": len(self._binary)}]
+        if self._lights:
+            told |= {"extensionsUsed": [_LIGHTS], "extensions": {_LIGHTS: {"lights": self._lights}}}
+        text = msgspec.json.encode(told)
+        chunks = _chunk(b"JSON", text + b" " * (-len(text) % 4))
+        if self._binary:
+            chunks += _chunk(b"BIN\0", bytes(self._binary))
+        return struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks
+
+    # -- what nodes refer to -------------------------------------------------------------------------------------------
+
+    def mesh(self, key: object, make: Callable[[], Iterable[dict[str, Any]]]) -> int:
+        """The number of a mesh; its primitives are made only for the first of that key."""
+        return int(self._once(("mesh", key), lambda: self._add("meshes", {"primitives": list(make())})))
+
+    def skin(self, skin: Skin) -> dict[str, Any]:
+        """A primitive with a surface of its own."""
+        primitive = self.triangles(Triangles(skin.points, skin.faces, skin.normals))
+        image = None
+        if skin.uv is not None and skin.image is not None:
+            # glTF counts from the upper edge of an image.
+            primitive["attributes"]["TEXCOORD_0"] = self._rows(np.column_stack([skin.uv[:, 0], 1.0 - skin.uv[:, 1]]))
+            image = self._image(skin.image)
+        return primitive | {"material": self.material(skin.surface, image=image)}
+
+    def triangles(self, triangles: Triangles) -> dict[str, Any]:
+        """A primitive without a material; flat faces where there are no normals."""
+        attributes = {"POSITION": self._rows(triangles.points, bounds=True)}
+        if triangles.normals is not None:
+            attributes["NORMAL"] = self._rows(triangles.normals)
+        view = self._append(triangles.faces.reshape(-1).astype("<u4"), _ELEMENTS)
+        indices = {"bufferView": view, "componentType": _INDEX, "type": "SCALAR", "count": triangles.faces.size}
+        return {"attributes": attributes, "indices": self._add("accessors", indices)}
+
+    def material(self, surface: Surface, *, image: int | None = None, name: str = "") -> int:
+        """The number of a material."""
+
+        def make() -> int:
+            pbr: dict[str, Any] = {
+                "baseColorFactor": [*map(_linear, surface.colour), surface.opacity],
+                "metallicFactor": surface.metalness,
+                "roughnessFactor": surface.roughness,
+            }
+            if image is not None:
+                pbr["baseColorTexture"] = {"index": image}
+            material: dict[str, Any] = {"pbrMetallicRoughness": pbr}
+            if title := name or surface.material:
+                material["name"] = title
+            if surface.opacity < _SEE_THROUGH:
+                material |= {"alphaMode": "BLEND", "doubleSided": True}
+            if surface.glow > 0.0:
+                material["emissiveFactor"] = [_linear(part) * min(surface.glow, 1.0) for part in surface.colour]
+            return self._add("materials", material)
+
+        return int(self._once(("material", surface, image, name), make))
+
+    def light(self, kind: LightKind, colour: Colour, intensity: float, *, name: str) -> dict[str, Any]:
+        """What a node gets to shine."""
+        told: dict[str, Any] = {"type": kind.value, "color": colour, "intensity": intensity, "name": name}
+        if kind is LightKind.SPOT:
+            told["spot"] = {}
+        self._lights.append(told)
+        return {"extensions": {_LIGHTS: {"light": len(self._lights) - 1}}}
+
+    # -- numbers -------------------------------------------------------------------------------------------------------
+
+    def _once(self, key: object, make: Callable[[], Any]) -> Any:
+        if key not in self._kept:
+            self._kept[key] = make()
+        return self._kept[key]
+
+    def _image(self, pixels: NDArray[np.uint8]) -> int:
+        def make() -> int:
+            from PIL import Image
+
+            png = io.BytesIO()
+            Image.fromarray(pixels).save(png, "png")
+            content = png.getvalue()
+            view = self._append_bytes(content)
+            image = self._add("images", {"bufferView": view, "mimeType": "image/png"})
+            return self._add("textures", {"source": image})
+
+        return int(self._once(("image", pixels.shape, pixels.tobytes()), make))
+
+    def _rows(self, rows: Array, *, bounds: bool = False) -> int:
+        numbers = rows.astype("<f4")
+        view = self._append(numbers, _VERTICES)
+        kind = _TYPES[rows.shape[1]]
+        accessor: dict[str, Any] = {"bufferView": view, "componentType": _FLOAT, "type": kind, "count": len(rows)}
+        if bounds:
+            accessor |= {"min": numbers.min(axis=0).tolist(), "max": numbers.max(axis=0).tolist()}
+        return self._add("accessors", accessor)
+
+    def _append(self, numbers: NDArray[Any], target: int) -> int:
+        view = self._append_bytes(numbers.tobytes())
+        self._lists["bufferViews"][view]["target"] = target
+        return view
+
+    def _append_bytes(self, content: bytes) -> int:
+        self._binary += b"\0" * (-len(self._binary) % 4)
+        view = {"buffer": 0, "byteOffset": len(self._binary), "byteLength": len(content)}
+        self._binary += content
+        return self._add("bufferViews", view)
+
+    def _add(self, name: str, value: dict[str, Any]) -> int:
+        values = self._lists.setdefault(name, [])
+        values.append(value)
+        return len(values) - 1
+
+
+def _linear(part: float) -> float:
+    """As much light as a screen's value stands for (the curve of sRGB, IEC 61966-2-1)."""
+    part = min(max(part, 0.0), 1.0)
+    return part / 12.92 if part <= 0.04045 else float(((part + 0.055) / 1.055) ** 2.4)
+
+
+def _chunk(kind: bytes, content: bytes) -> bytes:
+    content += b"\0" * (-len(content) % 4)
+    return struct.pack("<I4s", len(content), kind) + content

@@ -1,0 +1,389 @@
+"""Mesh files that others made become forms, as large as their bodies are; none of them can do harm."""
+
+import json
+import os
+import struct
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import trimesh
+from PIL import Image
+
+from mindstage.assets import Assets, cache_folder
+from mindstage.assets.reading import read_meshes
+from mindstage.world import Body, BodyId, Form, FormSource, Iri, Pose, SolidKind, Vector
+
+MUG = (0.08, 0.1, 0.12)
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    made = tmp_path / "assets"
+    made.mkdir()
+    return made
+
+
+@pytest.fixture
+def cache(tmp_path: Path) -> Path:
+    made = tmp_path / "cache"
+    made.mkdir()
+    return made
+
+
+def body(mesh: str | None = None, size: Vector | None = MUG, cls: str = "Mug") -> Body:
+    iri = Iri("http://example.org/kitchen#Thing")
+    return Body(
+        id=BodyId("Thing"), iri=iri, cls=Iri(f"http://example.org/home#{cls}"), pose=Pose(), mesh=mesh, size=size
+    )
+
+
+def block(extents: Vector = MUG, at: Vector = (0.0, 0.0, 0.0)) -> trimesh.Trimesh:
+    made = trimesh.creation.box(extents)
+    made.apply_translation(at)
+    return made
+
+
+def formed(folder: Path, cache: Path, of: Body, **more: object) -> tuple[Form | None, str]:
+    found = Assets([folder], cache=cache, **more).forms([of])  # type: ignore[arg-type]
+    return found.forms.get(of.id), " | ".join(found.notes)
+
+
+def extents(form: Form) -> np.ndarray:
+    points = np.concatenate([skin.points for skin in form.skins])
+    return np.ptp(points, axis=0)
+
+
+def middle(form: Form) -> np.ndarray:
+    points = np.concatenate([skin.points for skin in form.skins])
+    return (points.min(axis=0) + points.max(axis=0)) / 2
+
+
+# -- which file --------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("file", "told", "by"),
+    [
+        ("things/cups/mug.stl", "package://home_meshes/things/cups/mug.stl", "path"),
+        ("Things/Cups/MUG.STL", "package://home_meshes/things/cups/mug.stl", "path"),
+        ("elsewhere/mug.stl", "package://home_meshes/things/cups/mug.dae", "name"),
+        ("SM_BlueMug.stl", "BlueMug", "name"),
+        ("bluemug.stl", "/Game/Kitchen/SM_BlueMug.SM_BlueMug".rpartition(".")[0], "name"),
+        ("deep/below/sm_mug.stl", None, "class"),
+        ("mug.stl", "NoSuchThing", "class"),
+    ],
+)
+def test_a_mesh_is_found_by_its_path_then_its_name_then_its_class(
+    folder: Path, cache: Path, file: str, told: str | None, by: str
+) -> None:
+    path = folder / file
+    path.parent.mkdir(parents=True, exist_ok=True)
+    block().export(path, file_type="stl")
+    form, notes = formed(folder, cache, body(told))
+    assert form is not None
+    assert form.source is FormSource.MESH
+    assert form.why == f"the mesh {path.name}, found by its {by}"
+    assert not notes
+
+
+def test_what_the_map_itself_leads_to_comes_first(folder: Path, cache: Path, tmp_path: Path) -> None:
+    block().export(folder / "mug.stl")
+    beside = tmp_path / "beside.stl"
+    block().export(beside)
+    form, _ = formed(folder, cache, body("beside.stl"), find_file=lambda name: beside if name == "beside.stl" else None)
+    assert form is not None
+    assert "beside.stl" in form.why
+
+
+def test_of_several_formats_the_one_that_says_most_about_looks_is_taken(folder: Path, cache: Path) -> None:
+    for suffix in (".stl", ".obj", ".glb"):
+        block().export(folder / f"mug{suffix}")
+    form, _ = formed(folder, cache, body())
+    assert form is not None
+    assert "mug.glb" in form.why
+
+
+def test_a_body_without_a_file_has_no_form(folder: Path, cache: Path) -> None:
+    assert formed(folder, cache, body("Cup", cls="Cup")) == (None, "")
+
+
+# -- as large as its body ----------------------------------------------------------------------------------------------
+
+
+def test_what_fits_is_left_as_it_is(folder: Path, cache: Path) -> None:
+    block().export(folder / "mug.stl")
+    form, notes = formed(folder, cache, body())
+    assert form is not None
+    assert extents(form) == pytest.approx(MUG, abs=1e-7)
+    assert not notes
+
+
+def test_a_mesh_is_scaled_and_moved_to_the_maps_size_and_says_so(folder: Path, cache: Path) -> None:
+    block((8.0, 10.0, 12.0), at=(30.0, 0.0, 6.0)).export(folder / "mug.stl")
+    form, notes = formed(folder, cache, body())
+    assert form is not None
+    assert extents(form) == pytest.approx(MUG, abs=1e-6)
+    assert middle(form) == pytest.approx((0.0, 0.0, 0.0), abs=1e-6)
+    assert "Thing: the mesh mug.stl is scaled by 0.01 to the map's size" in notes
+    assert "is moved" in notes
+    (solid,) = form.solids
+    assert solid.kind is SolidKind.HULL
+    assert solid.size == pytest.approx(MUG, abs=1e-6)
+
+
+def test_without_a_size_a_mesh_stays_where_its_origin_is(folder: Path, cache: Path) -> None:
+    block(at=(0.0, 0.0, 0.06)).export(folder / "mug.stl")
+    form, notes = formed(folder, cache, body(size=None))
+    assert form is not None
+    assert middle(form) == pytest.approx((0.0, 0.0, 0.06), abs=1e-6)
+    assert not notes
+
+
+def test_a_file_that_does_not_say_what_is_up_is_turned_where_only_that_fits(folder: Path, cache: Path) -> None:
+    block((0.08, 0.12, 0.1)).export(folder / "mug.obj")
+    form, notes = formed(folder, cache, body())
+    assert form is not None
+    assert extents(form) == pytest.approx(MUG, abs=1e-6)
+    assert "is turned from y up to z up" in notes
+    assert "scaled" not in notes
+
+
+def test_gltf_has_y_up_and_z_forward(folder: Path, cache: Path) -> None:
+    """An arrow along glTF's z, with a fin along its y, points along x and has its fin along z."""
+    block((0.1, 0.12, 0.08)).export(folder / "mug.glb")
+    form, notes = formed(folder, cache, body())
+    assert form is not None
+    assert extents(form) == pytest.approx(MUG, abs=1e-6)
+    assert not notes
+
+
+def test_collada_says_itself_what_is_up(folder: Path, cache: Path) -> None:
+    text = COLLADA.replace("UP", "Z_UP")
+    (folder / "mug.dae").write_text(text)
+    form, notes = formed(folder, cache, body(size=(1.0, 2.0, 3.0)))
+    assert form is not None, notes
+    assert extents(form) == pytest.approx((1.0, 2.0, 3.0))
+    (folder / "mug.dae").write_text(COLLADA.replace("UP", "Y_UP"))
+    form, notes = formed(folder, cache, body(size=(3.0, 1.0, 2.0)))
+    assert form is not None, notes
+    assert extents(form) == pytest.approx((3.0, 1.0, 2.0))
+    assert "scaled" not in notes
+
+
+# -- looks -------------------------------------------------------------------------------------------------------------
+
+
+def test_colours_and_textures_are_kept(folder: Path, cache: Path) -> None:
+    checkers = np.zeros((8, 8, 3), dtype=np.uint8)
+    checkers[::2, ::2] = (250, 120, 10)
+    uv = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]] * 2)
+    material = trimesh.visual.material.PBRMaterial(
+        baseColorTexture=Image.fromarray(checkers), metallicFactor=0.25, roughnessFactor=0.5
+    )
+    textured = block()
+    textured.visual = trimesh.visual.TextureVisuals(uv=uv, material=material)
+    textured.export(folder / "mug.glb")
+    form, _ = formed(folder, cache, body(size=None))
+    assert form is not None
+    (skin,) = form.skins
+    assert skin.image is not None
+    assert skin.uv is not None
+    assert skin.image.shape == (8, 8, 4)
+    assert tuple(skin.image[0, 0]) == (250, 120, 10, 255)
+    assert (skin.surface.metalness, skin.surface.roughness) == (0.25, 0.5)
+
+
+def test_faces_of_several_colours_become_several_skins(folder: Path, cache: Path) -> None:
+    (folder / "mug.mtl").write_text("newmtl red\nKd 1 0 0\nnewmtl blue\nKd 0 0 1\nd 0.5\n")
+    corners = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\n"
+    (folder / "mug.obj").write_text(
+        f"mtllib mug.mtl\n{corners}usemtl red\nf 1 3 2\nf 1 2 4\nusemtl blue\nf 1 4 3\nf 2 3 4\n"
+    )
+    form, _ = formed(folder, cache, body(size=None))
+    assert form is not None
+    assert sorted((skin.surface.colour, len(skin.faces)) for skin in form.skins) == [
+        ((0.0, 0.0, 1.0), 2),
+        ((1.0, 0.0, 0.0), 2),
+    ]
+
+
+# -- touch -------------------------------------------------------------------------------------------------------------
+
+
+def test_an_open_box_is_made_of_convex_pieces_with_room_inside(folder: Path, cache: Path) -> None:
+    pytest.importorskip("coacd")
+    tray = trimesh.util.concatenate([
+        block((0.4, 0.4, 0.02), at=(0.0, 0.0, -0.09)),
+        block((0.02, 0.4, 0.2), at=(0.19, 0.0, 0.0)),
+        block((0.02, 0.4, 0.2), at=(-0.19, 0.0, 0.0)),
+        block((0.36, 0.02, 0.2), at=(0.0, 0.19, 0.0)),
+        block((0.36, 0.02, 0.2), at=(0.0, -0.19, 0.0)),
+    ])  # fmt: skip
+    tray.export(folder / "tray.stl")
+    form, _ = formed(folder, cache, body(size=(0.4, 0.4, 0.2), cls="Tray"))
+    assert form is not None
+    assert 4 < len(form.solids) <= 24
+    inside = [
+        all(abs(middle) < half for middle, half in zip(solid.pose.position, np.array(solid.size) / 2, strict=True))
+        for solid in form.solids
+    ]
+    assert not any(inside), "something stands where the tray is empty"
+
+
+def test_a_hull_has_the_extents_of_its_mesh(folder: Path, cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("mindstage.assets.reading._with_pieces", lambda: False)
+    ball = trimesh.creation.icosphere(subdivisions=4, radius=0.05)
+    ball.export(folder / "ball.stl")
+    form, _ = formed(folder, cache, body(size=(0.1, 0.1, 0.1), cls="Ball"))
+    assert form is not None
+    (solid,) = form.solids
+    assert solid.size == pytest.approx((0.1, 0.1, 0.1), rel=0.01)
+    assert 100 < len(solid.points) < 600
+
+
+# -- kept --------------------------------------------------------------------------------------------------------------
+
+
+def test_what_was_read_once_is_read_from_the_cache(folder: Path, cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    block().export(folder / "mug.stl")
+    first, _ = formed(folder, cache, body())
+
+    def no_process(*_: object, **__: object) -> None:
+        raise AssertionError("a process was started")
+
+    monkeypatch.setattr("mindstage.assets.reading.subprocess", SimpleNamespace(Popen=no_process))
+    again, _ = formed(folder, cache, body())
+    assert first is not None
+    assert again is not None
+    assert first.key == again.key
+    assert np.array_equal(first.skins[0].points, again.skins[0].points)
+
+
+def test_a_file_that_changes_is_read_anew(folder: Path, cache: Path) -> None:
+    block().export(folder / "mug.stl")
+    first, _ = formed(folder, cache, body(size=None))
+    block((0.2, 0.2, 0.2)).export(folder / "mug.stl")
+    again, _ = formed(folder, cache, body(size=None))
+    assert first is not None
+    assert again is not None
+    assert first.key != again.key
+    assert extents(again) == pytest.approx((0.2, 0.2, 0.2), abs=1e-6)
+
+
+def test_a_broken_cache_is_made_anew(folder: Path, cache: Path) -> None:
+    block().export(folder / "mug.stl")
+    formed(folder, cache, body())
+    for kept in cache.iterdir():
+        kept.write_bytes(b"PK\x03\x04 but no more than that")
+    form, notes = formed(folder, cache, body())
+    assert form is not None
+    assert not notes
+
+
+def test_the_cache_lies_where_it_is_wanted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("MINDSTAGE_CACHE", str(tmp_path / "here"))
+    assert cache_folder("meshes") == tmp_path / "here" / "meshes"
+    monkeypatch.delenv("MINDSTAGE_CACHE")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "there"))
+    assert cache_folder("meshes") == tmp_path / "there" / "mindstage" / "meshes"
+    assert (tmp_path / "there" / "mindstage" / "meshes").is_dir()
+
+
+# -- what strangers made -----------------------------------------------------------------------------------------------
+
+
+def stl_of_nothing() -> bytes:
+    return b"\0" * 80 + struct.pack("<I", 0)
+
+
+def stl_that_promises_much() -> bytes:
+    return b"\0" * 80 + struct.pack("<I", 4_000_000_000)
+
+
+def stl_of_no_numbers() -> bytes:
+    return b"\0" * 80 + struct.pack("<I", 1) + struct.pack("<12f", *[float("nan")] * 12) + b"\0\0"
+
+
+def gltf_that_reads_elsewhere() -> bytes:
+    told = {
+        "asset": {"version": "2.0"},
+        "buffers": [{"uri": "../../../../../../etc/passwd", "byteLength": 36}],
+        "bufferViews": [{"buffer": 0, "byteLength": 36}],
+        "accessors": [{"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3"}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}],
+        "nodes": [{"mesh": 0}],
+        "scenes": [{"nodes": [0]}],
+        "scene": 0,
+    }
+    return json.dumps(told).encode()
+
+
+def collada_that_explodes() -> bytes:
+    entities = "".join(f'<!ENTITY e{n} "{f"&e{n - 1};" * 12}">' for n in range(1, 12))
+    return f'<?xml version="1.0"?><!DOCTYPE x [<!ENTITY e0 "boom">{entities}]><COLLADA>&e11;</COLLADA>'.encode()
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("mug.stl", stl_of_nothing()),
+        ("mug.stl", stl_that_promises_much()),
+        ("mug.stl", stl_of_no_numbers()),
+        ("mug.stl", b"solid but nothing of it"),
+        ("mug.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 99\n"),
+        ("mug.obj", b"v 0 0 0\nv 0 0 0\nv 0 0 0\nf 1 2 3\n"),
+        ("mug.obj", os.urandom(4096)),
+        ("mug.glb", b"glTF" + struct.pack("<II", 2, 2**31)),
+        ("mug.gltf", gltf_that_reads_elsewhere()),
+        ("mug.gltf", b"[" * 100_000),
+        ("mug.dae", collada_that_explodes()),
+        ("mug.dae", b"<COLLADA/>"),
+    ],
+)
+def test_a_broken_or_hostile_file_is_refused_by_name(folder: Path, cache: Path, name: str, content: bytes) -> None:
+    (folder / name).write_bytes(content)
+    block().export(folder / "cup.stl")
+    cup = body(cls="Cup")
+    found = Assets([folder], cache=cache).forms([body(), Body(**{**fields(cup), "id": BodyId("Cup")})])
+    assert set(found.forms) == {"Cup"}, "one bad file spoils no other"
+    (note,) = found.notes
+    assert str(folder / name) in note
+    assert "is left out: " in note
+
+
+def test_a_file_that_ends_its_reader_costs_only_itself(
+    folder: Path, cache: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A reader that hangs: a pipe where a file should be is refused at once, and a slow one by its time."""
+    os.mkfifo(folder / "mug.stl")
+    block().export(folder / "cup.stl")
+    with (folder / "cup.stl").open("rb") as file:
+        assert file.read(1)
+    read, refused = read_meshes([folder / "cup.stl"], folder=cache, timeout_s=0.0)
+    assert not read
+    assert "longer than 0 s" in refused[folder / "cup.stl"]
+    assert read_meshes([folder / "cup.stl"], folder=cache)[1] == refused, "nobody waits twice for the same file"
+
+
+def fields(of: Body) -> dict[str, object]:
+    return {name: getattr(of, name) for name in of.__struct_fields__}
+
+
+COLLADA = """<?xml version="1.0" encoding="utf-8"?>
+<COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1">
+ <asset><unit name="meter" meter="1"/><up_axis>UP</up_axis></asset>
+ <library_geometries><geometry id="g"><mesh>
+  <source id="p"><float_array id="a" count="12">0 0 0 1 0 0 0 2 0 0 0 3</float_array>
+   <technique_common><accessor source="#a" count="4" stride="3">
+    <param name="X" type="float"/><param name="Y" type="float"/><param name="Z" type="float"/>
+   </accessor></technique_common></source>
+  <vertices id="v"><input semantic="POSITION" source="#p"/></vertices>
+  <triangles count="4"><input semantic="VERTEX" source="#v" offset="0"/><p>0 2 1 0 1 3 0 3 2 1 2 3</p></triangles>
+ </mesh></geometry></library_geometries>
+ <library_visual_scenes><visual_scene id="s"><node id="n"><instance_geometry url="#g"/></node></visual_scene>
+ </library_visual_scenes>
+ <scene><instance_visual_scene url="#s"/></scene>
+</COLLADA>
+"""
