@@ -60,8 +60,8 @@ def test_no_class_is_above_itself(household: Classes) -> None:
 
 
 def test_every_name_is_declared(household: Classes) -> None:
-    properties = {*household.of_type(OWL + "ObjectProperty"), *household.of_type(OWL + "DatatypeProperty")}
-    known = household.declared | properties
+    kinds = ("ObjectProperty", "DatatypeProperty", "AnnotationProperty", "NamedIndividual")
+    known = household.declared.union(*(household.of_type(OWL + kind) for kind in kinds))
     named = {
         short(node)
         for quad in household.store

@@ -5,6 +5,9 @@
     │   ├── BodyUnknown         no body of that id
     │   ├── BodyExists          the id is taken
     │   ├── PoseUnreachable     a constraint or attachment forbids the pose
+    │   ├── SpotMissing         nothing like that can be put there
+    │   ├── ReturnRefused       what was deleted cannot come back
+    │   ├── NothingToUndo       no edit is left to be taken back
     │   └── AttachmentRefused   it would close a circle, or the child hangs elsewhere
     ├── KnowledgeError          a source cannot be used (exit code 2)
     │   ├── SourceUnreadable    no such file, or not what its format promises
@@ -15,11 +18,15 @@
     │   ├── NameUnknown         nothing of that kind has the name
     │   ├── NameAmbiguous       several things have the name
     │   ├── QuestionUnknown     no question is called so
+    │   ├── QuestionTimedOut    its answer did not come in time
+    │   ├── TooManyQuestions    so many are being answered that one more has no turn
     │   ├── ArgumentRefused     a question, or what it is told, has no such form
     │   ├── QueryRefused        it is no SPARQL query
     │   ├── QueryTimedOut       a SPARQL query did not end in time
     │   ├── ReasonerUnavailable OWL 2 RL's rules need a library that is not installed
     │   ├── StoreUnusable       a folder of stored knowledge cannot be opened, or not written
+    │   ├── ShapeUnknown        no shape is called so
+    │   ├── ShapeRefused        a shape's size or parameter says what cannot be
     │   ├── EndpointUnreachable nobody answers at the endpoint, or not in time
     │   └── EndpointRefused     the endpoint answers with no, or with what is no answer
     ├── EngineError             the engine itself broke (exit code 2)
@@ -45,6 +52,10 @@
     │   ├── PrologUnavailable   SWI-Prolog or pyswip is not installed, or taken
     │   ├── GoalRefused         it is no Prolog, or it threw an error
     │   └── GoalTimedOut        a goal did not end in time
+    ├── BrowserError            the browser that takes pictures cannot do it (exit code 2)
+    │   ├── BrowserUnavailable  none is installed, or it does not start
+    │   └── BrowserBroken       it ended, refused, or did not answer in time
+    ├── RequestRefused          what a page sent is nothing that can be done (exit code 2)
     └── ViewportUnavailable     the page cannot be served at that address (exit code 2)
 
 Facts are fields, the sentence is made in `__str__`, and it ends with what exists or what to try.
@@ -85,27 +96,38 @@ from mindstage.errors.knowledge import (
     NameUnknown,
     QueryRefused,
     QueryTimedOut,
+    QuestionTimedOut,
     QuestionUnknown,
     ReasonerUnavailable,
+    ShapeRefused,
+    ShapeUnknown,
     SourceUnreadable,
     StoreUnusable,
+    TooManyQuestions,
 )
 from mindstage.errors.root import (
     MindstageError,
 )
 from mindstage.errors.surfaces import (
+    BrowserBroken,
+    BrowserError,
+    BrowserUnavailable,
     ColourUnknown,
     GoalRefused,
     GoalTimedOut,
     PrologError,
     PrologUnavailable,
+    RequestRefused,
     ViewportUnavailable,
 )
 from mindstage.errors.world import (
     AttachmentRefused,
     BodyExists,
     BodyUnknown,
+    NothingToUndo,
     PoseUnreachable,
+    ReturnRefused,
+    SpotMissing,
     WorldError,
 )
 
@@ -117,6 +139,9 @@ __all__ = [
     "BodyUnknown",
     "BridgeError",
     "BridgeUnavailable",
+    "BrowserBroken",
+    "BrowserError",
+    "BrowserUnavailable",
     "ColourUnknown",
     "ConnectionLost",
     "EndpointRefused",
@@ -137,22 +162,30 @@ __all__ = [
     "MindstageError",
     "NameAmbiguous",
     "NameUnknown",
+    "NothingToUndo",
     "OfferRefused",
     "PoseUnreachable",
     "PrologError",
     "PrologUnavailable",
     "QueryRefused",
     "QueryTimedOut",
+    "QuestionTimedOut",
     "QuestionUnknown",
     "ReasonerUnavailable",
+    "RequestRefused",
+    "ReturnRefused",
     "ServiceFailed",
     "ServiceTimedOut",
     "ServiceUnknown",
+    "ShapeRefused",
+    "ShapeUnknown",
     "SimulationUnstable",
     "SourceUnreadable",
+    "SpotMissing",
     "StageError",
     "StageTimedOut",
     "StoreUnusable",
+    "TooManyQuestions",
     "TypeUnknown",
     "ViewportUnavailable",
     "WorldError",

@@ -20,10 +20,14 @@ __all__ = [
     "NameUnknown",
     "QueryRefused",
     "QueryTimedOut",
+    "QuestionTimedOut",
     "QuestionUnknown",
     "ReasonerUnavailable",
+    "ShapeRefused",
+    "ShapeUnknown",
     "SourceUnreadable",
     "StoreUnusable",
+    "TooManyQuestions",
 ]
 
 
@@ -141,6 +145,30 @@ class QuestionUnknown(KnowledgeError):
         return f"no question {self.question!r}; {hint}"
 
 
+class QuestionTimedOut(KnowledgeError):
+    """An answer did not come in time; the world goes on meanwhile."""
+
+    def __init__(self, question: str, *, timeout_s: float) -> None:
+        self.question = question
+        self.timeout_s = timeout_s
+        super().__init__(question)
+
+    def __str__(self) -> str:
+        return f"{self.question} was not answered within {self.timeout_s:g} s; ask about less, or again a little later"
+
+
+class TooManyQuestions(KnowledgeError):
+    """So many are being answered that one more would have to wait too long."""
+
+    def __init__(self, question: str, *, asked: int) -> None:
+        self.question = question
+        self.asked = asked
+        super().__init__(question)
+
+    def __str__(self) -> str:
+        return f"{self.question} is not answered now: {self.asked} others come first; ask again in a moment"
+
+
 class ArgumentRefused(KnowledgeError):
     """A question has no such argument, or cannot take that value; or what was to be told makes no statement."""
 
@@ -226,3 +254,28 @@ class EndpointRefused(KnowledgeError):
 
     def __str__(self) -> str:
         return f"the endpoint {self.endpoint} refuses: {self.cause}{also(self.remedy)}"
+
+
+class ShapeUnknown(KnowledgeError):
+    """No shape is called so."""
+
+    def __init__(self, shape: str, *, known: Iterable[str] = ()) -> None:
+        self.shape = shape
+        self.known = tuple(sorted(known))
+        self.near = near(shape, self.known)
+        super().__init__(shape)
+
+    def __str__(self) -> str:
+        return f"no shape {self.shape!r}{also(near_names(self.near) or 'there is ' + ', '.join(self.known))}"
+
+
+class ShapeRefused(KnowledgeError):
+    """A shape cannot be made so: a size or a parameter says what cannot be."""
+
+    def __init__(self, shape: str, *, reason: str) -> None:
+        self.shape = shape
+        self.reason = reason
+        super().__init__(shape)
+
+    def __str__(self) -> str:
+        return f"the shape {self.shape!r} cannot be made: {self.reason}"

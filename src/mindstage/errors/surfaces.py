@@ -8,11 +8,15 @@ from mindstage.errors.hints import also, near, near_names
 from mindstage.errors.root import MindstageError
 
 __all__ = [
+    "BrowserBroken",
+    "BrowserError",
+    "BrowserUnavailable",
     "ColourUnknown",
     "GoalRefused",
     "GoalTimedOut",
     "PrologError",
     "PrologUnavailable",
+    "RequestRefused",
     "ViewportUnavailable",
 ]
 
@@ -87,3 +91,45 @@ class ViewportUnavailable(MindstageError):
     def __str__(self) -> str:
         where = f"{self.host}, port {self.port}"
         return f"the page cannot be served at {where}: {self.cause}; try 127.0.0.1 or another port"
+
+
+class BrowserError(MindstageError):
+    """The browser that takes pictures of the page cannot do it."""
+
+
+class BrowserUnavailable(BrowserError):
+    """No browser is installed that could take pictures, or it does not start."""
+
+    def __init__(self, cause: str, *, known: Iterable[str] = ()) -> None:
+        self.cause = cause
+        self.known = tuple(known)
+        super().__init__(cause)
+
+    def __str__(self) -> str:
+        names = [name for name in self.known if "/" not in name]
+        remedy = f"install Chromium or Chrome, or name another with --browser; looked for {', '.join(names)}"
+        return f"a browser is needed to take pictures: {self.cause}{also(remedy if names else '')}"
+
+
+class BrowserBroken(BrowserError):
+    """A browser that took a picture ended, refused, or did not answer in time."""
+
+    def __init__(self, cause: str) -> None:
+        self.cause = cause
+        super().__init__(cause)
+
+    def __str__(self) -> str:
+        return f"the browser that takes the picture broke: {self.cause}; try again, or give it more time"
+
+
+class RequestRefused(MindstageError):
+    """What a page sent is nothing that can be done, or not in that form."""
+
+    def __init__(self, what: str, *, cause: str, known: Iterable[str] = ()) -> None:
+        self.what = what
+        self.cause = cause
+        self.near = near(what, known)
+        super().__init__(what)
+
+    def __str__(self) -> str:
+        return f"{self.what} is no request: {self.cause}{also(near_names(self.near) or 'load the page again')}"

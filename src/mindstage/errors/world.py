@@ -11,7 +11,10 @@ __all__ = [
     "AttachmentRefused",
     "BodyExists",
     "BodyUnknown",
+    "NothingToUndo",
     "PoseUnreachable",
+    "ReturnRefused",
+    "SpotMissing",
     "WorldError",
 ]
 
@@ -68,3 +71,39 @@ class AttachmentRefused(WorldError):
 
     def __str__(self) -> str:
         return f"{self.child!r} cannot be attached to {self.parent!r}: {self.reason}"
+
+
+class SpotMissing(WorldError):
+    """Nothing like that can be put there: there is no place, or none is free."""
+
+    def __init__(self, what: str, where: str, *, reason: str) -> None:
+        self.what = what
+        self.where = where
+        self.reason = reason
+        super().__init__(what)
+
+    def __str__(self) -> str:
+        return f"{self.what} cannot be put {self.where}: {self.reason}"
+
+
+class ReturnRefused(WorldError):
+    """What was deleted cannot come back."""
+
+    def __init__(self, body: str, *, reason: str) -> None:
+        self.body = body
+        self.reason = reason
+        super().__init__(body)
+
+    def __str__(self) -> str:
+        return f"{self.body!r} cannot come back: {self.reason}"
+
+
+class NothingToUndo(WorldError):
+    """No edit is left to be taken back, or to be done again."""
+
+    def __init__(self, *, again: bool = False) -> None:
+        self.again = again
+        super().__init__(again)
+
+    def __str__(self) -> str:
+        return "nothing is left to be done again; edit something" if self.again else "nothing is left to be undone"

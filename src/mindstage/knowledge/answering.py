@@ -223,7 +223,7 @@ class Answering:
         if self.index.reread(quads):  # the world of a map may have been read with other classes
             self._worlds.clear()
             self._forget("_placed", "_hierarchy")
-        self._forget("_remembered")
+        self._forget("_remembered", "_shaping")
 
     def _changed(self, graphs: Iterable[ox.NamedNode] | None = None) -> None:
         """Forgets what followed from what was known before; what was asked about is looked at again.
@@ -235,7 +235,8 @@ class Answering:
             names = [name for graph in graphs for name in self.index.read(graph)]
             self.names.learn(names)
         self._worlds.clear()
-        self._forget("_placed", "_hierarchy", *(() if graphs is not None else ("index", "names")), "_remembered")
+        self._forget(*(() if graphs is not None else ("index", "names")))
+        self._forget("_placed", "_hierarchy", "_remembered", "_shaping")
 
     def _forget(self, *names: str) -> None:
         for name in names:

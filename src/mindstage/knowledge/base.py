@@ -23,6 +23,7 @@ from mindstage.knowledge.reading.conventions import Conventions
 from mindstage.knowledge.reading.dialects import read_world
 from mindstage.knowledge.reading.excerpt import Excerpt
 from mindstage.knowledge.reading.origin import Origin
+from mindstage.knowledge.shaping import ShapeRule, Shaping
 from mindstage.knowledge.sources.library import Library, StrPath
 from mindstage.knowledge.stores.endpoint import Endpoint
 from mindstage.knowledge.stores.triplestore import TripleStore
@@ -112,6 +113,18 @@ class KnowledgeBase(Answering):
             )
             self._changed(read)
 
+    def without_maps(self) -> KnowledgeBase:
+        """Another one, in memory, that knows the same ontologies and no map: a map read there may be one of these anew.
+
+        What is at an endpoint, or was told meanwhile, it does not know.
+        """
+        with self.turn:
+            maps = {source.name for source in self._library.of_maps()}
+            ontologies = [path for path in self._library.sources if str(path) not in maps]
+            other = KnowledgeBase(bundled_ontology=False)
+            other.load((), ontologies=[*self._library.packages, *ontologies], follow_imports=False)
+            return other
+
     @property
     def store(self) -> TripleStore:
         """Where its statements are kept."""
@@ -189,6 +202,15 @@ class KnowledgeBase(Answering):
     def is_a(self, cls: Iri, ancestor: Iri) -> bool:
         """Whether one class is the other or below it."""
         return self._hierarchy.is_a(cls, ancestor)
+
+    def shape_rule(self, cls: Iri) -> ShapeRule:
+        """How things of a class are shaped, what of and whether they give light, as far as it is known or guessed."""
+        with self.turn:
+            return self._shaping.rule(cls)
+
+    @cached_property
+    def _shaping(self) -> Shaping:
+        return Shaping(self._store, self._hierarchy)
 
     @cached_property
     def _hierarchy(self) -> ClassHierarchy:

@@ -6,6 +6,7 @@ maps' own files.
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 
 import pyoxigraph as ox
@@ -29,13 +30,14 @@ from mindstage.knowledge.vocabulary import (
 )
 from mindstage.world import Iri
 
-__all__ = ["TOLD", "Teachable", "Teaching"]
+__all__ = ["TOLD", "Teachable", "Teaching", "typed_value"]
 
 Teachable = str | bool | int | float
 """A name where the property leads to things, else a value."""
 
 TOLD = ox.NamedNode("http://mindstage.org/told")
 """The graph of what was told at run time."""
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 _SOME = Iri(OWL + "someValuesFrom")
 _TO_CLASSES = (SUBCLASS_OF, TYPE, Iri(OWL + "equivalentClass"), Iri(OWL + "disjointWith"))
 _TEXTS = (Iri(RDFS + "label"), Iri(RDFS + "comment"))
@@ -65,7 +67,7 @@ class Teaching:
         told = []
         if is_class is None:
             told.append(_quad(about, TYPE, ox.NamedNode(OWL_CLASS if link == SUBCLASS_OF else NAMED_INDIVIDUAL)))
-        if not is_class or link in {*_TO_CLASSES, *_TEXTS}:
+        if not is_class or self._is_plain(link):
             told.append(_quad(about, link, object))
         elif not self._restrictions(about, link, object):
             node = ox.BlankNode()
@@ -91,7 +93,7 @@ class Teaching:
             ArgumentRefused: the three make no statement.
         """
         about, is_class, link, object = self._understood(subject, property, value)
-        if is_class and link not in {*_TO_CLASSES, *_TEXTS}:
+        if is_class and not self._is_plain(link):
             quads = self._restrictions(about, link, object)
         else:
             told = self.store.quads_for_pattern(ox.NamedNode(about), ox.NamedNode(link), None)
@@ -123,6 +125,8 @@ class Teaching:
         if link in _TEXTS or self._is_a(link, "DatatypeProperty"):
             return ox.Literal(value)
         found = self.names.kind_of(value)
+        if found is None and self._is_a(link, "AnnotationProperty"):
+            return ox.Literal(value)
         if found is None:
             raise NameUnknown(value, kind="class or individual", known=self.names.all())
         return ox.NamedNode(found[0])
@@ -150,9 +154,24 @@ class Teaching:
         except NameUnknown:
             return False
 
+    def _is_plain(self, link: Iri) -> bool:
+        """Whether what is said of a class by a property is said of the class itself, not of its members."""
+        return link in {*_TO_CLASSES, *_TEXTS} or self._is_a(link, "AnnotationProperty")
+
     def _is_a(self, link: Iri, kind: str) -> bool:
         types = self.store.quads_for_pattern(ox.NamedNode(link), ox.NamedNode(TYPE), None)
         return any(quad.object == ox.NamedNode(OWL + kind) for quad in types)
+
+
+def typed_value(text: str) -> Teachable:
+    """What people mean who type a value: a number, true or false, a name, or a text ('"5"' is one)."""
+    if len(text) > 1 and text[0] == text[-1] == '"':
+        return text[1:-1]
+    if text in {"true", "false"}:
+        return text == "true"
+    if number := _NUMBER.fullmatch(text):
+        return int(text) if number[1].isdecimal() and not number[2] else float(text)
+    return text
 
 
 def _quad(subject: Iri | ox.BlankNode, link: Iri, object: ox.NamedNode | ox.BlankNode | ox.Literal) -> ox.Quad:

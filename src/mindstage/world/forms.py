@@ -71,22 +71,24 @@ class Skin:
     normals: Array | None = None
     """n x 3, of norm 1; None where each face has its own."""
     uv: Array | None = None
-    """n x 2, where it has an image."""
+    """n x 2, where it has an image: from that image's lower left corner (0, 0) to its upper right one."""
     image: NDArray[uint8] | None = None
     """h x w x 4 (sRGB and opacity): the texture, multiplied by the surface's colour."""
 
 
 class Place(Value, frozen=True, kw_only=True):
-    """A level rectangle, parallel to the body's x and y, on which something can be put."""
+    """A level rectangle on which something can be put, parallel to one of the body's sides."""
 
     centre: Vector
     """On the surface itself."""
     size: tuple[float, float]
-    """Along x and y."""
+    """Along the other two axes than `up`'s, in their order: x and y, unless the body lies on its side."""
     height: float | None = None
     """Free above it; None where there is nothing above."""
     inside: bool = False
     """Whether it is in the body (a shelf, a drawer's floor) rather than on it."""
+    up: Vector = (0.0, 0.0, 1.0)
+    """Where it looks; along one of the body's axes."""
 
 
 class Glow(Value, frozen=True, kw_only=True):
@@ -118,7 +120,7 @@ class Form:
     """What a body is made of. Forms of one key are the same, so engines and pages build each only once."""
 
     key: str
-    """A digest of everything below."""
+    """A digest of everything below but `source` and `why`."""
     skins: tuple[Skin, ...]
     solids: tuple[Solid, ...]
     source: FormSource = FormSource.MAP
@@ -129,6 +131,8 @@ class Form:
     friction: float | None = None
     """Sliding, against something alike; None leaves it to the engine."""
     restitution: float | None = None
+    density: float | None = None
+    """Of its solids [kg/m³]; it counts where a map gives no mass."""
     places: tuple[Place, ...] = ()
     glows: tuple[Glow, ...] = ()
 

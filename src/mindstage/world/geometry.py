@@ -16,6 +16,7 @@ from mindstage.world.values import Pose, Vector
 __all__ = [
     "compose",
     "conjugate",
+    "cross",
     "fitting_scale",
     "invert",
     "multiply",
@@ -37,7 +38,7 @@ _ALIKE = 0.01
 _NEXT, _LAST = np.array([1, 2, 0]), np.array([2, 0, 1])
 
 
-def _cross(a: Array, b: Array) -> Array:
+def cross(a: Array, b: Array) -> Array:
     """The cross product; NumPy's own spends most of its time on finding out that the axes are the last ones."""
     return np.asarray(a[..., _NEXT] * b[..., _LAST] - a[..., _LAST] * b[..., _NEXT])
 
@@ -71,7 +72,7 @@ def multiply(left: ArrayLike, right: ArrayLike) -> Array:
     """The Hamilton product: first `right` turns, then `left`."""
     a, b = np.asarray(left, dtype=np.float64), np.asarray(right, dtype=np.float64)
     scalar = a[..., :1] * b[..., :1] - np.sum(a[..., 1:] * b[..., 1:], axis=-1, keepdims=True)
-    vector = a[..., :1] * b[..., 1:] + b[..., :1] * a[..., 1:] + _cross(a[..., 1:], b[..., 1:])
+    vector = a[..., :1] * b[..., 1:] + b[..., :1] * a[..., 1:] + cross(a[..., 1:], b[..., 1:])
     return np.concatenate([scalar, vector], axis=-1)
 
 
@@ -83,8 +84,8 @@ def conjugate(quaternion: ArrayLike) -> Array:
 def rotate(quaternion: ArrayLike, vector: ArrayLike) -> Array:
     """Vectors turned by unit quaternions."""
     q, v = np.asarray(quaternion, dtype=np.float64), np.asarray(vector, dtype=np.float64)
-    twice = 2.0 * _cross(q[..., 1:], v)
-    return np.asarray(v + q[..., :1] * twice + _cross(q[..., 1:], twice))
+    twice = 2.0 * cross(q[..., 1:], v)
+    return np.asarray(v + q[..., :1] * twice + cross(q[..., 1:], twice))
 
 
 def rotation_matrix(quaternion: ArrayLike) -> Array:

@@ -96,7 +96,8 @@ def _no_device(kb: KnowledgeBase, action: Iri | None = None, device: Iri | None 
         needed = _needed_devices(kb.index)
         above = next((cls for cls in kb.index.classes.above(device) if cls in needed), None)
         hint = f"; ask about {local_name(above)}, which it is" if above else ""
-        yield Missing(device, _DEVICE_USED, f"no action needs a {local_name(device)}: no {property} names it{hint}")
+        why = f"no action needs a {local_name(device)}: no {property} names it{hint}"
+        yield Missing(device, _DEVICE_USED, why, as_value=True)
     else:
         yield Missing(knowrob("PhysicalDevice"), _DEVICE_USED, f"no class says {property} some …")
 

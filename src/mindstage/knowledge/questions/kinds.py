@@ -61,7 +61,8 @@ def _no_relation(kb: KnowledgeBase, cls: Iri | None = None, superclass: Iri | No
         yield Missing(cls, SUBCLASS_OF, f"{local_name(cls)} is no {local_name(superclass)}: it is {above}")
     elif thing := cls or superclass:
         where = "above" if cls else "below"
-        yield Missing(thing, SUBCLASS_OF, f"{local_name(thing)} has no class {where} it: no subClassOf says so")
+        why = f"{local_name(thing)} has no class {where} it: no subClassOf says so"
+        yield Missing(thing, SUBCLASS_OF, why, as_value=not cls)
 
 
 class Sibling(Row, frozen=True, kw_only=True):

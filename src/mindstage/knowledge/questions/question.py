@@ -76,6 +76,8 @@ class Missing(msgspec.Struct, frozen=True):
     cls: Iri
     property: Iri
     why: str
+    as_value: bool = False
+    """Whether nobody says of anything that it has the property with this class, rather than of the class itself."""
 
 
 class Answers(Sequence[R]):
@@ -182,6 +184,11 @@ class Question(Generic[R]):
     def is_live(self) -> bool:
         """Whether the answers depend on where things are just now."""
         return "present" in inspect.signature(self._function).parameters
+
+    @property
+    def explains(self) -> bool:
+        """Whether it says why a row is an answer."""
+        return self._because is not None
 
     @cached_property
     def columns(self) -> Mapping[str, object]:

@@ -104,7 +104,8 @@ def _no_place(kb: KnowledgeBase, item: Iri | None = None, place: Iri | None = No
         name = local_name(item)
         where = "has no container" if place is None else f"is not kept in {local_name(place)}"
         who = f"no {property}" if place is None else f"no {property} of {local_name(place)}"
-        yield Missing(item, _CONTAINER_FOR, f"{name} {where}: {who} names {name} or an ancestor of it{hint}")
+        why = f"{name} {where}: {who} names {name} or an ancestor of it{hint}"
+        yield Missing(item, _CONTAINER_FOR, why, as_value=True)
 
 
 def _heir_of_place(index: Index, place: Iri) -> str:

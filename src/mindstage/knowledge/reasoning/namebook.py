@@ -16,7 +16,7 @@ from mindstage.knowledge.stores.triplestore import Readable
 from mindstage.knowledge.vocabulary import KNOWROB, MS, OWL, RDF, RDFS, TYPE, XSD
 from mindstage.world import Iri
 
-__all__ = ["PREFIXES", "NameKind", "Namebook", "spelt_out"]
+__all__ = ["PREFIXES", "NameKind", "Namebook", "shortened", "spelt_out"]
 
 PREFIXES = {
     "knowrob": KNOWROB,
@@ -91,9 +91,35 @@ class Namebook:
         found = ((self._meant(name, kind), kind) for kind in _NAMING)
         return next(((iri, kind) for iri, kind in found if iri), None)
 
+    def like(self, start: str, kind: NameKind, *, most: int) -> list[tuple[str, Iri]]:
+        """What somebody may be about to type: names that begin so, then those with it inside, the shortest first.
+
+        Args:
+            start: the beginning of a name, in any case; or of one with its prefix.
+            kind: of what it is the name.
+            most: so many are given.
+
+        Returns:
+            Pairs of what to type and what it means.
+        """
+        found: list[tuple[str, Iri]] = []
+        for name in sorted(self._with(start), key=lambda each: (not _begins(each, start), len(each), each)):
+            iris = [iri for iri in self._book[name] if self._is(iri, kind)]
+            found += [(name if len(iris) == 1 else shortened(iri), iri) for iri in sorted(iris)]
+            if len(found) >= most:
+                break
+        return found[:most]
+
     def all(self) -> Iterable[str]:
         """Every short name."""
         return (name for kind in _NAMING for name in self._all(kind))
+
+    def _with(self, start: str) -> Iterable[str]:
+        whole = spelt_out(start)
+        if whole != start:
+            return (name for name, iris in self._book.items() if any(iri.startswith(whole) for iri in iris))
+        small = start.casefold()
+        return (name for name in self._book if small in name.casefold())
 
     def _meant(self, name: str, kind: NameKind) -> Iri | None:
         """What of a kind has a name; None where nothing does."""
@@ -162,3 +188,12 @@ def spelt_out(name: str) -> Iri:
     if colon and prefix in PREFIXES:
         return Iri(PREFIXES[prefix] + rest)
     return Iri(name.removeprefix("<").removesuffix(">"))
+
+
+def shortened(iri: Iri) -> str:
+    """A name with its prefix, where there is one."""
+    return next((f"{prefix}:{iri[len(base) :]}" for prefix, base in PREFIXES.items() if iri.startswith(base)), iri)
+
+
+def _begins(name: str, start: str) -> bool:
+    return name.casefold().startswith(start.rpartition(":")[2].casefold())

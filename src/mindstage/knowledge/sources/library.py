@@ -121,6 +121,11 @@ class Library:
             self._take(loading)
         return graphs
 
+    @property
+    def packages(self) -> tuple[Path, ...]:
+        """The folders of ROS packages."""
+        return tuple(self._packages.folders)
+
     def find(self, name: str) -> Path | None:
         """The file that a name in some map stands for, if it is here: one of a package, or beside the map."""
         if name.startswith("package:"):

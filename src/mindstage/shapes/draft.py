@@ -1,0 +1,339 @@
+"""Drafts: a shape while it is drawn, part by part.
+
+A draft knows the size and nothing of what it becomes. Its frame has x to the front, y to the left, z up and the
+middle of the size at the origin. Parts are seen and touched alike unless told otherwise. What is finished fits the
+size exactly: the little that round parts miss of it is made up for by stretching everything.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mindstage.shapes.meshes import Mesh, boxes, joined, lathe, loft, pierced, stretched, sweep
+from mindstage.shapes.sides import Gap, Side, Turn
+from mindstage.shapes.touchables import Touchable, ring, strips
+from mindstage.world import Vector
+from mindstage.world.forms import SolidKind
+from mindstage.world.geometry import Array
+
+__all__ = ["Draft", "Spot", "TooSmall"]
+
+_BEVEL_M = 0.004
+_AROUND = ((0.03, 32), (0.012, 20), (0.0, 12))
+"""How many corners a circle has from which radius on [m]."""
+_TIP = 1e-9
+
+_BLOCK_FACES = np.array(
+    [
+        *((0, 2, 1), (0, 3, 2), (4, 5, 6), (4, 6, 7)),
+        *(face for a, b in ((0, 1), (1, 2), (2, 3), (3, 0)) for face in ((a, b, b + 4), (a, b + 4, a + 4))),
+    ],
+    dtype=np.uint32,
+)
+
+Corner = Sequence[float] | Array
+Profile = Sequence[tuple[float, float]]
+
+
+class TooSmall(Exception):
+    """The size leaves no room for what the shape consists of."""
+
+
+class Spot:
+    """A level place in the drawing's frame."""
+
+    def __init__(self, low: Array, high: Array, level: float, height: float | None, *, inside: bool) -> None:
+        self.low, self.high = low, high
+        self.level, self.height, self.inside = level, height, inside
+
+
+class Draft:
+    """What has been drawn so far."""
+
+    def __init__(self, size: Vector, turn: Turn) -> None:
+        self.size = np.array(size)
+        self.low, self.high = -self.size / 2, self.size / 2
+        self.turn = turn
+        self.touchables: list[Touchable] = []
+        self.spots: list[Spot] = []
+        self.notes: list[str] = []
+        self.light: Array | None = None
+        self._boxes: dict[tuple[str, int], list[tuple[Array, Array, float]]] = {}
+        self._meshes: dict[tuple[str, bool], list[Mesh]] = {}
+
+    @property
+    def least(self) -> float:
+        """The smallest extent [m]."""
+        return float(self.size.min())
+
+    def note(self, words: str) -> None:
+        """Something that whoever asked for the shape should know."""
+        self.notes.append(words)
+
+    # -- parts -------------------------------------------------------------------------------------------------------
+
+    def box(
+        self,
+        role: str,
+        low: Corner,
+        high: Corner,
+        *,
+        rounding: float = _BEVEL_M,
+        soft: bool = False,
+        solid: bool = True,
+    ) -> None:
+        """A box between two corners, its edges bevelled, or rounded where it is soft; nothing if it has no volume."""
+        lower, upper = np.asarray(low, dtype=np.float64), np.asarray(high, dtype=np.float64)
+        extents = upper - lower
+        if extents.min() <= _TIP:
+            return
+        radius = min(rounding, (0.5 if soft else 0.3) * float(extents.min()))
+        self._boxes.setdefault((role, 4 if soft else 1), []).append((lower, upper, radius))
+        if solid:
+            self.touch_box(lower, upper)
+
+    def round(
+        self,
+        role: str,
+        profile: Profile,
+        low: Corner,
+        high: Corner,
+        *,
+        along: Side = Side.TOP,
+        bevel: float = _BEVEL_M,
+        closed: bool = False,
+        around: int | None = None,
+    ) -> None:
+        """Something turned round an axis, in a box; it is seen only.
+
+        Args:
+            role: its surface's.
+            profile: radius and height from 0 to 1, as shares of the box across and along the axis.
+            low: the box.
+            high: its other corner.
+            along: where the profile's heights grow to.
+            bevel: how much of sharp edges is taken off [m].
+            closed: whether the profile is a loop that does not touch the axis.
+            around: corners of a circle; the smaller, the fewer, unless told.
+        """
+        lower, upper = np.asarray(low, dtype=np.float64), np.asarray(high, dtype=np.float64)
+        if (upper - lower).min() <= _TIP:
+            return
+        turn = Turn(Side.FRONT if along.axis == 2 else Side.TOP, along)
+        extents = np.array(turn.drawn_size(tuple((upper - lower).tolist())))
+        radius, length = float(extents[:2].min()) / 2, float(extents[2])
+        shares = np.array(profile)
+        corners = around or next(corners for least, corners in _AROUND if radius >= least)
+        mesh = lathe(shares * (radius, length), bevel=bevel, around=corners, closed=closed)  # type: ignore[arg-type]
+        across = extents[:2] / (2 * radius)
+        mesh = stretched(mesh, np.array([*across, 1.0]), np.array([0.0, 0.0, -length / 2]))
+        normals = None if mesh.normals is None else turn.points(mesh.normals)
+        self.mesh(role, Mesh(turn.points(mesh.points) + (lower + upper) / 2, mesh.faces, normals))
+
+    def disc(
+        self,
+        role: str,
+        low: Corner,
+        high: Corner,
+        *,
+        along: Side = Side.TOP,
+        bevel: float = _BEVEL_M,
+        around: int | None = None,
+    ) -> None:
+        """A cylinder that fills a box; it is seen only."""
+        profile = ((0, 0), (1, 0), (1, 1), (0, 1))
+        self.round(role, profile, low, high, along=along, bevel=bevel, around=around)
+
+    def bar(self, role: str, path: Sequence[Corner], radius: float, *, around: int = 12) -> None:
+        """A round bar along a path; it is seen only."""
+        if radius > _TIP:
+            self.mesh(
+                role, sweep(np.array([np.asarray(spot, dtype=np.float64) for spot in path]), radius, around=around)
+            )
+
+    def skin(self, role: str, rings: Array) -> None:
+        """A skin over rings of points; it is seen only."""
+        self.mesh(role, loft(rings))
+
+    def plate(
+        self,
+        role: str,
+        low: Corner,
+        high: Corner,
+        gaps: Iterable[Gap] = (),
+        *,
+        thin: int,
+        rounding: float = _BEVEL_M,
+        solid: bool = True,
+    ) -> list[tuple[Array, Array]]:
+        """A box with holes along its thin axis (0, 1, 2), where gaps take up half of its thickness or more.
+
+        What is left of it is given back as boxes, each by its two corners.
+        """
+        lower, upper = np.asarray(low, dtype=np.float64), np.asarray(high, dtype=np.float64)
+        if (upper - lower).min() <= _TIP:
+            return []
+        holes = [hole for gap in gaps if (hole := self._hole(gap, lower, upper, thin)) is not None]
+        if not holes:
+            self.box(role, lower, upper, rounding=rounding, solid=solid)
+            return [(lower, upper)]
+        axes = [(thin + 1) % 3, (thin + 2) % 3]
+        cuts, kept = _cells(lower[axes], upper[axes], holes)
+        if not kept.any():
+            return []
+        return self.sheet(role, cuts, kept, (float(lower[thin]), float(upper[thin])), thin=thin, solid=solid)
+
+    def sheet(
+        self,
+        role: str,
+        cuts: tuple[Array, Array],
+        kept: NDArray[np.bool_],
+        thickness: tuple[float, float],
+        *,
+        thin: int = 2,
+        solid: bool = True,
+        down_to: float | None = None,
+    ) -> list[tuple[Array, Array]]:
+        """A plate of cells, some of which may be missing; it gives back the boxes that it consists of.
+
+        Args:
+            role: its surface's.
+            cuts: where it is divided along the two axes after the thin one [m].
+            kept: which of its cells are there.
+            thickness: where it begins and ends along the thin axis [m].
+            thin: that axis.
+            solid: whether it can be touched.
+            down_to: how far down what can be touched goes, if farther than what is seen [m].
+        """
+        axes = [(thin + 1) % 3, (thin + 2) % 3, thin]
+        lying = pierced(cuts, kept, thickness)
+        self.mesh(role, Mesh(lying.points[:, np.argsort(axes)], lying.faces, None))
+        start = thickness[0] if down_to is None else down_to
+        parts = []
+        for first, last in strips(cuts, kept):
+            low, high = np.empty(3), np.empty(3)
+            low[axes], high[axes] = [*first, start], [*last, thickness[1]]
+            parts.append((low, high))
+            if solid:
+                self.touch_box(low, high)
+        return parts
+
+    def frustum(self, role: str, below: tuple[Corner, Corner], above: tuple[Corner, Corner]) -> None:
+        """A block between two level rectangles, each by two corners of one height."""
+        rings = []
+        for first, last in (below, above):
+            (x0, y0, z), (x1, y1, _) = first, last
+            rings += [(x0, y0, z), (x1, y0, z), (x1, y1, z), (x0, y1, z)]
+        self.block(role, np.array(rings, dtype=np.float64))
+
+    def block(self, role: str, corners: Array, *, solid: bool = True) -> None:
+        """A convex block of six flat sides: four corners, and the four above them, each counterclockwise from above."""
+        self.mesh(role, Mesh(corners, _BLOCK_FACES, None))
+        if solid:
+            self.touch_hull(corners)
+
+    def mesh(self, role: str, mesh: Mesh) -> None:
+        """Any other closed surface; it is seen only."""
+        self._meshes.setdefault((role, mesh.normals is not None), []).append(mesh)
+
+    # -- what can be touched -----------------------------------------------------------------------------------------
+
+    def touch_box(self, low: Corner, high: Corner) -> None:
+        """A box that is not seen."""
+        self.touchables.append(Touchable(SolidKind.BOX, np.array([low, high], dtype=np.float64)))
+
+    def touch_round(self, low: Corner, high: Corner, *, along: Side = Side.TOP) -> None:
+        """A cylinder that fills a box and is not seen."""
+        self.touchables.append(Touchable(SolidKind.CYLINDER, np.array([low, high], dtype=np.float64), axis=along.axis))
+
+    def touch_ball(self, low: Corner, high: Corner) -> None:
+        """An ellipsoid that fills a box and is not seen."""
+        self.touchables.append(Touchable(SolidKind.SPHERE, np.array([low, high], dtype=np.float64)))
+
+    def touch_hull(self, points: Sequence[Corner] | Array) -> None:
+        """A convex body round points that is not seen."""
+        self.touchables.append(Touchable(SolidKind.HULL, np.asarray(points, dtype=np.float64)))
+
+    def touch_ring(
+        self, low: Corner, high: Corner, *, outer: tuple[float, float], inner: tuple[float, float], pieces: int = 8
+    ) -> None:
+        """The wall of an upright round vessel, in pieces.
+
+        Args:
+            low: of the box that it stands in.
+            high: its other corner.
+            outer: radii outside at the bottom and at the top, as shares of the box.
+            inner: those inside.
+            pieces: how many.
+        """
+        lower, upper = np.asarray(low, dtype=np.float64), np.asarray(high, dtype=np.float64)
+        self.touchables += ring(lower, upper, outer, inner, pieces)
+
+    def place(
+        self, low: Corner, high: Corner, level: float, *, height: float | None = None, inside: bool = False
+    ) -> None:
+        """Something can be put on a level rectangle between two corners (x, y)."""
+        lower = np.maximum(np.asarray(low, dtype=np.float64)[:2], self.low[:2])
+        upper = np.minimum(np.asarray(high, dtype=np.float64)[:2], self.high[:2])
+        if (upper - lower).min() > _TIP and (height is None or height > _TIP):
+            self.spots.append(Spot(lower, upper, level, height, inside=inside))
+
+    # -- the end -----------------------------------------------------------------------------------------------------
+
+    def fit(self) -> float:
+        """Stretches all that was drawn to the size; by how much at most, as a share."""
+        meshes = self.meshes()
+        low = np.min([mesh.points.min(axis=0) for mesh in meshes.values()], axis=0)
+        high = np.max([mesh.points.max(axis=0) for mesh in meshes.values()], axis=0)
+        if np.allclose(low, self.low, rtol=0, atol=1e-12) and np.allclose(high, self.high, rtol=0, atol=1e-12):
+            return 0.0
+        scale = self.size / (high - low)
+        shift = self.low - low * scale
+        self._boxes.clear()
+        self._meshes = {key: [stretched(mesh, scale, shift)] for key, mesh in meshes.items()}
+        self.touchables = [part.stretched(scale, shift).within(self.low, self.high) for part in self.touchables]
+        for spot in self.spots:
+            spot.low, spot.high = spot.low * scale[:2] + shift[:2], spot.high * scale[:2] + shift[:2]
+            spot.level = float(spot.level * scale[2] + shift[2])
+            spot.height = None if spot.height is None else float(spot.height * scale[2])
+            spot.low, spot.high = np.maximum(spot.low, self.low[:2]), np.minimum(spot.high, self.high[:2])
+        if self.light is not None:
+            self.light = self.light * scale + shift
+        return float(np.abs(scale - 1.0).max())
+
+    def meshes(self) -> dict[tuple[str, bool], Mesh]:
+        """One a role, and one more for its parts whose faces have their own normals."""
+        found = {key: list(meshes) for key, meshes in self._meshes.items()}
+        for (role, steps), parts in self._boxes.items():
+            low, high, rounding = (np.array(column) for column in zip(*parts, strict=True))
+            found.setdefault((role, True), []).append(boxes(low, high, rounding, steps=steps))
+        return {key: joined(meshes) for key, meshes in sorted(found.items())}
+
+    def _hole(self, gap: Gap, low: Array, high: Array, thin: int) -> tuple[Array, Array] | None:
+        """Where a gap is in a plate, across it; None where it takes up less than half of its thickness."""
+        start, end = self.turn.drawn_gap(gap)
+        if min(end[thin], high[thin]) - max(start[thin], low[thin]) < 0.5 * (high[thin] - low[thin]):
+            return None
+        axes = [(thin + 1) % 3, (thin + 2) % 3]
+        start, end = np.maximum(start, low)[axes], np.minimum(end, high)[axes]
+        return (start, end) if (end - start).min() > 1e-4 else None
+
+
+def _cells(
+    low: Array, high: Array, holes: Sequence[tuple[Array, Array]]
+) -> tuple[tuple[Array, Array], NDArray[np.bool_]]:
+    """A plate divided where its holes begin and end, and which cells are left of it."""
+    cuts = []
+    for axis in range(2):
+        marks = np.unique([low[axis], high[axis], *(corner[axis] for hole in holes for corner in hole)])
+        inner = marks[(marks > low[axis] + 1e-4) & (marks < high[axis] - 1e-4)]
+        inner = inner[np.diff(inner, prepend=-np.inf) > 1e-6]
+        cuts.append(np.array([low[axis], *inner, high[axis]]))
+    x, y = ((cut[:-1] + cut[1:]) / 2 for cut in cuts)
+    kept = np.ones((len(x), len(y)), dtype=bool)
+    for start, end in holes:
+        kept &= ~(((x > start[0]) & (x < end[0]))[:, None] & ((y > start[1]) & (y < end[1]))[None])
+    return (cuts[0], cuts[1]), kept

@@ -1,0 +1,281 @@
+"""Meshes: closed surfaces of triangles, made in bulk.
+
+Each mesh is closed by its very numbers (every edge runs once each way), looks outwards, and has one normal a point:
+edges are bevelled a little, so that the light runs over the narrow bevel while the faces beside it stay flat. That is
+what makes a box look like a thing, and needs no point twice.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cache
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mindstage.world.geometry import Array
+
+__all__ = ["Mesh", "boxes", "joined", "lathe", "loft", "pierced", "stretched", "sweep"]
+
+Faces = NDArray[np.uint32]
+
+_SHARP_RAD = 0.6
+"""Profiles that turn by more have an edge there, which is bevelled."""
+
+
+class Mesh(NamedTuple):
+    """A closed surface."""
+
+    points: Array
+    """n x 3 [m]."""
+    faces: Faces
+    """m x 3 numbers of points, counterclockwise seen from outside."""
+    normals: Array | None
+    """n x 3, of norm 1; None where each face has its own."""
+
+
+def joined(meshes: Sequence[Mesh]) -> Mesh:
+    """Several as one; all of them have normals, or none."""
+    if len(meshes) == 1:
+        return meshes[0]
+    starts = np.cumsum([0, *(len(mesh.points) for mesh in meshes)])
+    normals = [mesh.normals for mesh in meshes if mesh.normals is not None]
+    return Mesh(
+        np.concatenate([mesh.points for mesh in meshes]),
+        np.concatenate([mesh.faces + np.uint32(start) for mesh, start in zip(meshes, starts, strict=False)]),
+        np.concatenate(normals) if normals else None,
+    )
+
+
+def stretched(mesh: Mesh, scale: Array, shift: Array) -> Mesh:
+    """The mesh larger or smaller along each axis, then moved."""
+    normals = mesh.normals
+    if normals is not None and not np.allclose(scale, scale[0], rtol=1e-9):
+        normals = _of_norm_one(normals / scale)
+    return Mesh(mesh.points * scale + shift, mesh.faces, normals)
+
+
+# -- boxes -------------------------------------------------------------------------------------------------------------
+
+
+def boxes(low: Array, high: Array, rounding: Array, *, steps: int = 1) -> Mesh:
+    """Boxes with rounded edges, as one mesh.
+
+    Args:
+        low: lower corners, n x 3 [m].
+        high: upper corners.
+        rounding: the radius of each one's edges [m], at most half its least extent.
+        steps: flat pieces a rounded edge has; one is a bevel.
+    """
+    signs, turns, faces = _rounded(steps)
+    half, centre, radius = (high - low) / 2, (high + low) / 2, rounding[:, None, None]
+    points = centre[:, None] + signs * (half[:, None] - radius) + turns * radius
+    starts = np.arange(len(low), dtype=np.uint32) * np.uint32(len(signs))
+    return Mesh(
+        points.reshape(-1, 3),
+        (faces + starts[:, None, None]).reshape(-1, 3),
+        np.tile(turns, (len(low), 1)),
+    )
+
+
+@cache
+def _rounded(steps: int) -> tuple[Array, Array, Faces]:
+    """A rounded box as a sphere cut in eight: the corner that each point belongs to, its direction, and the faces."""
+    quarter = np.linspace(0.0, np.pi / 2, steps + 1)
+    around = np.concatenate([quarter + turn * np.pi / 2 for turn in range(4)])
+    upwards = np.concatenate([quarter - np.pi / 2, quarter])
+    corner = np.array([(1, 1), (-1, 1), (-1, -1), (1, -1)]).repeat(steps + 1, axis=0)
+    level, turn = np.meshgrid(upwards, around, indexing="ij")
+    turns = np.stack([np.cos(level) * np.cos(turn), np.cos(level) * np.sin(turn), np.sin(level)], axis=-1).round(15)
+    signs = np.empty_like(turns)
+    signs[..., :2] = corner
+    signs[..., 2] = np.repeat([-1.0, 1.0], steps + 1)[:, None]
+    every = np.concatenate([signs.reshape(-1, 3), turns.reshape(-1, 3)], axis=1) + 0.0
+    kept, number = np.unique(every, axis=0, return_inverse=True)
+    faces = number.reshape(-1)[np.concatenate([_grid(len(upwards), len(around)), _caps(len(upwards), len(around))])]
+    a, b, c = faces.T
+    return kept[:, :3], kept[:, 3:], faces[(a != b) & (b != c) & (c != a)].astype(np.uint32)
+
+
+def _grid(rings: int, around: int, *, closed: bool = False) -> NDArray[np.int64]:
+    """The faces between rings of points, each of which is closed; the last ring meets the first one if asked to."""
+    ring, step = np.meshgrid(np.arange(rings if closed else rings - 1), np.arange(around), indexing="ij")
+    here, beside = ring * around + step, ring * around + (step + 1) % around
+    above = (ring + 1) % rings * around
+    over, across = above + step, above + (step + 1) % around
+    lower, upper = np.stack([here, beside, across], axis=-1), np.stack([here, across, over], axis=-1)
+    return np.concatenate([lower.reshape(-1, 3), upper.reshape(-1, 3)])
+
+
+def _caps(rings: int, around: int) -> NDArray[np.int64]:
+    """A fan over the first ring and one over the last."""
+    fan = np.array([(0, step, step + 1) for step in range(1, around - 1)], dtype=np.int64)
+    return np.concatenate([fan[:, ::-1], fan + (rings - 1) * around])
+
+
+# -- round things ------------------------------------------------------------------------------------------------------
+
+
+def lathe(profile: Sequence[tuple[float, float]], *, bevel: float, around: int, closed: bool = False) -> Mesh:
+    """Turns a profile round z.
+
+    Args:
+        profile: radius and height [m] of its corners: from the axis below, by the outside, to the axis above, which
+            may be at the bottom of a hollow; or a loop that does not touch the axis.
+        bevel: how much of a sharp edge is taken off, at most [m].
+        around: corners of a circle, a multiple of four.
+        closed: whether the profile is such a loop.
+    """
+    corners = np.array(profile, dtype=np.float64)
+    line, headings = _bevelled(corners, bevel, closed=closed)
+    angle = np.arange(around) * (2 * np.pi / around)
+    circle = np.stack([np.cos(angle), np.sin(angle)], axis=1).round(15)
+    rings = np.concatenate([line[:, None, :1] * circle, np.broadcast_to(line[:, None, 1:], (len(line), around, 1))], 2)
+    normals = np.concatenate(
+        [headings[:, None, :1] * circle, np.broadcast_to(headings[:, None, 1:], (len(line), around, 1))], 2
+    )
+    return _tube(rings, normals, closed=closed)
+
+
+def sweep(path: Array, radius: float | Array, *, around: int = 12) -> Mesh:
+    """A round bar along a path, with rounded ends.
+
+    Args:
+        path: n x 3 [m].
+        radius: of the bar [m], one or n.
+        around: corners of a circle.
+    """
+    path = np.asarray(path, dtype=np.float64)
+    radii = np.broadcast_to(np.asarray(radius, dtype=np.float64), (len(path),))
+    steps = np.diff(path, axis=0)
+    along = _of_norm_one(np.concatenate([steps[:1], _of_norm_one(steps[:-1]) + _of_norm_one(steps[1:]), steps[-1:]]))
+    sides = _sides(along)
+    spots, sizes = [path[0] - along[0] * radii[0] * 0.3, *path], [radii[0] * 0.7, *radii]
+    spots, sizes = [*spots, path[-1] + along[-1] * radii[-1] * 0.3], [*sizes, radii[-1] * 0.7]
+    frames = np.concatenate([sides[:1], sides, sides[-1:]])
+    angle = np.arange(around) * (2 * np.pi / around)
+    turns = np.cos(angle)[None, :, None] * frames[:, None, 0] + np.sin(angle)[None, :, None] * frames[:, None, 1]
+    rings = np.array(spots)[:, None] + turns * np.array(sizes)[:, None, None]
+    turns[0] = _of_norm_one(turns[0] - 1.5 * along[0])
+    turns[-1] = _of_norm_one(turns[-1] + 1.5 * along[-1])
+    ends = [np.broadcast_to(spot, (1, around, 3)) for spot in (spots[0], spots[-1])]
+    caps = [np.broadcast_to(way, (1, around, 3)) for way in (-along[0], along[-1])]
+    return _tube(np.concatenate([ends[0], rings, ends[1]]), np.concatenate([caps[0], turns, caps[1]]))
+
+
+def loft(rings: Array) -> Mesh:
+    """A skin over rings of points, with smooth normals; the first and the last one are closed by their middles.
+
+    Args:
+        rings: k x n x 3 [m], each counterclockwise seen from where the rings go to.
+    """
+    ends = [np.broadcast_to(ring.mean(axis=0), (1, rings.shape[1], 3)) for ring in (rings[0], rings[-1])]
+    mesh = _tube(np.concatenate([ends[0], rings, ends[1]]), None)
+    corners = mesh.points[mesh.faces]
+    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals = np.zeros_like(mesh.points)
+    for corner in range(3):
+        np.add.at(normals, mesh.faces[:, corner], across)
+    return mesh._replace(normals=_of_norm_one(normals))
+
+
+def _tube(rings: Array, normals: Array | None, *, closed: bool = False) -> Mesh:
+    """The surface over rings; a ring all of whose points are one becomes that one point."""
+    count, around, _ = rings.shape
+    single = np.all(np.abs(rings - rings[:, :1]) < 1e-12, axis=(1, 2))
+    lengths = np.where(single, 1, around)
+    starts = np.cumsum(np.concatenate([[0], lengths[:-1]]))
+    number = (starts[:, None] + np.where(single[:, None], 0, np.arange(around))).reshape(-1)
+    kept = (~single[:, None] | (np.arange(around) == 0)).reshape(-1)
+    faces = number[_grid(count, around, closed=closed)]
+    a, b, c = faces.T
+    faces = faces[(a != b) & (b != c) & (c != a)].astype(np.uint32)
+    flat = None if normals is None else _of_norm_one(normals.reshape(-1, 3)[kept])
+    return Mesh(rings.reshape(-1, 3)[kept], faces, flat)
+
+
+def _bevelled(corners: Array, bevel: float, *, closed: bool) -> tuple[Array, Array]:
+    """A profile whose sharp corners became two, and where each of its points looks."""
+    steps = np.diff(corners, axis=0, append=corners[:1])
+    lengths = np.linalg.norm(steps, axis=1)
+    ways = steps / np.where(lengths > 0.0, lengths, 1.0)[:, None]
+    out = np.stack([ways[:, 1], -ways[:, 0]], axis=1)
+    points: list[Array] = []
+    looks: list[Array] = []
+    last = len(corners) - 1
+    for at, corner in enumerate(corners):
+        if not closed and at in (0, last):
+            points.append(corner)
+            looks.append(np.array([0.0, np.sign(out[at - 1 if at else 0][1]) or 1.0]) if corner[0] == 0.0 else out[at])
+            continue
+        before, after = out[at - 1], out[at]
+        if before @ after > np.cos(_SHARP_RAD):
+            points.append(corner)
+            looks.append(before + after)
+            continue
+        cut = min(bevel, 0.3 * float(lengths[at - 1]), 0.3 * float(lengths[at]))
+        points += [corner - cut * ways[at - 1], corner + cut * ways[at]]
+        looks += [before, after]
+    return _as_large(np.array(points), corners), _of_norm_one(np.array(looks))
+
+
+def _as_large(line: Array, corners: Array) -> Array:
+    """What the bevels took off the outermost corners is given back, so that the extents are what they were."""
+    radius = line[:, 0] * (corners[:, 0].max() / line[:, 0].max())
+    low, high = corners[:, 1].min(), corners[:, 1].max()
+    height = line[:, 1]
+    if height.max() > height.min():
+        height = low + (height - height.min()) * ((high - low) / (height.max() - height.min()))
+    return np.stack([radius, np.clip(height, low, high)], axis=1)
+
+
+def _sides(along: Array) -> Array:
+    """Two directions across each step of a path, n x 2 x 3, turned as little as can be from step to step."""
+    first = np.eye(3)[int(np.argmin(np.abs(along[0])))]
+    sides = []
+    for way in along:
+        first = _of_norm_one(first - (first @ way) * way)
+        sides.append((first, np.cross(way, first)))
+    return np.array(sides)
+
+
+def _of_norm_one(vectors: Array) -> Array:
+    lengths = np.linalg.norm(vectors, axis=-1, keepdims=True)
+    return np.asarray(vectors / np.where(lengths > 0.0, lengths, 1.0))
+
+
+# -- plates with holes -------------------------------------------------------------------------------------------------
+
+
+def pierced(cuts: tuple[Array, Array], kept: NDArray[np.bool_], thickness: tuple[float, float]) -> Mesh:
+    """A plate with holes through it along z; each face has its own normal.
+
+    Args:
+        cuts: where the plate is divided along x and along y, edges included [m].
+        kept: which of the cells between the cuts are there.
+        thickness: its lower and upper side along z [m].
+    """
+    rows, columns = kept.shape
+    number = np.arange(2 * (rows + 1) * (columns + 1)).reshape(2, rows + 1, columns + 1)
+    padded = np.pad(kept, 1)
+    a, b, c, d = padded[:-1, :-1], padded[1:, :-1], padded[:-1, 1:], padded[1:, 1:]
+    twice = (a & d & ~b & ~c) | (b & c & ~a & ~d)  # two cells meet in a corner alone: each has its own
+    x, y = np.nonzero(kept)
+    below, above = (
+        [
+            level[x + dx, y + dy] + number.size * (twice[x + dx, y + dy] if dx == 0 else 0)
+            for dx, dy in ((0, 0), (1, 0), (1, 1), (0, 1))
+        ]
+        for level in number
+    )
+    quads = [np.stack(above, axis=1), np.stack(below[::-1], axis=1)]
+    for start, end, (dx, dy) in ((0, 1, (0, -1)), (1, 2, (1, 0)), (2, 3, (0, 1)), (3, 0, (-1, 0))):
+        bare = ~padded[x + 1 + dx, y + 1 + dy]
+        quads.append(np.stack([below[start], below[end], above[end], above[start]], axis=1)[bare])
+    corners = np.concatenate(quads)
+    faces = np.concatenate([corners[:, [0, 1, 2]], corners[:, [0, 2, 3]]])
+    used, faces = np.unique(faces, return_inverse=True)
+    level, at_x, at_y = np.unravel_index(used % number.size, number.shape)
+    points = np.stack([cuts[0][at_x], cuts[1][at_y], np.array(thickness)[level]], axis=1)
+    return Mesh(points, faces.reshape(-1, 3).astype(np.uint32), None)

@@ -1,0 +1,130 @@
+"""Sides: which way a shape looks, and how it is turned into a body's own axes.
+
+Every shape is drawn once, with x to its front, y to its left and z up. A body may have its front at any of its six
+sides and up at any that is not opposite; between the two lies a turn by right angles, which loses no digit.
+"""
+
+from __future__ import annotations
+
+from enum import Enum
+
+import numpy as np
+
+from mindstage.errors import ShapeRefused
+from mindstage.world import Quaternion, Vector
+from mindstage.world.geometry import Array
+from mindstage.world.values import Value
+
+__all__ = ["Gap", "Side", "Turn"]
+
+
+class Side(Enum):
+    """One of the six sides of a body, by its own axes."""
+
+    FRONT = "+x"
+    BACK = "-x"
+    LEFT = "+y"
+    RIGHT = "-y"
+    TOP = "+z"
+    BOTTOM = "-z"
+
+    @classmethod
+    def of(cls, axis: int, sign: int) -> Side:
+        """The side at one end of an axis (0, 1, 2 for x, y, z)."""
+        return cls(f"{'+' if sign > 0 else '-'}{'xyz'[axis]}")
+
+    @property
+    def axis(self) -> int:
+        """0, 1, 2 for x, y, z."""
+        return "xyz".index(self.value[1])
+
+    @property
+    def sign(self) -> int:
+        """1 where the axis points, else -1."""
+        return 1 if self.value[0] == "+" else -1
+
+    @property
+    def opposite(self) -> Side:
+        """The side across."""
+        return Side.of(self.axis, -self.sign)
+
+    @property
+    def vector(self) -> Vector:
+        """Where it looks, of length 1."""
+        x, y, z = (float(self.sign) if axis == self.axis else 0.0 for axis in range(3))
+        return (x, y, z)
+
+
+class Gap(Value, frozen=True, kw_only=True):
+    """A box that must stay free: a door's opening in a wall, a sink's in a worktop."""
+
+    low: Vector
+    """The corner with the smallest coordinates, in the body's frame."""
+    high: Vector
+
+
+class Turn:
+    """From the frame in which shapes are drawn into a body's own."""
+
+    def __init__(self, front: Side, up: Side) -> None:
+        if front.axis == up.axis:
+            raise ShapeRefused("any", reason=f"its front {front.value} and its top {up.value} lie on one axis")
+        left = np.cross(up.vector, front.vector)
+        self.matrix: Array = np.stack([front.vector, left, up.vector], axis=1)
+        self.quaternion = _quaternion(self.matrix)
+        self._axes = [int(np.flatnonzero(row)[0]) for row in self.matrix]
+
+    @property
+    def is_none(self) -> bool:
+        """Whether both frames are the same."""
+        return bool(np.array_equal(self.matrix, np.eye(3)))
+
+    def drawn_size(self, size: Vector) -> Vector:
+        """A body's extents along the drawn axes."""
+        x, y, z = (float(value) for value in np.abs(self.matrix.T) @ np.array(size))
+        return (x, y, z)
+
+    def size(self, drawn: Vector) -> Vector:
+        """Drawn extents along the body's axes."""
+        x, y, z = (drawn[axis] for axis in self._axes)
+        return (x, y, z)
+
+    def points(self, drawn: Array) -> Array:
+        """Points or directions, n x 3, in the body's frame."""
+        return drawn if self.is_none else drawn @ self.matrix.T
+
+    def vector(self, drawn: Vector) -> Vector:
+        """One point or direction in the body's frame."""
+        x, y, z = (self.matrix @ np.array(drawn)).tolist()
+        return (x, y, z)
+
+    def drawn_side(self, side: Side) -> Side:
+        """A side of the body as the drawing calls it."""
+        drawn = self.matrix.T @ np.array(side.vector)
+        axis = int(np.flatnonzero(drawn)[0])
+        return Side.of(axis, int(drawn[axis]))
+
+    def drawn_gap(self, gap: Gap) -> tuple[Array, Array]:
+        """The two corners of a gap in the drawing."""
+        corners = np.array([gap.low, gap.high]) @ self.matrix
+        return corners.min(axis=0), corners.max(axis=0)
+
+
+def _quaternion(matrix: Array) -> Quaternion:
+    """Of a turn by right angles, w x y z: exact but for the square roots in it."""
+    # The largest of the four is found first, and the others from it, so that nothing is divided by zero.
+    trace = np.array([matrix.trace(), *matrix.diagonal()])
+    squares = np.array([1.0 + trace[0], *(1.0 - trace[0] + 2.0 * trace[1:])]) / 4.0
+    first = int(np.argmax(squares))
+    symmetric, skew = matrix + matrix.T, matrix - matrix.T
+    rows = np.array(
+        [
+            [4.0 * squares[0], skew[2, 1], skew[0, 2], skew[1, 0]],
+            [skew[2, 1], 4.0 * squares[1], symmetric[0, 1], symmetric[0, 2]],
+            [skew[0, 2], symmetric[0, 1], 4.0 * squares[2], symmetric[1, 2]],
+            [skew[1, 0], symmetric[0, 2], symmetric[1, 2], 4.0 * squares[3]],
+        ]
+    )
+    row = rows[first]
+    w, x, y, z = (row / np.linalg.norm(row)).tolist()
+    return (w, x, y, z)

@@ -1,0 +1,99 @@
+"""Ten lines of Turtle teach a new class to be a drawer, and it works as one: a mug in it rides along."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mindstage.engines import MujocoEngine, NoteKind
+from mindstage.knowledge import KnowledgeBase
+from mindstage.stage import Stage
+from mindstage.world import (
+    Body,
+    BodyId,
+    Constraint,
+    Iri,
+    LinearMotion,
+    Mobility,
+    Motion,
+    Physics,
+    Pose,
+    Vector,
+    World,
+)
+from tests.kitchenette import KNOWROB
+
+MY = "http://example.org/my#"
+TEN_LINES = """
+@prefix ms: <http://mindstage.org/ontology#> .
+@prefix my: <http://example.org/my#> .
+@prefix owl: <http://www.w3.org/2002/07/owl#> .
+@prefix rdfs: <http://www.w3.org/2000/01/rdf-schema#> .
+
+my:Pullout a owl:Class ; rdfs:label "pullout"@en ;
+    ms:shapedAs ms:DrawerForm ;
+    ms:madeOf ms:SteelMaterial ;
+    ms:wall 0.01 .
+"""
+
+
+@pytest.fixture
+def knowledge(tmp_path: Path) -> KnowledgeBase:
+    assert len(TEN_LINES.strip().splitlines()) <= 10
+    (tmp_path / "mine.ttl").write_text(TEN_LINES, encoding="utf-8")
+    knowledge = KnowledgeBase()
+    knowledge.load([], ontologies=tmp_path / "mine.ttl")
+    return knowledge
+
+
+def body(id: str, cls: str, at: Vector, size: Vector, mobility: Mobility, mass: float | None = None) -> Body:
+    physics = Physics(mobility=mobility, mass_kg=mass)
+    return Body(id=BodyId(id), iri=Iri(MY + id), cls=Iri(cls), pose=Pose(at), size=size, physics=physics)
+
+
+def place() -> World:
+    """A cupboard with one pullout, which opens along x, and a mug that stands in it."""
+    way = LinearMotion(x=Motion.LIMITED, limit=0.2, x_middle=0.2)
+    slide = Constraint(
+        id=BodyId("slide"),
+        iri=Iri(MY + "slide"),
+        parent=BodyId("cupboard"),
+        child=BodyId("pullout"),
+        pose=Pose((0.04, 0, 0.4)),
+        linear=way,
+    )
+    return World(
+        iri=Iri(MY + "map"),
+        bodies=(
+            body("cupboard", KNOWROB + "Cupboard", (0, 0, 0.4), (0.6, 0.6, 0.4), Mobility.STATIC),
+            body("pullout", MY + "Pullout", (0.04, 0, 0.4), (0.5, 0.56, 0.2), Mobility.DYNAMIC, 4.0),
+            body("mug", KNOWROB + "DrinkingMug", (0.04, 0, 0.365), (0.08, 0.08, 0.1), Mobility.DYNAMIC, 0.3),
+        ),
+        constraints=(slide,),
+    )
+
+
+def test_ten_lines_of_turtle_give_a_drawer_that_works(knowledge: KnowledgeBase) -> None:
+    with Stage(knowledge, MujocoEngine()) as stage:
+        report = stage.spawn(place())
+        assert stage.forms[BodyId("pullout")].kind == "drawer"
+        assert stage.forms[BodyId("pullout")].why.startswith("Pullout is shaped as ms:DrawerForm")
+        assert [note for note in report.notes if note.kind is NoteKind.OVERLAP] == []
+        start = positions(stage)
+        for force, reached in ((6.0, 0.4), (-6.0, 0.0)):
+            for _ in range(80):
+                stage.call(lambda engine, force=force: engine.push(BodyId("pullout"), (force, 0.0, 0.0)))  # type: ignore[misc]
+                stage.step(0.05)
+            moved = positions(stage) - start
+            assert moved[1, 0] == pytest.approx(reached, abs=0.01)
+            assert np.all(np.abs(moved[2] - moved[1]) < (0.24, 0.27, 0.02)), "the mug is in the drawer, upright"
+        assert float(np.abs(positions(stage)[0] - start[0]).max()) == 0.0
+
+
+def positions(stage: Stage) -> np.ndarray:
+    """Of cupboard, pullout and mug."""
+    frame = stage.frame
+    rows = [frame.ids.index(BodyId(id)) for id in ("cupboard", "pullout", "mug")]
+    return frame.poses[rows, :3].copy()
