@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mindstage.engines.mujoco.joints import Axis, place_from, place_of
+from mindstage.engines.joints import Axis, place_from, place_of
 from mindstage.world import Soft
 
 SIX = tuple(Axis(index, None, Soft()) for index in (0, 1, 2, 5, 4, 3))

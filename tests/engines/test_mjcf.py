@@ -29,10 +29,12 @@ from mindstage.world import (
     Motion,
     Physics,
     Pose,
+    SolidKind,
     Vector,
     World,
 )
 from mindstage.world.geometry import pose_array, rotation_angle, unit
+from tests.engines.formed import bin_form, solid_form, wedge_form
 from tests.kitchenette import kitchenette
 from tests.worlds import worlds
 
@@ -206,3 +208,31 @@ def test_a_chain_that_is_too_long_is_refused() -> None:
     with pytest.raises(MapUnwritable, match="hang one on another"):
         mjcf(world_of(*links, attachments=tuple(pairs)))
     assert mujoco.MjModel.from_xml_string(mjcf(world_of(*links[:390], attachments=tuple(pairs[:389]))).text)
+
+
+def test_forms_are_in_the_file_and_the_file_is_the_same_physics() -> None:
+    """A ball rolls down a hull onto a bouncy crate's floor, in here and from the file, step by step."""
+    forms = {
+        BodyId("ramp"): wedge_form((0.6, 0.4, 0.3), friction=0.3),
+        BodyId("crate"): bin_form((0.5, 0.5, 0.2), restitution=0.6),
+        BodyId("ball"): solid_form(SolidKind.SPHERE, (0.1, 0.1, 0.1)),
+        BodyId("arm"): wedge_form((0.3, 0.2, 0.1)),
+    }
+    world = world_of(
+        replace(thing("ramp", at=(0.0, 0.0, 0.4)), size=(0.6, 0.4, 0.3)),
+        replace(thing("crate", at=(-0.5, 0.0, 0.1)), size=(0.5, 0.5, 0.2)),
+        replace(thing("ball", at=(0.1, 0.0, 0.7), dynamic=True), size=(0.1, 0.1, 0.1)),
+        replace(thing("arm", at=(-0.5, 0.1, 0.5), dynamic=True), size=(0.3, 0.2, 0.1)),
+    )
+    model = mujoco.MjModel.from_xml_string(mjcf(world, forms=forms).text)
+    data = mujoco.MjData(model)
+    engine = MujocoEngine()
+    engine.spawn(world, forms=forms)
+    rows = [engine.poses()[0].index(BodyId(name)) for name in ("ball", "arm")]
+    numbers = [model.body(name).id for name in ("ball", "arm")]
+    for _ in range(8):
+        engine.step(0.1)
+        mujoco.mj_step(model, data, nstep=50)
+        mujoco.mj_kinematics(model, data)
+        np.testing.assert_allclose(data.xpos[numbers], engine.poses()[1][rows, :3], atol=2e-3)
+    assert data.xpos[numbers[0]][0] < -0.2, "the ball did not roll"

@@ -30,10 +30,13 @@ from mindstage.world.geometry import rotation_angle, unit
 from tests.worlds import worlds
 
 from .contract import PhysicsContract, pose_of, pull
+from .forms_contract import FormsContract
 from .scenes import FLOOR, body, hinge, hold, room, slide, weld, world
 
 
-class TestMujocoEngine(PhysicsContract):
+class TestMujocoEngine(PhysicsContract, FormsContract):
+    rest_m = 0.002
+
     @pytest.fixture
     def engine(self) -> MujocoEngine:
         return MujocoEngine()

@@ -5,9 +5,10 @@ import pytest
 from mindstage.engines import NullEngine
 
 from .contract import DescriptionContract
+from .forms_contract import FormsDescriptionContract
 
 
-class TestNullEngine(DescriptionContract):
+class TestNullEngine(DescriptionContract, FormsDescriptionContract):
     @pytest.fixture
     def engine(self) -> NullEngine:
         return NullEngine()

@@ -7,6 +7,10 @@ whole kitchen in a box named "walls". Taken literally such a world explodes. Wha
 - a body that holds something loose is **hollow**: it gets walls, an opening, and a floor where its contents stand;
 - any other pair that overlaps when spawned does not collide, nor do pairs joined by a constraint.
 
+Where a body has a form, its solids decide and not the box around them: a form has its inside already, two forms
+overlap only if solids of theirs do, and what is loose and a little too deep in what it stands on is pushed out of it.
+What hangs in joints may not even graze what it does not hang on: pressed in by a millimetre, a drawer jams.
+
 Every decision is a note in the spawn report; none is silent.
 """
 
@@ -21,15 +25,25 @@ from numpy.typing import NDArray
 
 from mindstage.engines.contract import Note, NoteKind
 from mindstage.engines.hollow import Plate, hollow_out
+from mindstage.engines.parts import Parts
 from mindstage.world import BodyId
-from mindstage.world.boxes import Boxes, contains, depths, neighbours
+from mindstage.world.boxes import Boxes, Indices, contains, depths, neighbours
 from mindstage.world.geometry import Array
 from mindstage.world.shells import find_shells
 
-__all__ = ["TOUCH_M", "Collisions", "Scene", "decide"]
+__all__ = ["GRAZE_M", "SUNK_M", "TOUCH_M", "Collisions", "Scene", "decide"]
 
 TOUCH_M = 0.002
 """Boxes that stand in one another by less than this only touch: maps round to a micrometre, people to a millimetre."""
+
+GRAZE_M = 0.00005
+"""What hangs in a joint and what does not move only touch if the solids stand in one another by less than this.
+
+An engine should feel nothing of that: faces without a gap between them would rub, and two such drawers jam.
+"""
+
+SUNK_M = 0.01
+"""What is loose and stands in solids by no more than this (and half its thickness) is pushed out of them."""
 
 _CROWD = 256
 """A body that overlaps more others than this is not told apart from each of them."""
@@ -59,6 +73,10 @@ class Scene:
     """Pairs of assemblies (lower number first) that are joined by a constraint and must not collide."""
     cores: Boxes
     """The boxes that count for overlaps: what is round does not fill the corners of its own."""
+    parts: Parts | None = None
+    """What the bodies are made of; None where none of them has a form."""
+    formed: NDArray[np.bool_] | None = None
+    """Whether a body has a form of its own, which is not just the box of its size."""
     settled: Callable[[int, int], bool] = lambda a, b: False
     """Whether a pair could collide before the edit in question: then it still may, however deep it is just now."""
 
@@ -96,7 +114,7 @@ def decide(scene: Scene, so_far: Collisions) -> tuple[Collisions, list[Note]]:
     boxes = Boxes.of(scene.poses, scene.sizes)
     thronged = _thronged(scene)
     a, b, depth = _overlapping(scene, thronged)
-    holds = _holding(boxes, a, b)
+    holds = _holding(scene, boxes, a, b)
     shells = find_shells(
         boxes, holds, moves=scene.simulates, loose=scene.loose, assembly=scene.assembly, joined=scene.joined
     )
@@ -110,6 +128,8 @@ def decide(scene: Scene, so_far: Collisions) -> tuple[Collisions, list[Note]]:
     for outer, inner in contents.items():
         notes.append(_hollow(scene, boxes, collisions, outer, inner, fronts.get(int(scene.assembly[outer]), ())))
     resting = {(outer, item) for outer, inner in contents.items() for item in inner}
+    a, b, depth, sunk = _truly_overlapping(scene, a, b, depth)
+    notes += sunk
     notes += _make_ghosts(scene, collisions, _crowded(scene, a, b) | thronged)
     notes += _keep_apart(scene, collisions, (a, b, depth), resting)
     return collisions, notes
@@ -125,7 +145,7 @@ def _thronged(scene: Scene) -> NDArray[np.bool_]:
     return np.asarray(count > _THRONG)
 
 
-def _overlapping(scene: Scene, thronged: NDArray[np.bool_]) -> tuple[NDArray[np.intp], NDArray[np.intp], Array]:
+def _overlapping(scene: Scene, thronged: NDArray[np.bool_]) -> tuple[Indices, Indices, Array]:
     """All pairs of different assemblies that stand in one another, at least one of them fresh."""
     everything = np.ones(len(scene.ids), dtype=bool)
     found_a, found_b, found_depth = [], [], []
@@ -133,7 +153,7 @@ def _overlapping(scene: Scene, thronged: NDArray[np.bool_]) -> tuple[NDArray[np.
         apart = (scene.assembly[a] != scene.assembly[b]) & ~(thronged[a] & thronged[b])
         a, b = a[apart], b[apart]
         depth = depths(scene.cores, a, b)
-        deep = depth > TOUCH_M
+        deep = depth > _allowed(scene, a, b)
         deep[deep] = [not scene.settled(i, j) for i, j in zip(a[deep].tolist(), b[deep].tolist(), strict=True)]
         found_a.append(a[deep])
         found_b.append(b[deep])
@@ -144,23 +164,68 @@ def _overlapping(scene: Scene, thronged: NDArray[np.bool_]) -> tuple[NDArray[np.
     return np.concatenate(found_a), np.concatenate(found_b), np.concatenate(found_depth)
 
 
-def _holding(boxes: Boxes, a: NDArray[np.intp], b: NDArray[np.intp]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+def _truly_overlapping(
+    scene: Scene, a: Indices, b: Indices, depth: Array
+) -> tuple[Indices, Indices, Array, list[Note]]:
+    """Of pairs whose boxes overlap those whose solids do, and how deep these stand in one another.
+
+    What is loose and sunk in something by a little is none of them: it is pushed out, for else it would fall through
+    what it stands on.
+    """
+    if scene.parts is None or scene.formed is None:
+        return a, b, depth, []
+    formed = scene.formed[a] | scene.formed[b]
+    depth = depth.copy()
+    depth[formed] = scene.parts.depths(a[formed], b[formed], depth[formed])
+    deep = depth > _allowed(scene, a, b)
+    thickness = np.where(scene.loose, scene.sizes.min(axis=1), np.inf)
+    bearable = np.minimum(SUNK_M, np.minimum(thickness[a], thickness[b]) / 2)
+    sunk = deep & formed & (scene.loose[a] | scene.loose[b]) & (depth <= bearable)
+    deep &= ~sunk
+    return a[deep], b[deep], depth[deep], _sunk_notes(scene, a[sunk], b[sunk], depth[sunk])
+
+
+def _sunk_notes(scene: Scene, a: Indices, b: Indices, depth: Array) -> list[Note]:
+    """One note for each body that is a little in something else, for the loose one or else the first."""
+    others: dict[int, list[tuple[int, float]]] = {}
+    for i, j, deep in zip(a.tolist(), b.tolist(), depth.tolist(), strict=True):
+        loose, other = (i, j) if scene.loose[i] else (j, i)
+        others.setdefault(loose, []).append((other, deep))
+    notes = []
+    for loose, found in others.items():
+        names = tuple(scene.ids[other] for other, _ in found)
+        deepest = max(deep for _, deep in found) * 1000
+        text = f"{scene.ids[loose]} stands in {', '.join(names)} by up to {deepest:.0f} mm and is pushed out of it"
+        notes.append(Note(NoteKind.SUNK, (scene.ids[loose], *names), text))
+    return notes
+
+
+def _allowed(scene: Scene, a: Indices, b: Indices) -> Array:
+    """How deep the bodies of each pair may stand in one another and still only touch [m]."""
+    return np.where(scene.loose[a] | scene.loose[b], TOUCH_M, GRAZE_M)
+
+
+def _holding(scene: Scene, boxes: Boxes, a: Indices, b: Indices) -> tuple[Indices, Indices]:
     """Pairs (outer, inner) in which the outer box holds all of the inner one."""
-    outer, inner = np.concatenate([a, b]), np.concatenate([b, a])
+    outer, inner = _outer_and_inner(scene, a, b)
     inside = contains(boxes, outer, inner)
     return outer[inside], inner[inside]
 
 
+def _outer_and_inner(scene: Scene, a: Indices, b: Indices) -> tuple[Indices, Indices]:
+    """Each pair both ways, but for those whose first one has a form: what is in that is its form's business."""
+    outer, inner = np.concatenate([a, b]), np.concatenate([b, a])
+    if scene.formed is not None:
+        plain = ~scene.formed[outer]
+        outer, inner = outer[plain], inner[plain]
+    return outer, inner
+
+
 def _contents(
-    scene: Scene,
-    boxes: Boxes,
-    shells: Mapping[int, int],
-    collisions: Collisions,
-    a: NDArray[np.intp],
-    b: NDArray[np.intp],
+    scene: Scene, boxes: Boxes, shells: Mapping[int, int], collisions: Collisions, a: Indices, b: Indices
 ) -> dict[int, list[int]]:
     """For each body that holds something loose: what. Of nested holders the smallest counts."""
-    outer, inner = np.concatenate([a, b]), np.concatenate([b, a])
+    outer, inner = _outer_and_inner(scene, a, b)
     volume = np.prod(boxes.half, axis=1)
     able = scene.loose[inner] & (volume[outer] > 2 * volume[inner])
     outer, inner = outer[able], inner[able]
@@ -207,7 +272,7 @@ def _hollow(
     return Note(NoteKind.HOLLOW, (id, *names), text)
 
 
-def _crowded(scene: Scene, a: NDArray[np.intp], b: NDArray[np.intp]) -> NDArray[np.bool_]:
+def _crowded(scene: Scene, a: Indices, b: Indices) -> NDArray[np.bool_]:
     """Which bodies overlap more others than can be told one by one."""
     matters = scene.simulates[a] | scene.simulates[b]
     partners = np.bincount(np.concatenate([a[matters], b[matters]]), minlength=len(scene.ids))
@@ -229,7 +294,7 @@ def _make_ghosts(scene: Scene, collisions: Collisions, crowded: NDArray[np.bool_
 def _keep_apart(
     scene: Scene,
     collisions: Collisions,
-    overlaps: tuple[NDArray[np.intp], NDArray[np.intp], Array],
+    overlaps: tuple[Indices, Indices, Array],
     resting: set[tuple[int, int]],
 ) -> list[Note]:
     """Overlapping pairs do not collide, unless one of them now has an inside for the other."""

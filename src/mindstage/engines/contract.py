@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from mindstage.world import NO_FORMS, BodyId, Colour, Forms, Material, Physics, Pose, Vector, World
 
-__all__ = ["Ability", "Engine", "Failure", "Note", "NoteKind", "Poses", "SpawnReport", "State"]
+__all__ = ["Ability", "Engine", "Failure", "Note", "NoteKind", "Poses", "SpawnReport", "State", "Statistics"]
 
 Poses = NDArray[np.float64]
 """n x 7: x y z [m], then w x y z."""
@@ -36,6 +36,21 @@ class Ability(Enum):
     """`save` and `restore`."""
     JOINTS = "joints"
     """`joint_positions`."""
+    STATISTICS = "statistics"
+    """`statistics`."""
+
+
+class Statistics(msgspec.Struct, frozen=True, kw_only=True):
+    """How busy an engine is just now."""
+
+    movable: int
+    """Bodies that can move, by themselves or with what they hang on."""
+    awake: int
+    """Those of them that are not at rest."""
+    contacts: int
+    """Places where those that are awake touch something."""
+    timestep_s: float | None = None
+    """Of the physics; None where it has none of its own [s]."""
 
 
 class Failure(msgspec.Struct, frozen=True):
@@ -55,8 +70,12 @@ class NoteKind(Enum):
     """Encloses much of the world; nothing collides with it."""
     HOLLOW = "hollow"
     """Has something inside that must rest on it, so it got an inside."""
+    SHAPE = "shape"
+    """A form is a guess, or not all of it could be used."""
     OVERLAP = "overlap"
     """The first body and each of the others stand in one another, so they do not collide."""
+    SUNK = "sunk"
+    """The first body stands a little in each of the others, and is pushed out by the physics."""
     CONSTRAINT = "constraint"
     """A constraint is not taken literally."""
     ATTACHMENT = "attachment"
@@ -206,6 +225,9 @@ class Engine(Protocol):
 
         Six numbers for each constraint that can move: x, y, z [m], twist, swing2, swing1 [rad].
         """
+
+    def statistics(self) -> Statistics:
+        """How busy it is, at next to no cost: it may be asked after each tick (ability STATISTICS)."""
 
     def log(self) -> World:
         """Everything as it is now. What was not moved comes back exactly as it was given."""

@@ -10,7 +10,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
-from mindstage.engines.contract import Ability, Poses, SpawnReport, State
+from mindstage.engines.contract import Ability, Poses, SpawnReport, State, Statistics
 from mindstage.engines.inventory import Inventory
 from mindstage.errors import EngineClosed
 from mindstage.world import NO_FORMS, BodyId, Colour, Forms, Material, Physics, Pose, Vector, World
@@ -23,7 +23,7 @@ class NullEngine:
     """An engine in which time passes and nothing else happens."""
 
     name = "null"
-    abilities = frozenset({Ability.SAVE})
+    abilities = frozenset({Ability.SAVE, Ability.STATISTICS})
 
     def __init__(self) -> None:
         self._inventory = Inventory()
@@ -82,6 +82,10 @@ class NullEngine:
 
     def joint_positions(self) -> Mapping[BodyId, tuple[float, ...]]:
         return {}
+
+    def statistics(self) -> Statistics:
+        self._open()
+        return Statistics(movable=0, awake=0, contacts=0)
 
     def log(self) -> World:
         return self._open()._inventory.world()

@@ -7,20 +7,21 @@ does becomes geometry of MuJoCo's world, because adding a body costs MuJoCo a wa
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import mujoco
 import numpy as np
 
-from mindstage.engines.collision import Collisions
-from mindstage.engines.mujoco.forest import Assembly, Branch, Forest
-from mindstage.engines.mujoco.joints import Axis, axes_of, is_ball
+from mindstage.engines.forest import Assembly, Branch, Forest
+from mindstage.engines.joints import Axis, axes_of, is_ball
 from mindstage.engines.mujoco.live import Joint, Live
-from mindstage.engines.mujoco.shapes import THINNEST_M, add_geom, primitive, unit_inertias
+from mindstage.engines.mujoco.shapes import add_geom, inertia_frame, touch_of, unit_inertias
 from mindstage.engines.mujoco.tuning import add_friction, soften
+from mindstage.engines.planning import Planner
 from mindstage.errors import EngineUnavailable
-from mindstage.world import Body, BodyId, Constraint, Mobility, Motion
+from mindstage.world import Body, BodyId, Mobility, Motion, Solid, SolidKind, Vector
 from mindstage.world.geometry import Array, compose, invert
 
 __all__ = ["Blueprint", "build"]
@@ -35,20 +36,24 @@ _FIXED = (Mobility.STATIC, Mobility.STATIONARY)
 class Blueprint:
     """All that a model is made from; rows of arrays go with `rows`."""
 
-    bodies: dict[BodyId, Body]
-    rows: dict[BodyId, int]
+    planner: Planner
     where: Array
     """Where the bodies stand, n x 7, unit quaternions."""
+    timestep_s: float
+    bodies: Mapping[BodyId, Body]
+    rows: dict[BodyId, int]
     sizes: Array
     masses: dict[BodyId, float]
     forest: Forest
-    holds: dict[BodyId, Array]
-    """Each attached child's pose as seen from what it hangs on."""
-    ends: dict[BodyId, tuple[Array, Array]]
-    """Each constraint's frame as seen from the map's parent and from its child."""
-    collisions: Collisions
-    constraints: dict[BodyId, Constraint]
-    timestep_s: float
+    apart: set[tuple[BodyId, BodyId]]
+
+    @classmethod
+    def of(cls, planner: Planner, where: Array, timestep_s: float) -> Blueprint:
+        """What a planner decided about bodies that stand somewhere."""
+        ids = planner.inventory.ids
+        rows = {id: row for row, id in enumerate(ids)}
+        sizes, masses, bodies = planner.matter.sizes(ids), planner.masses(), planner.inventory.bodies
+        return cls(planner, where, timestep_s, bodies, rows, sizes, masses, planner.forest, planner.apart())
 
 
 class _Builder:
@@ -57,8 +62,9 @@ class _Builder:
     def __init__(self, blueprint: Blueprint) -> None:
         self.blueprint = blueprint
         self.spec = mujoco.MjSpec()
-        self.halves = (np.maximum(blueprint.sizes, THINNEST_M) / 2).tolist()
         self.inertias = unit_inertias(blueprint.bodies.values(), blueprint.sizes)
+        self.meshes: dict[tuple[Vector, ...], str] = {}
+        """By the points of hulls."""
         self.made: dict[BodyId, Any] = {}
         self.free: dict[BodyId, Any] = {}
         self.jointed: dict[BodyId, tuple[Branch, tuple[Axis, ...], bool, list[Any], Any]] = {}
@@ -85,7 +91,7 @@ class _Builder:
         else:
             self._branch(assembly, branch)
         for id in assembly.bodies[1:]:
-            self._body(self.made[plan.forest.holders[id]], id, plan.holds[id])
+            self._body(self.made[plan.forest.holders[id]], id, plan.planner.holds[id])
 
     def _branch(self, assembly: Assembly, branch: Branch) -> None:
         parent_from_frame, frame_from_top, top_from_frame = self._frames(assembly.top, branch)
@@ -97,7 +103,7 @@ class _Builder:
     def _frames(self, top: BodyId, branch: Branch) -> tuple[Array, Array, Array]:
         """The joint frame seen from the parent body; the top seen from that frame, and the other way round."""
         plan = self.blueprint
-        of_parent, of_child = branch.seen_from_root(plan.ends[branch.constraint.id])
+        of_parent, of_child = branch.seen_from_root(plan.planner.ends[branch.constraint.id])
         top_from_frame = of_child
         if branch.child != top:
             top_from_child = compose(invert(plan.where[plan.rows[top]]), plan.where[plan.rows[branch.child]])
@@ -132,14 +138,20 @@ class _Builder:
     def scenery(self) -> list[BodyId]:
         """Adds what is only there to be bumped into, and says which bodies that were."""
         plan = self.blueprint
-        busy = {id for pair in plan.collisions.apart for id in pair}
-        busy |= {end for constraint in plan.constraints.values() for end in (constraint.parent, constraint.child)}
-        scenery = []
+        busy = {id for pair in plan.planner.collisions.apart for id in pair}
+        constraints = plan.planner.inventory.constraints.values()
+        busy |= {end for constraint in constraints for end in (constraint.parent, constraint.child)}
+        scenery: list[BodyId] = []
         for assembly in plan.forest.assemblies.values():
             if assembly.mobility in _FIXED and busy.isdisjoint(assembly.bodies):
-                for id in assembly.bodies:
-                    self._geometry(self.spec.worldbody, id, plan.where[plan.rows[id]])
                 scenery += assembly.bodies
+        made = [plan.planner.solids(id) for id in scenery]
+        counts = [len(solids) for solids, _ in made]
+        standing = np.repeat(plan.where[[plan.rows[id] for id in scenery]], counts, axis=0)
+        local = [_HERE[None] if places is None else places for _, places in made]
+        places = iter(compose(standing, np.concatenate([np.zeros((0, 7)), *local])))
+        for id, (solids, _) in zip(scenery, made, strict=True):
+            self._geometry(self.spec.worldbody, id, zip(solids, places, strict=False))
         return scenery
 
     def _body(self, parent: Any, id: BodyId, place: Array) -> Any:
@@ -147,57 +159,45 @@ class _Builder:
         body = parent.add_body(name=_name(id), pos=place[:3], quat=place[3:])
         self.made[id] = body
         description = plan.bodies[id]
-        self._geometry(body, id, _HERE)
+        solids, places = plan.planner.solids(id)
+        self._geometry(body, id, zip(solids, _HERE[None] if places is None else places, strict=True))
         mass = plan.masses.get(id, 0.0)
         if mass > 0.0:
             body.explicitinertial = True
-            body.mass, body.inertia = mass, mass * self.inertias[plan.rows[id]]
-            body.ipos, body.iquat = _HERE[:3], _HERE[3:]
+            body.ipos, body.iquat, moments = self._inertia(id)
+            body.mass, body.inertia = mass, mass * moments
         if description.physics.gravity is False:
             body.gravcomp = 1.0
         return body
 
-    def _geometry(self, body: Any, id: BodyId, place: Array) -> None:
-        """The shape of one of our bodies, somewhere on one of MuJoCo's."""
-        plan = self.blueprint
-        ghost = id in plan.collisions.ghosts
-        plates = plan.collisions.hollows.get(id)
-        if plates is None:
-            kind, extent = primitive(plan.bodies[id], self.halves[plan.rows[id]])
-            add_geom(body, kind, extent, place[:3], place[3:], ghost)
-            return
-        centres = np.array([plate.centre for plate in plates])
-        if place is not _HERE:
-            centres = compose(place, np.concatenate([centres, np.tile(_HERE[3:], (len(plates), 1))], axis=1))[:, :3]
-        extents = np.maximum([plate.size for plate in plates], THINNEST_M) / 2
-        for centre, extent in zip(centres, extents.tolist(), strict=True):
-            add_geom(body, mujoco.mjtGeom.mjGEOM_BOX, extent, centre, place[3:], ghost)
+    def _inertia(self, id: BodyId) -> tuple[Array, Array, Array]:
+        """Where the mass lies, along which axes, and its moments for 1 kg."""
+        if id in self.blueprint.planner.forms:
+            return inertia_frame(self.blueprint.planner.matter.prepared(id))
+        return _HERE[:3], _HERE[3:], self.inertias[self.blueprint.rows[id]]
+
+    def _geometry(self, body: Any, id: BodyId, solids: Iterable[tuple[Solid, Array]]) -> None:
+        """What of one of our bodies can be touched, and where that is on one of MuJoCo's."""
+        planner = self.blueprint.planner
+        ghost = id in planner.collisions.ghosts
+        touch = touch_of(planner.forms.get(id), self.blueprint.timestep_s, ghost=ghost)
+        for solid, place in solids:
+            add_geom(body, solid, place, touch=touch, mesh=self._mesh(solid))
+
+    def _mesh(self, solid: Solid) -> str:
+        """The name of a hull's mesh, each made once; an empty one for what is no hull."""
+        if solid.kind is not SolidKind.HULL:
+            return ""
+        if solid.points not in self.meshes:
+            name = self.meshes[solid.points] = f"hull{len(self.meshes)}"
+            self.spec.add_mesh(name=name, uservert=[number for point in solid.points for number in point])
+        return self.meshes[solid.points]
 
     def apart(self) -> None:
-        """Pairs that never collide: decided ones, and the parts of one piece of furniture."""
-        plan = self.blueprint
-        pairs = set(plan.collisions.apart)
-        for one, other in self._joined_assemblies():
-            for a in plan.forest.assemblies[one].bodies:
-                pairs |= {(a, b) if a < b else (b, a) for b in plan.forest.assemblies[other].bodies}
-        for a, b in sorted(pairs):
-            if a in self.made and b in self.made and plan.forest.of_body[a] != plan.forest.of_body[b]:
+        """Pairs that never collide."""
+        for a, b in sorted(self.blueprint.apart):
+            if a in self.made and b in self.made:
                 self.spec.add_exclude(bodyname1=_name(a), bodyname2=_name(b))
-
-    def _joined_assemblies(self) -> set[tuple[BodyId, BodyId]]:
-        """Pairs of tops: two ends of a constraint, and a door with what else is fixed to its case (racks, bars)."""
-        plan = self.blueprint
-        neighbours: dict[BodyId, set[BodyId]] = {}
-        for constraint in plan.constraints.values():
-            if constraint.disable_collision is not False:
-                one, other = plan.forest.of_body[constraint.parent], plan.forest.of_body[constraint.child]
-                neighbours.setdefault(one, set()).add(other)
-                neighbours.setdefault(other, set()).add(one)
-        pairs = {(one, other) for one, others in neighbours.items() for other in others if one < other}
-        for top, branch in plan.forest.branches.items():
-            beside = neighbours.get(plan.forest.of_body[branch.parent], ())
-            pairs |= {(top, other) for other in beside if not plan.forest.assemblies[other].simulates}
-        return pairs
 
     def loop(self, branch: Branch) -> None:
         """A constraint that closes a loop.
@@ -205,7 +205,7 @@ class _Builder:
         MuJoCo has equalities for "welded" and "one point in common". Any other kind goes through a light go-between
         that has the joints and is welded to the far side.
         """
-        of_parent, of_child = branch.seen_from_root(self.blueprint.ends[branch.constraint.id])
+        of_parent, of_child = branch.seen_from_root(self.blueprint.planner.ends[branch.constraint.id])
         axes = axes_of(branch.constraint, upside_down=branch.upside_down)
         linear, angular = branch.constraint.linear, branch.constraint.angular
         pinned = all(motion is Motion.LOCKED for motion in (linear.x, linear.y, linear.z))

@@ -15,7 +15,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from mindstage.engines.mujoco.joints import place_of
+from mindstage.engines.joints import place_of
 from mindstage.engines.mujoco.live import Joint, Live
 from mindstage.world import BodyId
 from mindstage.world.geometry import Array, compose, conjugate, invert, rotate

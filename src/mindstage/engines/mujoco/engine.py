@@ -13,12 +13,13 @@ from types import MappingProxyType
 import mujoco
 import numpy as np
 
-from mindstage.engines.contract import Ability, Note, NoteKind, Poses, SpawnReport, State
+from mindstage.engines.contract import Ability, Note, NoteKind, Poses, SpawnReport, State, Statistics
 from mindstage.engines.inventory import placeable
+from mindstage.engines.joints import place_of
 from mindstage.engines.mujoco.carry import coordinates, put, wake
-from mindstage.engines.mujoco.joints import place_from, place_of
 from mindstage.engines.mujoco.live import Live
 from mindstage.engines.mujoco.scene import SceneKeeper
+from mindstage.engines.travelling import require_reachable
 from mindstage.errors import EngineClosed, PoseUnreachable, SimulationUnstable
 from mindstage.world import NO_FORMS, BodyId, Colour, Forms, Material, Physics, Pose, Vector, World
 from mindstage.world.geometry import Array, compose, invert, pose_array, pose_from, rotation_angle, unit_pose
@@ -27,14 +28,13 @@ __all__ = ["MujocoEngine"]
 
 _SAME = 1e-12
 """A pose that differs by less from the described one is the described one [m, rad]; larger numbers round more."""
-_REACHED_M, _REACHED_RAD = 1e-6, 1e-6
 
 
 class MujocoEngine:
     """The contract, kept by MuJoCo."""
 
     name = "mujoco"
-    abilities = frozenset({Ability.SAVE, Ability.JOINTS})
+    abilities = frozenset({Ability.SAVE, Ability.JOINTS, Ability.STATISTICS})
 
     def __init__(self, *, timestep_s: float = 0.002) -> None:
         """An empty world.
@@ -54,7 +54,7 @@ class MujocoEngine:
         return self._open().time_s
 
     def spawn(self, world: World, *, forms: Forms = NO_FORMS) -> SpawnReport:
-        return self._open().add(world)
+        return self._open().add(world, forms=forms)
 
     def delete(self, ids: Iterable[BodyId]) -> None:
         self._open().remove(tuple(ids))
@@ -114,7 +114,7 @@ class MujocoEngine:
         if self._pushes:
             live.data.xfrc_applied[:] = 0.0
             self._pushes.clear()
-        keeper.late_notes += _check(live)
+        keeper.late_notes.extend(_check(live))
 
     def poses(self) -> tuple[tuple[BodyId, ...], Poses]:
         keeper = self._open()
@@ -126,11 +126,21 @@ class MujocoEngine:
         positions = {}
         for id, joint in live.joints.items():
             constraint = joint.branch.constraint
-            of_parent, of_child = keeper.ends[id]
+            of_parent, of_child = keeper.planner.ends[id]
             fixed = compose(where[constraint.parent], of_parent)
             moving = compose(where[constraint.child], of_child)
             positions[id] = tuple(place_of(compose(invert(fixed), moving), joint.axes).tolist())
         return positions
+
+    def statistics(self) -> Statistics:
+        live = self._open().last_live
+        sleep = np.zeros(0) if live is None else live.data.body_awake
+        return Statistics(
+            movable=int(np.count_nonzero(sleep >= int(mujoco.mjtSleepState.mjS_ASLEEP))),
+            awake=int(np.count_nonzero(sleep == int(mujoco.mjtSleepState.mjS_AWAKE))),
+            contacts=0 if live is None else int(live.data.ncon),
+            timestep_s=self._timestep_s,
+        )
 
     def log(self) -> World:
         keeper = self._open()
@@ -180,7 +190,7 @@ class MujocoEngine:
     def _move_in_place(self, keeper: SceneKeeper, id: BodyId, target: Array) -> bool:
         """Moves what needs no new model: what is free, kinematic, or on a joint. False for the rest."""
         live = keeper.live()
-        moving = keeper.reach(id)
+        moving = keeper.planner.reach(id)
         if id in live.free:
             position, velocity = live.free[id]
             live.data.qpos[position : position + 7] = target
@@ -204,33 +214,11 @@ class MujocoEngine:
             PoseUnreachable: its joint does not go there.
         """
         live, where = keeper.live(), keeper.where_by_id()
-        child_from_top = compose(invert(where[id]), where[keeper.forest.branches[id].child])
-        joint = live.joints.get(constraint)
-        if joint is None:
-            raise PoseUnreachable(id, reason=f"the constraint {constraint!r} locks it")
+        require_reachable(keeper.planner, id, target, where)
+        joint = live.joints[constraint]
+        child_from_top = compose(invert(where[id]), where[joint.branch.child])
         asked = {**where, joint.branch.child: compose(target, child_from_top)}
-        ends = keeper.ends[constraint]
-        place = coordinates(joint, asked, ends)
-        for axis in joint.axes:
-            beyond = place[axis.index] - axis.middle
-            if axis.limit is not None and abs(beyond) > axis.limit + _REACHED_M:
-                end = axis.middle + np.copysign(axis.limit, beyond)
-                asked_for = f"{place[axis.index]:.4g} {'m' if axis.slides else 'rad'}"
-                raise PoseUnreachable(id, reason=f"{constraint!r} ends at {end:g}, asked for was {asked_for}")
-        allowed = np.zeros(6)
-        for axis in joint.axes:
-            allowed[axis.index] = place[axis.index]
-        of_parent, of_child = joint.branch.seen_from_root(ends)
-        relative = place_from(allowed.tolist())
-        if joint.ball:
-            relative[3:] = place[6:]
-        reached = compose(compose(compose(where[joint.branch.parent], of_parent), relative), invert(of_child))
-        wanted = asked[joint.branch.child]
-        off_m = float(np.linalg.norm(reached[:3] - wanted[:3]))
-        if off_m > _REACHED_M or float(rotation_angle(reached[3:], wanted[3:])) > _REACHED_RAD:
-            reason = f"{constraint!r} does not lead there; the nearest it allows is {off_m:.3g} m off"
-            raise PoseUnreachable(id, reason=reason)
-        put(live, joint, place)
+        put(live, joint, coordinates(joint, asked, keeper.planner.ends[constraint]))
 
 
 _BROKEN = (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, mujoco.mjtWarning.mjWARN_BADQACC)

@@ -16,13 +16,13 @@ import mujoco
 import numpy as np
 
 from mindstage.engines.contract import NoteKind
+from mindstage.engines.joints import AXES
 from mindstage.engines.mujoco.build import build
-from mindstage.engines.mujoco.joints import AXES
 from mindstage.engines.mujoco.live import Live
 from mindstage.engines.mujoco.meshes import Mesh, load_mesh
 from mindstage.engines.mujoco.scene import SceneKeeper
 from mindstage.errors import MapUnwritable
-from mindstage.world import Body, BodyId, Constraint, Light, LightKind, World
+from mindstage.world import NO_FORMS, Body, BodyId, Constraint, Forms, Light, LightKind, World
 from mindstage.world.geometry import rotate, unit_pose
 
 __all__ = ["Mjcf", "mjcf"]
@@ -53,11 +53,12 @@ class Mjcf(NamedTuple):
     notes: tuple[str, ...]
 
 
-def mjcf(world: World, *, find_mesh: Callable[[str], Path | None] = lambda name: None) -> Mjcf:
+def mjcf(world: World, *, forms: Forms = NO_FORMS, find_mesh: Callable[[str], Path | None] = lambda name: None) -> Mjcf:
     """A world as MJCF.
 
     Args:
         world: what is written.
+        forms: what its bodies are made of; what of them can be touched is in the file, hulls as points.
         find_mesh: the file that a body's mesh is, if it is at hand; such a file is named in the model, not copied.
 
     Raises:
@@ -65,9 +66,9 @@ def mjcf(world: World, *, find_mesh: Callable[[str], Path | None] = lambda name:
         EngineUnavailable: MuJoCo cannot compile the world.
     """
     keeper = SceneKeeper(0.002)
-    report = keeper.add(world)
+    report = keeper.add(world, forms=forms)
     failures = (*report.failed_bodies, *report.failed_constraints, *report.failed_attachments)
-    document = _Document(world, build(keeper.blueprint(), scenery=False), find_mesh)
+    document = _Document(world, build(keeper.blueprint(), scenery=False), find_mesh, forms)
     document.write()
     notes = [f"{failure.id} is not in it: {failure.reason}" for failure in failures]
     notes += [note.text for note in report.notes if note.kind is NoteKind.CONSTRAINT]
@@ -75,8 +76,8 @@ def mjcf(world: World, *, find_mesh: Callable[[str], Path | None] = lambda name:
 
 
 class _Document:
-    def __init__(self, world: World, live: Live, find_mesh: Callable[[str], Path | None]) -> None:
-        self.world, self.live, self.find_mesh = world, live, find_mesh
+    def __init__(self, world: World, live: Live, find_mesh: Callable[[str], Path | None], forms: Forms) -> None:
+        self.world, self.live, self.find_mesh, self.forms = world, live, find_mesh, forms
         self.model: Any = live.model
         self.bodies: dict[int, Body] = {}
         by_id = {body.id: body for body in world.bodies}
@@ -102,6 +103,7 @@ class _Document:
         ElementTree.SubElement(self.root, "option", option)
         self._texts()
         self.root.append(self.assets)
+        self._hulls()
         self._tree()
         self._pairs()
         if not len(self.assets):
@@ -188,22 +190,43 @@ class _Document:
 
     def _geom(self, element: ElementTree.Element, geom: int) -> None:
         model = self.model
-        kind, count = _GEOMS[int(model.geom_type[geom])]
-        told = {
-            "type": kind,
-            "size": _row(model.geom_size[geom][:count]),
-            "pos": _row(model.geom_pos[geom]),
-            "quat": _row(model.geom_quat[geom]),
-            "mass": "0",
-        }
-        if not model.geom_contype[geom] and not model.geom_conaffinity[geom]:
-            told |= {"contype": "0", "conaffinity": "0"}
+        told = {"pos": _row(model.geom_pos[geom]), "quat": _row(model.geom_quat[geom]), "mass": "0"}
+        if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_MESH:
+            told |= {"type": "mesh", "mesh": model.mesh(int(model.geom_dataid[geom])).name}
         else:
-            told["friction"] = _row(model.geom_friction[geom])
+            kind, count = _GEOMS[int(model.geom_type[geom])]
+            told |= {"type": kind, "size": _row(model.geom_size[geom][:count])}
+        told |= {"contype": str(model.geom_contype[geom]), "conaffinity": str(model.geom_conaffinity[geom])}
+        if model.geom_contype[geom]:
+            told |= {
+                "friction": _row(model.geom_friction[geom]),
+                "priority": str(int(model.geom_priority[geom])),
+                "solref": _row(model.geom_solref[geom]),
+                "margin": _row([model.geom_margin[geom]]),
+            }
         body = self.bodies.get(int(model.geom_bodyid[geom]))
         if body and self._mesh_of(body):
             told["group"] = _FELT
-        ElementTree.SubElement(element, "geom", told | _colour(body))
+        ElementTree.SubElement(element, "geom", told | self._colour(body))
+
+    def _hulls(self) -> None:
+        """The corners of what is neither box nor round; MuJoCo makes the hull."""
+        model = self.model
+        for number in range(model.nmesh):
+            first, count = int(model.mesh_vertadr[number]), int(model.mesh_vertnum[number])
+            corners = model.mesh_vert[first : first + count].reshape(-1)
+            ElementTree.SubElement(self.assets, "mesh", name=model.mesh(number).name, vertex=_row(corners))
+
+    def _colour(self, body: Body | None) -> dict[str, str]:
+        """The body's own colour, else that of its form's first skin."""
+        colour = next((material.colour for material in body.materials if material.colour), None) if body else None
+        if colour is not None:
+            return {"rgba": _shade(*colour, 1.0)}
+        form = self.forms.get(body.id) if body else None
+        if form is None or not form.skins:
+            return {}
+        surface = form.skins[0].surface
+        return {"rgba": _shade(*surface.colour, surface.opacity)}
 
     def _mesh(self, element: ElementTree.Element, body: Body) -> None:
         mesh = self._mesh_of(body)
@@ -216,7 +239,7 @@ class _Document:
             told = {"name": name, "file": str(mesh.path), "scale": _row(scale), "inertia": "shell"}
             ElementTree.SubElement(self.assets, "mesh", told)
         look = {"type": "mesh", "mesh": name, "mass": "0", "contype": "0", "conaffinity": "0", "group": _SEEN}
-        ElementTree.SubElement(element, "geom", look | _colour(body))
+        ElementTree.SubElement(element, "geom", look | self._colour(body))
 
     def _mesh_of(self, body: Body) -> Mesh | None:
         path = self.find_mesh(body.mesh) if body.mesh else None
@@ -292,11 +315,6 @@ class _Document:
                     ElementTree.SubElement(equality, "weld", ends | told)
                 else:
                     ElementTree.SubElement(equality, "connect", ends | {"anchor": _row(data[:3])})
-
-
-def _colour(body: Body | None) -> dict[str, str]:
-    colour = next((material.colour for material in body.materials if material.colour), None) if body else None
-    return {} if colour is None else {"rgba": _shade(*colour, 1.0)}
 
 
 def _light(light: Light) -> Iterator[tuple[str, str]]:

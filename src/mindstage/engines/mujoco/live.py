@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Collection, Container
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mindstage.engines.mujoco.forest import Branch
-from mindstage.engines.mujoco.joints import Axis
+from mindstage.engines.forest import Branch
+from mindstage.engines.joints import Axis
 from mindstage.world import BodyId
 from mindstage.world.geometry import Array
 
@@ -53,6 +54,20 @@ class Live:
     """Of each assembly that moves freely: where its pose begins in `qpos`, its velocity in `qvel`."""
     mocap: dict[BodyId, int]
     """MuJoCo's mocap number of each kinematic assembly."""
+
+    def without(self, gone: Collection[BodyId], *, joints: Container[BodyId]) -> Live:
+        """The same, as a state to carry over, in which some bodies are not known any more.
+
+        Args:
+            gone: those bodies.
+            joints: the constraints that are still there.
+        """
+        return replace(
+            self,
+            numbers={id: number for id, number in self.numbers.items() if id not in gone},
+            free={id: place for id, place in self.free.items() if id not in gone},
+            joints={id: joint for id, joint in self.joints.items() if id in joints},
+        )
 
     def poses(self) -> Array:
         """All poses, n x 7, in the order of `Blueprint.rows`."""

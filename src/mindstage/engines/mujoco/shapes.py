@@ -1,51 +1,105 @@
-"""Shapes: MuJoCo's primitives for our bodies, and the inertia that goes with them."""
+"""Shapes: solids as MuJoCo's geoms, how they feel to the touch, and the inertia that goes with them.
+
+MuJoCo gives two geoms that meet the friction and bounce of the one with the higher priority. So that wood on ice
+slips and a ball bounces on wood, whatever is bouncy comes first, then what is more slippery; what nobody said
+anything about comes last.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
+from functools import lru_cache
+from math import exp, log, pi
 from typing import Any
 
 import mujoco
 import numpy as np
 
-from mindstage.world import Body, ShapeKind
+from mindstage.engines.collision import GRAZE_M
+from mindstage.engines.solids import SQUARES, Prepared, shape_solid
+from mindstage.world import Body, Form, Solid, SolidKind
 from mindstage.world.geometry import Array
 
-__all__ = ["THINNEST_M", "add_geom", "primitive", "unit_inertias"]
+__all__ = ["Touch", "add_geom", "inertia_frame", "touch_of", "unit_inertias"]
 
-THINNEST_M = 0.001
+Touch = dict[str, Any]
+"""Options of geoms."""
+
 _FRICTION = (0.8, 0.005, 0.0001)
+_UNTOLD: Touch = {"friction": _FRICTION}
+_GHOST: Touch = {"contype": 0, "conaffinity": 0}
 _INERTIA_M = 0.005
 """For inertia a body is taken at least this thick, or a sheet of paper would spin without end."""
-
-
-def add_geom(body: Any, kind: Any, extent: list[float], position: Array, quaternion: Array, ghost: bool) -> None:
-    """Adds a massless primitive to one of MuJoCo's bodies; a ghost collides with nothing."""
-    if ghost:
-        body.add_geom(type=kind, size=extent, pos=position, quat=quaternion, mass=0.0, contype=0, conaffinity=0)
-    else:
-        body.add_geom(type=kind, size=extent, pos=position, quat=quaternion, mass=0.0, friction=_FRICTION)
-
-
-def primitive(body: Body, half: list[float]) -> tuple[Any, list[float]]:
-    """MuJoCo's primitive and its half extents; one that is not round any more becomes an ellipsoid."""
-    if body.shape is None or body.shape.kind is ShapeKind.BOX:
-        return mujoco.mjtGeom.mjGEOM_BOX, half
-    if body.shape.kind is ShapeKind.SPHERE:
-        return mujoco.mjtGeom.mjGEOM_ELLIPSOID, half
-    return mujoco.mjtGeom.mjGEOM_CYLINDER, [(half[0] + half[1]) / 2, half[2], 0.0]
-
-
-_INERTIA_OF_SQUARES = {
-    ShapeKind.BOX: (1 / 12, 1 / 12, 1 / 12),
-    ShapeKind.SPHERE: (1 / 20, 1 / 20, 1 / 20),
-    ShapeKind.CYLINDER: (1 / 16, 1 / 16, 1 / 12),
+_BOUNCY = 0.5
+"""What bounces less, as all furniture does, has MuJoCo's own contacts: they hardly bounce, but come to rest."""
+_CONTACT_S = 0.02
+"""MuJoCo's own time constant of a contact."""
+_STEPS = 20.0
+"""A bounce lasts at least so many time steps, or the solver would not see it."""
+_GEOMS = {
+    SolidKind.BOX: mujoco.mjtGeom.mjGEOM_BOX,
+    SolidKind.SPHERE: mujoco.mjtGeom.mjGEOM_ELLIPSOID,
+    SolidKind.CYLINDER: mujoco.mjtGeom.mjGEOM_CYLINDER,
+    SolidKind.HULL: mujoco.mjtGeom.mjGEOM_MESH,
 }
 
 
+def touch_of(form: Form | None, timestep_s: float, *, ghost: bool) -> Touch:
+    """How a form's surface feels to others; what it does not say is as everywhere, and a ghost feels like nothing."""
+    if ghost:
+        return _GHOST
+    if form is None or (form.friction is None and form.restitution is None):
+        return _UNTOLD
+    sliding = _FRICTION[0] if form.friction is None else max(form.friction, 1e-5)
+    priority = 0 if form.friction is None else 1 + round(1000 * exp(-sliding))
+    bounce = min(form.restitution or 0.0, 0.98)
+    if bounce < _BOUNCY:
+        return {"friction": (sliding, *_FRICTION[1:]), "priority": priority}
+    # A damped spring of ratio z sends back the part exp(-pi z / sqrt(1 - z^2)) of the speed with which it was hit.
+    damping = -log(bounce) / (pi**2 + log(bounce) ** 2) ** 0.5
+    slow_enough = _STEPS * timestep_s / (pi * damping)
+    solref = (max(_CONTACT_S, slow_enough), damping)
+    return {"friction": (sliding, *_FRICTION[1:]), "priority": 10_000 + round(1000 * bounce), "solref": solref}
+
+
+def add_geom(body: Any, solid: Solid, place: Array, *, touch: Touch, mesh: str = "") -> None:
+    """Adds a massless solid to one of MuJoCo's bodies.
+
+    Args:
+        body: the spec's.
+        solid: what is added.
+        place: of its middle on that body, seven numbers.
+        touch: how it feels, and whom.
+        mesh: the name of the mesh that a hull was made into.
+    """
+    shape = {"meshname": mesh} if mesh else {"size": _extent(solid)}
+    kind = _GEOMS[solid.kind]
+    body.add_geom(type=kind, pos=place[:3], quat=place[3:], mass=0.0, margin=-GRAZE_M, **shape, **touch)
+
+
+def _extent(solid: Solid) -> list[float]:
+    """Half extents, as MuJoCo wants them; a cylinder is as wide as it is on average."""
+    x, y, z = (extent / 2 for extent in solid.size)
+    return [(x + y) / 2, z, 0.0] if solid.kind is SolidKind.CYLINDER else [x, y, z]
+
+
 def unit_inertias(bodies: Iterable[Body], sizes: Array) -> Array:
-    """The diagonals of the inertia tensors of solids of even density and 1 kg, n x 3 [m²]."""
-    kinds = (body.shape.kind if body.shape is not None else ShapeKind.BOX for body in bodies)
-    factors = np.array([_INERTIA_OF_SQUARES[kind] for kind in kinds]).reshape(-1, 3)
+    """The moments of solids that fill the bodies' sizes, for 1 kg, n x 3 [m²]."""
+    factors = np.array([SQUARES[shape_solid(body)] for body in bodies]).reshape(-1, 3)
     squares = np.maximum(sizes, _INERTIA_M) ** 2 * factors
     return np.asarray(squares.sum(axis=1, keepdims=True) - squares)
+
+
+@lru_cache(maxsize=4096)
+def inertia_frame(prepared: Prepared) -> tuple[Array, Array, Array]:
+    """Where the mass of a form lies: its middle, the directions of its principal axes, and their moments for 1 kg.
+
+    A body that nothing can touch has the inertia of something small. A form is worked out once, however often a model
+    is built.
+    """
+    moments, axes = np.linalg.eigh(prepared.inertia)
+    if np.linalg.det(axes) < 0.0:
+        axes[:, 0] = -axes[:, 0]
+    turn = np.zeros(4)
+    mujoco.mju_mat2Quat(turn, axes.reshape(9))
+    return prepared.middle, turn, np.maximum(moments, _INERTIA_M**2 / 6)

@@ -1,9 +1,9 @@
-"""Joints: the six axes of a constraint as MuJoCo's slides, hinges and balls.
+"""Joints: the six axes of a constraint as slides, hinges and balls.
 
 Coordinates are those of the joint frame: x, y, z [m], then twist (about x), swing 2 (about y), swing 1 (about z) [rad].
-MuJoCo applies joints in order; slides come first, so that they go along axes that do not turn, then the hinges about
-z, y and x, which are the angles of a rotation in that order (Tait-Bryan). Three free angles are a ball, which has no
-singular pose.
+Slides come first, so that they go along axes that do not turn, then the hinges about z, y and x, which are the angles
+of a rotation in that order (Tait-Bryan); MuJoCo applies joints so. Three free angles are a ball, which has no singular
+pose.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ class Axis:
 
 
 def axes_of(constraint: Constraint, *, upside_down: bool = False) -> tuple[Axis, ...]:
-    """The axes that can move, in the order in which MuJoCo needs them; a range of one point is none.
+    """The axes that can move, slides first; a range of one point is none.
 
     Args:
         constraint: the constraint.

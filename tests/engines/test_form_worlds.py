@@ -1,0 +1,121 @@
+"""Any world with any forms: MuJoCo takes it, gives it back, and runs it or says why it cannot."""
+
+from __future__ import annotations
+
+import contextlib
+
+import mujoco
+import numpy as np
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from mindstage.engines import MujocoEngine
+from mindstage.engines.mujoco import mjcf
+from mindstage.errors import SimulationUnstable
+from mindstage.world import BodyId, Form, Pose, Solid, SolidKind, World, difference
+from mindstage.world.geometry import rotate
+from tests.worlds import worlds
+
+from .contract import pose_of, pull
+from .formed import as_vector, bin_form, case_form, form
+from .scenes import FLOOR, LIMIT_M, body, slide, world
+
+lengths = st.floats(0.0, 2.0)
+places = st.floats(-1.0, 1.0)
+points = st.tuples(places, places, places)
+quaternions = st.tuples(*[st.floats(0.1, 1.0)] * 4).map(
+    lambda q: tuple((np.array(q) / np.linalg.norm(q)).tolist()),
+)
+
+
+@st.composite
+def solids(draw: st.DrawFn) -> Solid:
+    """Solids of every kind, flat, thin and crooked ones among them."""
+    return Solid(
+        kind=draw(st.sampled_from(SolidKind)),
+        size=(draw(lengths), draw(lengths), draw(lengths)),
+        pose=Pose(draw(points), draw(quaternions)),
+        points=tuple(draw(st.lists(points, max_size=10))),
+    )
+
+
+@st.composite
+def forms(draw: st.DrawFn) -> Form:
+    more = {
+        name: draw(st.none() | st.floats(0.0, most))
+        for name, most in (("friction", 2.0), ("restitution", 1.0), ("density", 8000.0))
+    }
+    return form(*draw(st.lists(solids(), max_size=5)), **more)
+
+
+@settings(max_examples=40, suppress_health_check=[HealthCheck.too_slow])
+@given(described=worlds(max_bodies=5), made=st.lists(forms(), min_size=5, max_size=5))
+def test_any_world_with_any_forms_comes_back_identical_and_runs(described: World, made: list[Form]) -> None:
+    worn = {body.id: form for body, form in zip(described.bodies, made, strict=False)}
+    engine = MujocoEngine()
+    assert engine.spawn(described, forms=worn).ok
+    assert difference(described, engine.log()).identical(0.0)
+    with contextlib.suppress(SimulationUnstable):  # a body put a kilometre into another may well break
+        engine.step(0.02)
+        assert np.isfinite(engine.poses()[1]).all()
+    mujoco.MjModel.from_xml_string(mjcf(described, forms=worn).text)
+
+
+def test_a_crowd_of_forms_in_one_place_is_spawned_and_does_not_explode() -> None:
+    crate = bin_form((0.3, 0.3, 0.2))
+    bodies = [body(f"b{i}", (0, 0, 1), (0.3, 0.3, 0.2), "dynamic", 1.0, gravity=False) for i in range(270)]
+    engine = MujocoEngine()
+    assert engine.spawn(world(*bodies), forms={BodyId(f"b{i}"): crate for i in range(270)}).ok
+    engine.step(0.02)
+    assert np.abs(engine.poses()[1][:, :3] - (0, 0, 1)).max() < 1e-6
+
+
+gaps = st.floats(-0.003, 0.003)
+
+
+@settings(max_examples=15)
+@given(
+    wide=st.floats(0.3, 0.9),
+    high=st.floats(0.12, 0.3),
+    between=st.lists(gaps, min_size=2, max_size=2),
+    beside=gaps,
+    turn=st.floats(0.0, 6.0),
+)
+def test_drawers_open_however_badly_the_map_was_measured(
+    wide: float, high: float, between: list[float], beside: float, turn: float
+) -> None:
+    """Three drawers one over another and a cupboard beside them, a little apart or a little in one another."""
+    quaternion = (float(np.cos(turn / 2)), 0.0, 0.0, float(np.sin(turn / 2)))
+
+    def at(x: float, y: float, z: float) -> tuple[float, float, float]:
+        return as_vector(rotate(quaternion, (x, y, z)))
+
+    size, case, cupboard = (0.5, wide, high), (0.52, wide + 0.04, 3 * high + 0.1), (0.52, 0.4, 3 * high + 0.1)
+    heights = np.cumsum([0.1 + high / 2, high + between[0], high + between[1]]).tolist()
+    drawers = [
+        body(f"drawer{i}", at(0.01, 0, z), size, "dynamic", 3.0, quaternion=quaternion) for i, z in enumerate(heights)
+    ]
+    slides = [
+        slide(f"slide{i}", "case", f"drawer{i}", at(0, 0, z), quaternion=quaternion) for i, z in enumerate(heights)
+    ]
+    middle = case[2] / 2 + 0.05
+    engine = MujocoEngine()
+    engine.spawn(
+        world(
+            FLOOR,
+            body("case", at(0, 0, middle), case, quaternion=quaternion),
+            body("cupboard", at(0.01, wide / 2 + 0.2 + beside, middle), cupboard, quaternion=quaternion),
+            *drawers,
+            *slides,
+        ),
+        forms={
+            BodyId("case"): case_form(case),
+            BodyId("cupboard"): case_form(cupboard),
+            **{BodyId(f"drawer{i}"): bin_form(size) for i in range(3)},
+        },
+    )
+    engine.step(0.5)
+    for i in range(3):
+        pull(engine, f"drawer{i}", at(20.0, 0, 0), 1.2)
+        way = rotate((quaternion[0], 0, 0, -quaternion[3]), pose_of(engine, f"drawer{i}")[:3])
+        assert abs(way[0] - 0.01 - LIMIT_M) < 0.001, (i, way)

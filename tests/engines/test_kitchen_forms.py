@@ -1,0 +1,195 @@
+"""Whole kitchens of forms in MuJoCo: they look open, they are open, and nothing jams, falls through or creeps."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+
+from mindstage.engines import MujocoEngine, NoteKind, SpawnReport
+from mindstage.knowledge import KnowledgeBase, bundled_kitchen
+from mindstage.shapes.fitting import forms_for
+from mindstage.world import Body, BodyId, Constraint, Forms, Iri, Mobility, Motion, Physics, Pose, World
+from mindstage.world.boxes import Boxes
+from mindstage.world.geometry import pose_array, rotate, rotation_angle, unit
+from mindstage.world.travel import reaches
+
+from .contract import pose_of
+from .test_kitchens import doors_and_drawers, opened
+
+
+class Kitchen(NamedTuple):
+    """A map, and what its bodies are made of."""
+
+    world: World
+    forms: Forms
+    knowledge: KnowledgeBase
+
+    def spawned(self, *more: Body) -> tuple[MujocoEngine, SpawnReport]:
+        """An engine in which it stands, with something more."""
+        engine = MujocoEngine()
+        report = engine.spawn(self.world, forms=self.forms)
+        if more:
+            extra = World(iri=Iri("http://example.org/more.owl#map"), bodies=more)
+            assert engine.spawn(extra, forms=forms_for(extra, self.knowledge).forms).ok
+        return engine, report
+
+
+def read(path: Path) -> Kitchen:
+    knowledge = KnowledgeBase()
+    knowledge.load([path])
+    world = knowledge.world()
+    return Kitchen(world, forms_for(world, knowledge).forms, knowledge)
+
+
+@pytest.fixture(scope="module")
+def bundled() -> Kitchen:
+    return read(bundled_kitchen())
+
+
+@pytest.fixture(scope="module")
+def laboratory(shared_data: Path) -> Kitchen:
+    return read(shared_data / "maps" / "iai-kitchen-original.owl")
+
+
+@pytest.fixture(params=["bundled", "laboratory"])
+def kitchen(request: pytest.FixtureRequest) -> Kitchen:
+    return request.getfixturevalue(request.param)
+
+
+def overlapping(report: SpawnReport) -> int:
+    """How many pairs stand in one another, told or not."""
+    return sum(len(note.ids) - 1 for note in report.notes if note.kind is NoteKind.OVERLAP)
+
+
+def test_a_kitchen_of_forms_left_alone_for_ten_seconds_stays_and_falls_asleep(kitchen: Kitchen) -> None:
+    engine, report = kitchen.spawned()
+    assert report.ok
+    ids, before = engine.poses()
+    engine.step(10.0)
+    moved = np.linalg.norm(engine.poses()[1][:, :3] - before[:, :3], axis=1)
+    assert moved.max() < 0.01, ids[int(moved.argmax())]
+    assert (engine._keeper.live().data.tree_asleep >= 0).all(), "something never comes to rest"
+
+
+def test_fewer_pairs_are_kept_apart_than_of_boxes(kitchen: Kitchen) -> None:
+    boxes = MujocoEngine().spawn(kitchen.world)
+    formed = kitchen.spawned()[1]
+    assert overlapping(formed) < overlapping(boxes)
+    assert not [note for note in formed.notes if note.kind is NoteKind.HOLLOW]
+
+
+def test_nothing_loose_stands_in_anything_solid(bundled: Kitchen) -> None:
+    """So everything in the kitchen is held up by what it stands on or in."""
+    report = bundled.spawned()[1]
+    assert [note.text for note in report.notes if note.kind is NoteKind.OVERLAP] == []
+
+
+def test_every_door_and_drawer_of_forms_opens_to_its_limit_by_its_handle(kitchen: Kitchen) -> None:
+    engine, _ = kitchen.spawned()
+    engine.step(1.0)
+    closed = engine.save()
+    tried = 0
+    for constraint, handle in doors_and_drawers(kitchen.world, engine):
+        limit = max(reach or 0.0 for reach in reaches(constraint))
+        tolerance = 0.001 if constraint.linear.x is not Motion.LOCKED else np.radians(0.5)
+        reached = []
+        for way in (1, -1):
+            engine.restore(closed)
+            reached.append(opened(engine, constraint, handle, way))
+            if abs(reached[-1] - limit) < tolerance:
+                break
+        assert abs(max(reached) - limit) < tolerance, (handle, reached)
+        tried += 1
+    assert tried >= 16
+
+
+# -- things that people do ---------------------------------------------------------------------------------------------
+
+
+def thing(world: World, like: str, position: np.ndarray) -> Body:
+    """One more of something, upright."""
+    model = world.body(like)
+    x, y, z = position.tolist()
+    physics = Physics(mobility=Mobility.DYNAMIC, mass_kg=0.4, gravity=True)
+    return Body(
+        id=BodyId("brought"), iri=Iri("http://example.org/more.owl#brought"), cls=model.cls,
+        pose=Pose((x, y, z)), size=model.size, physics=physics,
+    )  # fmt: skip
+
+
+def pulled(engine: MujocoEngine, constraint: Constraint, handle: BodyId) -> Iterator[float]:
+    """Opens, then closes again by the same handle; tells how far it is open each time [m or rad]."""
+    closed = engine.save()
+    far = {}
+    for way in (1, -1):
+        engine.restore(closed)
+        far[way] = opened(engine, constraint, handle, way)
+    engine.restore(closed)
+    way = max(far, key=far.__getitem__)
+    yield opened(engine, constraint, handle, way)
+    opened(engine, constraint, handle, -way)
+    engine.step(1.0)
+    positions = engine.joint_positions()[constraint.id]
+    yield max(positions, key=abs) * np.sign(far[way])
+
+
+def joint_of(kitchen: Kitchen, engine: MujocoEngine, name: str) -> tuple[Constraint, BodyId]:
+    return next((c, h) for c, h in doors_and_drawers(kitchen.world, engine) if name in (c.parent, c.child))
+
+
+def test_a_mug_put_into_a_drawer_stays_in_it_through_opening_and_closing(bundled: Kitchen) -> None:
+    drawer = bundled.world.body("drawer_left_4")
+    assert drawer.size is not None
+    mug = thing(bundled.world, "coffee_mug_1", np.add(drawer.pose.position, (0.0, 0.0, 0.02)))
+    engine, _ = bundled.spawned(mug)
+    engine.step(1.0)
+    constraint, handle = joint_of(bundled, engine, "drawer_left_4")
+    for _ in pulled(engine, constraint, handle):
+        away = pose_of(engine, "brought")[:3] - pose_of(engine, "drawer_left_4")[:3]
+        assert (np.abs(away) < np.array(drawer.size) / 2).all(), away
+
+
+def test_milk_stands_in_the_fridge_with_the_door_closed_and_open(bundled: Kitchen) -> None:
+    engine, _ = bundled.spawned()
+    milk = next(body.id for body in bundled.world.bodies if "milk" in body.id)
+    before = pose_of(engine, milk)
+    engine.step(2.0)
+    constraint, handle = joint_of(bundled, engine, "fridge_door")
+    assert next(pulled(engine, constraint, handle)) > 0.7
+    after = pose_of(engine, milk)
+    assert np.linalg.norm(after[:3] - before[:3]) < 0.01
+    assert rotation_angle(after[3:], before[3:]) < 0.05
+
+
+def free_spot(kitchen: Kitchen, host: Body, size: tuple[float, float, float]) -> np.ndarray:
+    """The middle of something of a size on a host, where nothing stands near."""
+    place = max(kitchen.forms[host.id].places, key=lambda place: place.size[0] * place.size[1])
+    others = [body for body in kitchen.world.bodies if body.size and body is not host]
+    poses = pose_array(body.pose for body in others)
+    poses[:, 3:] = unit(poses[:, 3:])
+    low, high = Boxes.of(poses, np.array([body.size for body in others])).bounds()
+    x, y = np.array(place.size) / 2 - np.array(size[:2])
+    for dx, dy in np.stack(np.meshgrid(np.linspace(-x, x, 7), np.linspace(-y, y, 15)), axis=-1).reshape(-1, 2):
+        local = np.add(place.centre, (dx, dy, size[2] / 2 + 0.002))
+        spot = host.pose.position + rotate(unit(host.pose.quaternion), local)
+        reach = np.array(size) / 2 + (0.05, 0.05, 0.0)
+        if not ((low < spot + reach) & (high > spot - reach)).all(axis=1).any():
+            return np.asarray(spot)
+    pytest.fail(f"there is no free spot on {host.id}")
+
+
+@pytest.mark.parametrize("kind", ["plate_1", "coffee_mug_1", "cereal_bowl_1"])
+def test_what_is_put_on_the_counter_rests_there(bundled: Kitchen, kind: str) -> None:
+    counter = bundled.world.body("counter_left")
+    size = bundled.world.body(kind).size
+    assert size is not None
+    spot = free_spot(bundled, counter, size)
+    engine, _ = bundled.spawned(thing(bundled.world, kind, spot))
+    engine.step(3.0)
+    brought = pose_of(engine, "brought")
+    assert np.linalg.norm(brought[:3] - spot) < 0.01
+    assert rotation_angle(brought[3:], [1, 0, 0, 0]) < 0.02
