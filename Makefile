@@ -20,14 +20,16 @@ demo: .venv/run.stamp  ## the bundled kitchen, alive in the browser
 	@.venv/bin/mindstage demo
 
 test: .venv/dev.stamp  ## all tests; `make test pytest_options="-k word"` for some
-	@scripts/install_system.sh chromium:chromium swipl:swi-prolog-nox node:nodejs npm:npm
+	@scripts/install_system.sh chromium:chromium swipl:swi-prolog-nox node:nodejs npm:npm Xvfb:xvfb xauth:xauth
 	@scripts/install_node.sh
+	@scripts/install_godot.sh || test -z "$$CI"
 	@$(python) -m pytest $(pytest_options)
 
 check: .venv/dev.stamp  ## style, types, rooms, and that the bundled kitchen is what its script makes
 	@$(python) -m ruff check .
 	@$(python) -m ruff format --check .
 	@$(python) -m mypy
+	@cd godot && ../.venv/bin/gdformat --check --line-length 120 . && ../.venv/bin/gdlint .
 	@$(python) scripts/make_kitchen.py --check
 	@$(python) -m pytest -q tests/test_project.py
 

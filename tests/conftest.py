@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 import shutil
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import NoReturn
 
@@ -55,6 +56,27 @@ def oxigraph() -> Path:
     """A SPARQL server's executable."""
     beside_python = Path(sys.executable).with_name("oxigraph")
     return beside_python if beside_python.is_file() else _program("oxigraph", package="none; PyPI's is oxigraph")
+
+
+@pytest.fixture(scope="session")
+def godot(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """A Godot that is new enough: the one that GODOT names, or one on PATH, or in a usual place.
+
+    From now on caches are the tests' own; those that run beside one another share them, since a project takes a while
+    to prepare.
+    """
+    from mindstage.engines.godot import find_godot
+    from mindstage.errors import EngineUnavailable
+
+    try:
+        program = find_godot(os.environ.get("GODOT")).path
+    except EngineUnavailable as error:
+        _missing(str(error))
+    beside = "PYTEST_XDIST_WORKER" in os.environ
+    folder = tmp_path_factory.getbasetemp().parent if beside else tmp_path_factory.getbasetemp()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_CACHE_HOME", str(folder / "cache"))
+        yield program
 
 
 @pytest.fixture(scope="session")

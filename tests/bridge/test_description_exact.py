@@ -36,8 +36,11 @@ from mindstage.errors import (
     EngineUnable,
     EngineUnavailable,
     MessageRefused,
+    NothingToUndo,
     PoseUnreachable,
+    ReturnRefused,
     SimulationUnstable,
+    SpotMissing,
     WorldError,
 )
 from mindstage.world import Fact, Iri, Literal, Material, Mobility, Physics, World
@@ -152,11 +155,12 @@ def test_every_method_of_an_engine_has_a_service() -> None:
         "joint_positions": "GetJointPositions", "log": "LogWorld", "save": "SaveState", "restore": "RestoreState",
         "name": "Describe", "abilities": "Describe", "time_s": "Describe",
     }  # fmt: skip
-    contract = {name for name, _ in inspect.getmembers(Engine) if not name.startswith("_")} - {"close"}
+    contract = {name for name, _ in inspect.getmembers(Engine) if not name.startswith("_")}
+    contract -= {"close", "statistics"}  # how busy it is, is asked after each tick, and told nobody far away
     assert set(services) == contract
     for name in services.values():
         assert name in mindstage_msgs.__all__
-    assert {ability.value for ability in Ability} == {"save", "joints"}
+    assert {ability.value for ability in Ability} - {"statistics"} == {"save", "joints"}
 
 
 # -- errors ------------------------------------------------------------------------------------------------------------
@@ -180,9 +184,24 @@ def test_what_the_world_refused_there_is_the_same_error_here(error: WorldError) 
     assert vars(back) == vars(error)
 
 
-def test_every_refusal_of_a_world_can_travel() -> None:
+OF_STAGES = [
+    SpotMissing("cup", "on table", reason="it is full"),
+    ReturnRefused("cup", reason="its id is taken"),
+    NothingToUndo(),
+]
+"""No engine refuses with these, so no engine's reply has fields for them."""
+
+
+def test_every_refusal_of_an_engines_world_can_travel() -> None:
     kinds = {cls for _, cls in inspect.getmembers(errors, inspect.isclass) if issubclass(cls, WorldError)}
-    assert kinds - {WorldError} == {type(error) for error in REFUSALS}
+    assert kinds - {WorldError} == {type(error) for error in [*REFUSALS, *OF_STAGES]}
+
+
+@pytest.mark.parametrize("error", OF_STAGES, ids=str)
+def test_what_a_stage_refuses_arrives_with_its_sentence(error: WorldError) -> None:
+    back = world_error(refusal(error))
+    assert type(back) is WorldError
+    assert str(back) == str(error)
 
 
 def test_a_refusal_of_a_kind_unknown_here_is_still_a_no_of_the_world() -> None:

@@ -15,7 +15,14 @@ Frames = list[str | bytes]
 Behave = Callable[[dict[str, Any]], Frames]
 
 FINE = {"kind": "", "text": "", "body": "", "parent": "", "child": "", "reason": "", "world": "", "near": []}
-DESCRIBED = {"engine": "odd", "abilities": ["telepathy"], "time_s": 1.5, "format_version": 1, "session": "first"}
+DESCRIBED = {
+    "engine": "odd",
+    "abilities": ["telepathy"],
+    "time_s": 1.5,
+    "format_version": 1,
+    "session": "first",
+    "takes": [],
+}
 REPORT = dict.fromkeys(("bodies", "constraints", "attachments"), 0) | {
     name: [] for name in ("failed_bodies", "failed_constraints", "failed_attachments", "notes")
 }
@@ -45,7 +52,7 @@ class OddFarSide:
         self.behave: dict[str, Behave] = {
             "describe": lambda call: [response(call, DESCRIBED)],
             "set_speed": answer(before=0.0),
-            "get_poses": answer(time_s=1.5, ids=[], poses=[]),
+            "get_poses": answer(time_s=1.5, ids=[], poses=[], revision=0, rows=""),
             "spawn_world": answer(report=REPORT),
         }
         self.calls: list[str] = []

@@ -9,17 +9,17 @@ import sys
 import threading
 
 from mindstage.engines import NullEngine, SpawnReport
-from mindstage.world import World
+from mindstage.world import NO_FORMS, Forms, World
 from tests.engines.far_side import FarSide
 
 
 class StuckEngine(NullEngine):
     """Does not get further than the beginning."""
 
-    def spawn(self, world: World) -> SpawnReport:
+    def spawn(self, world: World, *, forms: Forms = NO_FORMS) -> SpawnReport:
         print("spawning", flush=True)
         threading.Event().wait()
-        return super().spawn(world)
+        return super().spawn(world, forms=forms)
 
 
 def main() -> None:

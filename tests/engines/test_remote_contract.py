@@ -11,9 +11,10 @@ from mindstage.engines import RemoteEngine
 
 from .contract import PhysicsContract
 from .far_side import FarSide
+from .forms_contract import FormsContract
 
 
-class TestRemoteEngine(PhysicsContract):
+class TestRemoteEngine(PhysicsContract, FormsContract):
     @pytest.fixture
     def engine(self) -> Iterator[RemoteEngine]:
         with FarSide() as far_side, closing(RemoteEngine.connect(far_side.address)) as engine:

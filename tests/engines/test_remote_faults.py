@@ -221,7 +221,15 @@ def test_a_far_stage_that_is_busy_says_so_as_an_error_of_the_engine() -> None:
 
 def test_the_second_of_two_answers_does_no_harm(odd: OddFarSide, odd_engine: RemoteEngine) -> None:
     for name in ("a", "b", "c"):
-        told = {"success": True, "refusal": FINE, "time_s": 0.0, "ids": [name], "poses": list(poses(name))}
+        told = {
+            "success": True,
+            "refusal": FINE,
+            "time_s": 0.0,
+            "ids": [name],
+            "poses": list(poses(name)),
+            "revision": 1,
+            "rows": "",
+        }
         odd.behave["get_poses"] = lambda call, told=told: [response(call, told), response(call, {"ids": ["never"]})]
         assert odd_engine.poses()[0] == (name,)
 
@@ -229,8 +237,16 @@ def test_the_second_of_two_answers_does_no_harm(odd: OddFarSide, odd_engine: Rem
 NONSENSE: dict[str, tuple[str, Callable[[RemoteEngine], object], Any]] = {
     "nothing in it": ("get_poses", lambda engine: engine.poses(), lambda call: [response(call, {})]),
     "no object": ("get_poses", lambda engine: engine.poses(), lambda call: [response(call, [1, 2])]),
-    "more ids than poses": ("get_poses", lambda engine: engine.poses(), answer(time_s=0.0, ids=["a"], poses=[])),
-    "ids that are none": ("get_poses", lambda engine: engine.poses(), answer(time_s=0.0, ids=7, poses=[])),
+    "more ids than poses": (
+        "get_poses",
+        lambda engine: engine.poses(),
+        answer(time_s=0.0, ids=["a"], poses=[], revision=1, rows=""),
+    ),
+    "ids that are none": (
+        "get_poses",
+        lambda engine: engine.poses(),
+        answer(time_s=0.0, ids=7, poses=[], revision=1, rows=""),
+    ),
     "no world": ("log_world", lambda engine: engine.log(), answer(world="no JSON")),
     "another world": ("log_world", lambda engine: engine.log(), answer(world='{"format_version": 99}')),
     "a note of no kind": (
@@ -260,7 +276,7 @@ def test_frames_that_are_no_json_are_no_answer(odd: OddFarSide) -> None:
     with closing(RemoteEngine.connect(odd.address)) as engine:
         with in_a_hurry(engine), pytest.raises(EngineTimedOut):
             engine.poses()
-        odd.behave["get_poses"] = answer(time_s=0.0, ids=[], poses=[])
+        odd.behave["get_poses"] = answer(time_s=0.0, ids=[], poses=[], revision=0, rows="")
         assert engine.poses()[0] == ()
 
 

@@ -15,7 +15,7 @@ from mindstage.engines import NullEngine, SpawnReport
 from mindstage.knowledge import KnowledgeBase
 from mindstage.ros import Ros, RosFace
 from mindstage.stage import Stage
-from mindstage.world import World
+from mindstage.world import NO_FORMS, Forms, World
 from tests.bridge.talking import PATIENCE_S, Talker, eventually
 from tests.kitchenette import kitchenette
 
@@ -133,10 +133,10 @@ class SlowEngine(NullEngine):
         self.spawning = threading.Event()
         self.go_on = threading.Event()
 
-    def spawn(self, world: World) -> SpawnReport:
+    def spawn(self, world: World, *, forms: Forms = NO_FORMS) -> SpawnReport:
         self.spawning.set()
         assert self.go_on.wait(PATIENCE_S)
-        return super().spawn(world)
+        return super().spawn(world, forms=forms)
 
 
 def test_what_cannot_be_divided_is_told_of_too_and_undone_when_given_up(knowledge: KnowledgeBase) -> None:

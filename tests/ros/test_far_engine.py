@@ -2,19 +2,28 @@
 
 from __future__ import annotations
 
+from base64 import b64decode
 from typing import Any
 
+import numpy as np
 import pytest
 
 from mindstage.bridge import GoalStatus, Hub
-from mindstage.bridge.description import error_from_text, to_json, world_error, world_from_json, world_to_json
+from mindstage.bridge.description import (
+    error_from_text,
+    forms_to_json,
+    to_json,
+    world_error,
+    world_from_json,
+    world_to_json,
+)
 from mindstage.bridge.messages import decode, engine_service, mindstage_msgs, service_types
-from mindstage.engines import NullEngine
+from mindstage.engines import NullEngine, Poses
 from mindstage.errors import BodyUnknown, PoseUnreachable, ServiceFailed, SimulationUnstable
 from mindstage.knowledge import KnowledgeBase
 from mindstage.ros import RosFace
 from mindstage.stage import Stage
-from mindstage.world import Material, Mobility, Physics, difference
+from mindstage.world import BodyId, Form, Material, Mobility, Physics, Solid, difference
 from tests.bridge.talking import PATIENCE_S, eventually
 from tests.kitchenette import kitchenette
 
@@ -29,10 +38,11 @@ def engine(call: Call) -> Call:
 def test_every_service_of_the_package_is_offered_where_it_is_agreed(face: RosFace, hub: Hub) -> None:
     offered = {each.name for each in hub.directory().services}
     engines = [cls for cls in vars(mindstage_msgs.services).values() if isinstance(cls, type)]
+    others = {mindstage_msgs.Ask, mindstage_msgs.SaveScene, mindstage_msgs.Photograph}  # not every engine's business
     expected = {
         engine_service(cls, "unreal")
         for cls in engines
-        if f"mindstage_msgs/{cls.__name__}" in service_types() and cls is not mindstage_msgs.Ask
+        if f"mindstage_msgs/{cls.__name__}" in service_types() and cls not in others
     }
     assert len(expected) >= 19
     assert expected <= offered
@@ -55,6 +65,7 @@ def test_what_cannot_be_spawned_stands_in_the_report(engine: Call) -> None:
 def test_it_says_what_it_is(engine: Call) -> None:
     told = engine("describe")
     assert (told["engine"], told["abilities"], told["format_version"]) == ("mujoco", ["joints", "save"], 1)
+    assert told["takes"] == ["forms"]
 
 
 def test_bodies_are_edited(engine: Call, stage: Stage) -> None:
@@ -91,6 +102,52 @@ def test_a_push_is_felt_throughout_the_step_and_seen_at_the_joint(engine: Call) 
     joints = {each["id"]: each for each in engine("get_joint_positions")["joints"]}
     assert joints["DrawerSlide"]["x"] < -0.05
     assert abs(joints["FridgeHinge"]["swing1"]) < 1e-3
+
+
+def test_a_step_takes_its_pushes_along_and_tells_where_everything_is_then(engine: Call, stage: Stage) -> None:
+    push = {"id": "Drawer", "force": {"x": -40.0, "y": 0.0, "z": 0.0}}
+    reply = engine("step", duration_s=0.2, forces=[push, push], packed=True)
+    np.testing.assert_array_equal(rows(reply), stage.frame.poses)
+    assert stage.frame.poses[stage.frame.ids.index(BodyId("Drawer")), 0] < 1.95 - 0.1
+    assert rows(engine("step", duration_s=0.2)).size == 0  # nobody asked
+    with pytest.raises(BodyUnknown):
+        raise world_error(decode(mindstage_msgs.Refusal, engine("step", forces=[{"id": "Drawr"}])["refusal"]))
+
+
+def test_packed_poses_leave_out_the_ids_that_are_known(engine: Call, stage: Stage) -> None:
+    first = engine("get_poses", packed=True)
+    assert (first["ids"], first["poses"]) == (list(stage.frame.ids), [])
+    np.testing.assert_array_equal(rows(first), stage.frame.poses)
+    again = engine("get_poses", packed=True, known=first["revision"])
+    assert (again["ids"], again["revision"], again["rows"]) == ([], first["revision"], first["rows"])
+    engine("delete", ids=["Mug"])
+    other = engine("get_poses", packed=True, known=first["revision"])
+    assert other["revision"] not in {0, first["revision"]}
+    assert "Mug" not in other["ids"]
+    assert len(rows(other)) == len(other["ids"])
+
+
+def test_forms_that_come_along_are_what_bodies_are_made_of(engine: Call, stage: Stage) -> None:
+    engine("clear")
+    flat = Form(key="0123456789abcdef", skins=(), solids=(Solid(size=(0.08, 0.08, 0.02)),), kind="puck")
+    forms = forms_to_json({BodyId("Mug"): flat})
+    assert engine("spawn_world", world=world_to_json(kitchenette()), forms=forms)["success"]
+    assert stage.forms[BodyId("Mug")].solids == flat.solids
+    engine("step", duration_s=1.0)
+    assert at(engine("get_poses")["poses"][7])[2] == pytest.approx(
+        0.81, abs=0.003
+    )  # the puck's half above the cupboard
+
+
+def test_forms_that_make_no_sense_are_refused_before_anything_is_spawned(engine: Call, stage: Stage) -> None:
+    engine("clear")
+    with pytest.raises(ServiceFailed, match="there is no form"):
+        engine("spawn_world", world=world_to_json(kitchenette()), forms='{"bodies": {"Mug": "0123456789abcdef"}}')
+    assert stage.frame.ids == ()
+
+
+def rows(reply: dict[str, Any]) -> Poses:
+    return np.frombuffer(b64decode(reply["rows"]), dtype="<f8").reshape(-1, 7)
 
 
 def test_states_are_kept_over_there_and_brought_back_exactly(engine: Call, stage: Stage) -> None:

@@ -127,6 +127,18 @@ def test_a_marker_may_be_told_in_the_frame_of_a_body(send: Any, stage: Stage) ->
     assert shown(stage)["a/0"].pose.position == pytest.approx((2.0, 0.0, 1.4))
 
 
+def test_a_mesh_that_names_a_body_is_its_ghost(send: Any, hub: Hub, stage: Stage) -> None:
+    told: list[Any] = []
+    hub.subscribe("/mindstage/diagnostics", told.append)
+    send({"ns": "a", "type": 10, "mesh_resource": "body://Mug", "pose": wire_pose(1.0, 2.0, 3.0), "color": RED})
+    eventually(lambda: "a/0" in shown(stage))
+    ghost = shown(stage)["a/0"]
+    assert (ghost.form, ghost.body, ghost.pose.position) == (MarkerForm.GHOST, "Mug", (1.0, 2.0, 3.0))
+    send({"ns": "b", "type": 10, "mesh_resource": "body://Mugg"})
+    eventually(lambda: any("no body 'Mugg'; near: 'Mug'" in text for _, text in problems(told)))
+    assert "b/0" not in shown(stage)
+
+
 def test_an_arrow_told_by_its_ends_points_from_one_to_the_other(send: Any, stage: Stage) -> None:
     ends = [{"x": 1.0, "y": 1.0, "z": 1.0}, {"x": 1.0, "y": 1.0, "z": 3.0}]
     send({"ns": "a", "type": 0, "points": ends, "scale": {"x": 0.05, "y": 0.1, "z": 0.0}, "color": RED})
@@ -148,7 +160,7 @@ def test_what_is_wrong_with_a_message_is_told_on_the_diagnostics(send: Any, hub:
     eventually(lambda: len(told) >= 4)
     texts = " | ".join(text for _, text in problems(told))
     assert "markers[0].type: expected int, got str" in texts
-    assert "a MESH_RESOURCE cannot be shown here" in texts
+    assert "a MESH_RESOURCE cannot be shown here; the ghost of a body can, as the resource body://ID" in texts
     assert "no body 'nobody'" in texts
     assert "ids: expected array, got str" in texts
     assert not shown(stage)

@@ -54,6 +54,11 @@ class Hub(Participant):
         self._here = _Here(resolved(name), self)
         self._loop.do(self.switchboard.join, self._here)
 
+    @property
+    def name(self) -> str:
+        """Of this process, in the directory."""
+        return self._here.name
+
     def directory(self) -> Directory:
         """Who and what is here now: what `rosapi` tells."""
         return self._loop.do(self.switchboard.directory)

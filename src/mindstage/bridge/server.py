@@ -80,6 +80,7 @@ class Server:
         port: int = 9090,
         token: str | None = None,
         origins: Collection[str] = (),
+        ping_s: float | None = _PING_S,
     ) -> None:
         """Nothing is served yet.
 
@@ -89,6 +90,8 @@ class Server:
             port: where to listen; 0 takes a free one.
             token: what clients must know: shown by rosbridge's `auth`, by `?token=`, or as `Authorization: Bearer`.
             origins: pages that browsers may come from, beside those of this machine.
+            ping_s: so often are clients asked for a sign of life, and so long may they take for it [s]; None for those
+                that may be busy for long, and whose end is noticed otherwise.
 
         Raises:
             AccessRefused: others could reach it, and there is no token.
@@ -99,6 +102,7 @@ class Server:
         self.hub = hub
         self.host = host
         self.port = port
+        self._ping_s = ping_s
         self._access = Access(host=host, token=token or None, origins=origins)
         self._sockets: Sockets | None = None
         self._clients: set[_Client] = set()
@@ -149,7 +153,7 @@ class Server:
         try:
             self._sockets = await serve(
                 self._welcome, self.host, self.port, process_request=self._judge, compression=None,
-                max_size=_STRANGERS_BYTES, ping_interval=_PING_S, ping_timeout=_PING_S, close_timeout=2.0,
+                max_size=_STRANGERS_BYTES, ping_interval=self._ping_s, ping_timeout=self._ping_s, close_timeout=2.0,
                 server_header=None, logger=_log,
             )  # fmt: skip
         except (OSError, OverflowError) as error:

@@ -14,7 +14,7 @@ from mindstage.assets.cache import written_whole
 from mindstage.exports.gltf import form_glb
 from mindstage.world import Form
 
-__all__ = ["shelf", "shelve"]
+__all__ = ["shelf_folder", "shelve"]
 
 _MOST_BYTES = 512 << 20
 """What lies there longest without being used goes first."""
@@ -22,7 +22,7 @@ _LONGEST_NAME = 64
 _DIGITS = frozenset("0123456789abcdef")
 
 
-def shelf() -> Path:
+def shelf_folder() -> Path:
     """The folder."""
     return cache_folder("forms")
 
@@ -31,7 +31,7 @@ def shelve(form: Form) -> str:
     """Has a file that shows a form lie on the shelf, and gives its name; empty for what has no looks, or no digest."""
     if not form.skins or not 8 <= len(form.key) <= _LONGEST_NAME or not _DIGITS.issuperset(form.key):
         return ""
-    path = shelf() / f"{form.key}.glb"
+    path = shelf_folder() / f"{form.key}.glb"
     if path.is_file():
         with suppress(OSError):
             os.utime(path)

@@ -21,6 +21,7 @@ from mindstage.ros.asking import Asking
 from mindstage.ros.broadcast import Broadcast, Rates
 from mindstage.ros.diagnostics import Diagnostics
 from mindstage.ros.far_engine import FarEngine
+from mindstage.ros.guests import guests_at
 from mindstage.ros.highlights import Highlights
 from mindstage.ros.offer import ActionOffer, ServiceOffer
 from mindstage.ros.outcomes import answering
@@ -85,6 +86,7 @@ class RosFace:
         self._services: list[str] = []
         self._actions: list[str] = []
         self._closed = False
+        self._farewell = stage.company.introduce(lambda: guests_at(participant))
         self._outlet = Outlet(participant, "/mindstage/diagnostics", DiagnosticArray, ros=ros)
         self._diagnostics = diagnostics = Diagnostics(self._outlet, stage)
         self._sight = sight = Sight(stage)
@@ -109,6 +111,7 @@ class RosFace:
         if self._closed:
             return
         self._closed = True
+        self._farewell()
         if self._broadcast is not None:
             self._broadcast.close()
         for topics in self._action_topics:

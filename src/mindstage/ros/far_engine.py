@@ -6,6 +6,7 @@ the stage's own thread.
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable, Iterator
 from secrets import token_hex
 from typing import Any
@@ -15,6 +16,7 @@ import msgspec
 from mindstage.bridge.description import (
     colour_from,
     colour_message,
+    forms_from_json,
     from_json,
     point_from,
     pose_from,
@@ -32,13 +34,16 @@ from mindstage.ros.diagnostics import Diagnostics
 from mindstage.ros.job import GoalGivenUp, Job
 from mindstage.ros.offer import ActionOffer, ServiceOffer
 from mindstage.ros.sight import Sight
-from mindstage.world import BodyId, Iri, Material, Physics, World
+from mindstage.stage import Frame
+from mindstage.world import BodyId, Iri, Material, Physics, Vector, World
 
 __all__ = ["FarEngine", "spawn_report"]
 
 _SPAWNING_S = 300.0
 _STEP_S = 0.1
 """A goal that lets time pass does so in pieces of this length, so that others get their turn [s]."""
+_OFFERED = frozenset({Ability.JOINTS, Ability.SAVE})
+"""What an engine can do that others can ask of it over the wire."""
 _FORMAT_VERSION = World(iri=Iri("")).format_version
 
 
@@ -51,6 +56,8 @@ class FarEngine:
         self._diagnostics = diagnostics
         self._states = Checkpoints(sight.stage)
         self._session = token_hex(8)
+        self._counted: tuple[tuple[BodyId, ...], int] = ((), 0)
+        self._counting = threading.Lock()
 
     def offers(self) -> Iterator[ServiceOffer]:
         """All services."""
@@ -87,15 +94,16 @@ class FarEngine:
         self._stage.ping()
         return wire.Describe.Response(
             engine=self._stage.engine_name,
-            abilities=tuple(sorted(ability.value for ability in self._stage.abilities)),
+            abilities=tuple(sorted(ability.value for ability in self._stage.abilities & _OFFERED)),
             time_s=self._stage.frame.time_s,
             format_version=_FORMAT_VERSION,
             session=self._session,
+            takes=("forms",),
         )
 
     def spawn_world(self, request: wire.SpawnWorld.Request) -> wire.SpawnWorld.Response:
         """Adds a world."""
-        report = self._stage.spawn(world_from_json(request.world))
+        report = self._spawn(world_from_json(request.world), request.forms)
         self._diagnostics.spawned("spawn_world", report)
         return wire.SpawnWorld.Response(success=report.ok, report=spawn_report(report))
 
@@ -158,8 +166,7 @@ class FarEngine:
 
     def push(self, request: wire.Push.Request) -> wire.Push.Response:
         """Applies a force throughout the next step."""
-        force = vector_from(request.force)
-        at = point_from(request.point) if request.at_point else None
+        force, at = vector_from(request.force), _point(request)
         self._stage.call(lambda engine: engine.push(BodyId(request.id), force, at), what="push")
         return wire.Push.Response(success=True)
 
@@ -168,9 +175,17 @@ class FarEngine:
     def step(self, request: wire.Step.Request) -> wire.Step.Response:
         """Lets time pass in one go, as the contract has it: what is pushed is pushed throughout."""
         duration_s = _duration(request.duration_s)
-        patience_s = self._stage.timeout_s * (1.0 + 6.0 * duration_s)
-        self._stage.call(lambda engine: engine.step(duration_s), what="step", timeout_s=patience_s)
-        return wire.Step.Response(success=True, time_s=self._stage.frame.time_s)
+        forces = [(BodyId(each.id), vector_from(each.force), _point(each)) for each in request.forces]
+
+        def step(engine: Engine) -> None:
+            for id, force, at in forces:
+                engine.push(id, force, at)
+            engine.step(duration_s)
+
+        self._stage.call(step, what="step", timeout_s=self._stage.timeout_s * (1.0 + 6.0 * duration_s))
+        frame = self._stage.frame
+        told = wire.Step.Response(success=True, time_s=frame.time_s)
+        return msgspec.structs.replace(told, **self._packed(frame)) if request.packed else told
 
     def set_speed(self, request: wire.SetSpeed.Request) -> wire.SetSpeed.Response:
         """Lets time pass by itself, or only by steps, for whoever drives the engine."""
@@ -185,12 +200,15 @@ class FarEngine:
             self._stage.pause()
         return wire.SetSpeed.Response(success=True, before=before)
 
-    def poses(self, _: wire.GetPoses.Request) -> wire.GetPoses.Response:
+    def poses(self, request: wire.GetPoses.Request) -> wire.GetPoses.Response:
         """Where everything is."""
         frame = self._sight.frame()
-        return wire.GetPoses.Response(
-            success=True, time_s=frame.time_s, ids=frame.ids, poses=pose_messages(frame.poses)
-        )
+        revision = self._revision(frame)
+        ids = () if request.known == revision else frame.ids
+        told = wire.GetPoses.Response(success=True, time_s=frame.time_s, ids=ids, revision=revision)
+        if request.packed:
+            return msgspec.structs.replace(told, **self._packed(frame))
+        return msgspec.structs.replace(told, poses=pose_messages(frame.poses))
 
     def joint_positions(self, _: wire.GetJointPositions.Request) -> wire.GetJointPositions.Response:
         """How far constraints have moved."""
@@ -231,7 +249,7 @@ class FarEngine:
         total = len(world.bodies) + len(world.constraints) + len(world.attachments)
         before = set(self._sight.frame().ids)
         with job.telling(lambda: told("spawning", 0)):
-            report = self._stage.spawn(world)
+            report = self._spawn(world, goal.forms)
         if job.cancelled:
             there = set(self._sight.frame().ids)
             spawned = [body.id for body in world.bodies if body.id in there and body.id not in before]
@@ -256,6 +274,21 @@ class FarEngine:
             elapsed_s = elapsed_s + piece_s if duration_s - elapsed_s > _STEP_S else duration_s
         return wire.Simulate.Result(success=True, time_s=self._stage.frame.time_s)
 
+    def _spawn(self, world: World, forms: str) -> SpawnReport:
+        """Spawns a world, of the forms that came with it, or else of those that are known here."""
+        return self._stage.spawn(world, forms=forms_from_json(forms)) if forms else self._stage.spawn(world)
+
+    def _revision(self, frame: Frame) -> int:
+        """The number of the bodies in a frame: another one whenever some came or went."""
+        with self._counting:
+            ids, number = self._counted
+            if ids is not frame.ids:
+                self._counted = frame.ids, number + 1
+            return self._counted[1]
+
+    def _packed(self, frame: Frame) -> dict[str, Any]:
+        return {"revision": self._revision(frame), "rows": frame.poses.astype("<f8").tobytes()}
+
     def _edit(self, what: str, edit: Callable[[Engine], None]) -> None:
         self._stage.call(edit, what=what, edits=True)
 
@@ -276,6 +309,10 @@ def _below(type: type[Service] | type[Action]) -> str:
 def _joint(id: str, numbers: tuple[float, ...]) -> wire.JointPosition:
     x, y, z, twist, swing2, swing1 = numbers
     return wire.JointPosition(id=id, x=x, y=y, z=z, twist=twist, swing2=swing2, swing1=swing1)
+
+
+def _point(push: wire.Push.Request | wire.Force) -> Vector | None:
+    return point_from(push.point) if push.at_point else None
 
 
 def _duration(duration_s: float) -> float:

@@ -16,7 +16,7 @@ from mindstage.bridge.messages.std_msgs import ColorRGBA
 from mindstage.bridge.messages.unreal_vis_msgs import BasicMarkerType
 from mindstage.bridge.messages.visualization_msgs import Marker as MarkerMessage
 from mindstage.bridge.messages.visualization_msgs import MarkerAction, MarkerArray, MarkerType
-from mindstage.errors import WorldError
+from mindstage.errors import BodyUnknown, WorldError
 from mindstage.ros.diagnostics import Diagnostics
 from mindstage.ros.names import free_id
 from mindstage.ros.offer import ServiceOffer
@@ -40,6 +40,8 @@ _BASIC = {
     BasicMarkerType.CONE: MarkerForm.CONE,
     BasicMarkerType.ARROW: MarkerForm.ARROW,
 }
+_BODY = "body://"
+_HINTS = {MarkerType.MESH_RESOURCE: f"; the ghost of a body can, as the resource {_BODY}ID"}
 _FORMS = {
     MarkerType.ARROW: MarkerForm.ARROW,
     MarkerType.CUBE: MarkerForm.CUBE,
@@ -52,6 +54,7 @@ _FORMS = {
     MarkerType.POINTS: MarkerForm.POINTS,
     MarkerType.TEXT_VIEW_FACING: MarkerForm.TEXT,
     MarkerType.ARROW_STRIP: MarkerForm.LINE,
+    MarkerType.MESH_RESOURCE: MarkerForm.GHOST,
 }
 
 
@@ -131,7 +134,9 @@ class UnrealVis:
                 try:
                     marker = marker_from(message, id, self._sight)
                     if marker is None:
-                        raise WorldError(f"a {message.type.name} cannot be shown here")
+                        raise WorldError(f"a {message.type.name} cannot be shown here{_HINTS.get(message.type, '')}")
+                    if marker.body and marker.body not in self._stage.frame.ids:
+                        raise BodyUnknown(marker.body, known=self._stage.frame.ids)
                     self._show(marker, lifetime_s=message.lifetime.seconds or None)
                 except WorldError as error:
                     self._diagnostics.failed("markers", [(id, str(error))])
@@ -160,13 +165,13 @@ class UnrealVis:
 
 
 def marker_from(message: MarkerMessage, id: str, sight: Sight) -> Marker | None:
-    """The marker that a message means; None for what has no form here (meshes and triangles).
+    """The marker that a message means; None for what has no form here (triangles, and meshes but for those of bodies).
 
     Raises:
         BodyUnknown: its frame is no body and not the world.
     """
     form = _FORMS.get(message.type)
-    if form is None:
+    if form is None or (form is MarkerForm.GHOST and not message.mesh_resource.startswith(_BODY)):
         return None
     marker = Marker(
         id=id,
@@ -178,6 +183,7 @@ def marker_from(message: MarkerMessage, id: str, sight: Sight) -> Marker | None:
         points=tuple(map(point_from, message.points)),
         colours=tuple(map(colour_from, message.colors)),
         text=message.text,
+        body=message.mesh_resource.removeprefix(_BODY) if form is MarkerForm.GHOST else "",
     )
     if form is MarkerForm.ARROW and len(marker.points) >= 2:
         return _arrow_between(marker, message)

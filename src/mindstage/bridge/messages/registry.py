@@ -47,6 +47,7 @@ MODULES: tuple[ModuleType, ...] = (
     builtin_interfaces,
     diagnostic_msgs,
     geometry_msgs,
+    mindstage_msgs.actions,
     mindstage_msgs.messages,
     mindstage_msgs.services,
     modul_spawner_msgs,

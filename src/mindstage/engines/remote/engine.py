@@ -10,10 +10,10 @@ from __future__ import annotations
 
 from abc import abstractmethod
 
-from mindstage.engines.contract import Engine
+from mindstage.engines.contract import Engine, Statistics
 from mindstage.engines.remote.address import Address, Profile
 from mindstage.engines.remote.link import Link
-from mindstage.errors import EngineClosed
+from mindstage.errors import EngineClosed, EngineUnable
 
 __all__ = ["RemoteEngine"]
 
@@ -64,6 +64,11 @@ class RemoteEngine(Engine):
         Raises:
             EngineError: there is none.
         """
+
+    def statistics(self) -> Statistics:
+        """How busy it is, nobody is told over the wire; no far engine declares the ability."""
+        self._open()
+        raise EngineUnable(self.name, what="say how busy it is", remedy="look at it where it runs")
 
     def close(self) -> None:
         """Lets go of the far engine, which runs on; any number of times."""

@@ -11,7 +11,7 @@ from collections import deque
 from collections.abc import Iterable, Iterator
 from concurrent.futures import Future
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, Protocol
 
 import msgspec
 
@@ -31,7 +31,7 @@ from mindstage.errors import (
     ServiceUnknown,
 )
 
-__all__ = ["Link"]
+__all__ = ["Line", "Link"]
 
 _LIMITS = Limits(message_bytes=256 << 20, waiting_bytes=256 << 20)
 """A whole world may come in one message, and whom we asked for one we let speak."""
@@ -49,15 +49,36 @@ _AT_ONCE = 64
 """So many calls are under way at a time where many are made."""
 
 
+class Line(Protocol):
+    """What a link calls through: a `Client`, or whoever does as one does."""
+
+    @property
+    def connected(self) -> bool:
+        """Whether someone is at the other end now."""
+
+    def wait_connected(self, timeout_s: float) -> object:
+        """Waits for that."""
+
+    def start_call(self, name: str, args: object = None, *, timeout_s: float) -> Future[Any]:
+        """Calls a service without waiting."""
+
+    def call_service(self, name: str, args: object = None, *, timeout_s: float) -> Any:
+        """Calls a service and waits."""
+
+    def close(self) -> None:
+        """Ends it; any number of times."""
+
+
 class Link:
     """Calls the services of one peer; connected when made, and again after a loss."""
 
-    def __init__(self, address: Address, *, timeout_s: float) -> None:
+    def __init__(self, address: Address, *, timeout_s: float, line: Line | None = None) -> None:
         """Connects.
 
         Args:
             address: whom to.
             timeout_s: how long a call may take that does not say otherwise [s].
+            line: what to call through; by default a connection of its own.
 
         Raises:
             EngineUnavailable: nobody is there, or does not let us in.
@@ -68,7 +89,7 @@ class Link:
         self.meetings = 0
         """How often a connection was made; another number means that it is another one."""
         self._lost_at = 0.0
-        self._client = Client(
+        self._client: Line = line or Client(
             address.url,
             token=address.token or None,
             limits=_LIMITS,

@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+from typing import Any
+
+from mindstage.bridge.access import is_loopback
+from mindstage.bridge.messages import engine_service
+from mindstage.bridge.messages import mindstage_msgs as wire
 from mindstage.engines.remote.address import Address, Profile
 from mindstage.engines.remote.engine import RemoteEngine
 from mindstage.engines.remote.link import Link
-from mindstage.engines.remote.mindstage import MindstageEngine
+from mindstage.engines.remote.mindstage import MindstageEngine, ShowForm
+from mindstage.engines.remote.planned import PlannedEngine
 from mindstage.engines.remote.unreal import UnrealEngine
 from mindstage.errors import BridgeError, EngineUnavailable
 
@@ -21,7 +27,7 @@ def meet(address: Address, *, profile: Profile | None, timeout_s: float, holds_t
     try:
         # In this order: a Mindstage answers as Unreal's plugin does, too.
         if profile is not Profile.UNREAL and MindstageEngine.is_offered(link):
-            return MindstageEngine(link, holds_time=holds_time)
+            return _mindstage(link, holds_time=holds_time)
         if profile is not Profile.MINDSTAGE and UnrealEngine.is_offered(link):
             return UnrealEngine(link)
         what = f"no engine of the profile {profile.value}" if profile else "no engine"
@@ -31,6 +37,23 @@ def meet(address: Address, *, profile: Profile | None, timeout_s: float, holds_t
     except BaseException:
         link.close()
         raise
+
+
+def _mindstage(link: Link, *, holds_time: bool) -> MindstageEngine:
+    """The engine of a Mindstage, or one that wants to be told as well what Mindstage decides."""
+    name = engine_service(wire.Describe, link.address.namespace)
+    far: Any = link.call(name, wire.Describe, wire.Describe.Request())
+    kind = PlannedEngine if "plan" in far.takes else MindstageEngine
+    return kind(link, holds_time=holds_time, show=_show(link.address))
+
+
+def _show(address: Address) -> ShowForm:
+    """Files go where whoever is on this machine can read them."""
+    if not is_loopback(address.host):
+        return lambda form: ""
+    from mindstage.exports import shelve
+
+    return shelve
 
 
 def _where_else(link: Link) -> str:

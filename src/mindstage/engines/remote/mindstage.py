@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from typing import Any, NamedTuple
 from weakref import finalize
@@ -15,6 +15,7 @@ import msgspec
 from mindstage.bridge.description import (
     colour_from,
     colour_message,
+    forms_to_json,
     point_message,
     pose_message,
     pose_rows,
@@ -30,11 +31,14 @@ from mindstage.engines.inventory import placeable
 from mindstage.engines.remote.address import Profile
 from mindstage.engines.remote.engine import RemoteEngine
 from mindstage.engines.remote.link import Link
-from mindstage.engines.remote.parcel import packed
+from mindstage.engines.remote.parcel import packed, packed_forms
 from mindstage.errors import EngineError, EngineUnavailable, PoseUnreachable, WorldError
-from mindstage.world import NO_FORMS, BodyId, Colour, Forms, Iri, Material, Physics, Pose, Vector, World
+from mindstage.world import NO_FORMS, BodyId, Colour, Form, Forms, Iri, Material, Physics, Pose, Vector, World
 
-__all__ = ["MindstageEngine"]
+__all__ = ["MindstageEngine", "ShowForm"]
+
+ShowForm = Callable[[Form], str]
+"""Puts what a form looks like where the far engine can read it, and gives the name of that; empty if it cannot."""
 
 _PART_S = 0.05
 """So much longer may a call take for each body or constraint that it is about [s]."""
@@ -53,14 +57,16 @@ class MindstageEngine(RemoteEngine):
 
     profile = Profile.MINDSTAGE
 
-    def __init__(self, link: Link, *, holds_time: bool = True) -> None:
+    def __init__(self, link: Link, *, holds_time: bool = True, show: ShowForm = lambda form: "") -> None:
         """Takes its time over, so that it passes by `step` only, until `close`.
 
         Args:
             link: to whom the services are offered.
             holds_time: False to look at a world that lives by itself.
+            show: has the far engine see what bodies look like; by default it sees what can be touched of them.
         """
         super().__init__(link)
+        self._show = show
         self._holds_time = holds_time
         self._speed_before = 0.0
         self._ids: tuple[BodyId, ...] = ()
@@ -80,7 +86,7 @@ class MindstageEngine(RemoteEngine):
 
     @property
     def abilities(self) -> frozenset[Ability]:
-        known = {each.value for each in Ability}
+        known = {each.value for each in Ability} - {Ability.STATISTICS.value}
         return frozenset(Ability(each) for each in self._far.abilities if each in known)
 
     @property
@@ -102,18 +108,21 @@ class MindstageEngine(RemoteEngine):
 
     def spawn(self, world: World, *, forms: Forms = NO_FORMS) -> SpawnReport:
         text, left_out = packed(world)
-        parts = len(world.bodies) + len(world.constraints)
-        patience_s = self._patience_s + _PART_S * parts
-        reply: wire.SpawnWorld.Response = self._ask(
-            wire.SpawnWorld, wire.SpawnWorld.Request(world=text), timeout_s=patience_s, in_any_world=True
-        )
-        with self._link.making_sense("spawn_world"):
-            report = msgspec.convert(encode(reply.report), SpawnReport)
+        usable, notes = packed_forms(forms if "forms" in self._far.takes else NO_FORMS)
+        request = wire.SpawnWorld.Request(world=text, forms=forms_to_json(usable, mesh=self._show))
+        report = self._spawn(request, parts=len(world.bodies) + len(world.constraints))
         return msgspec.structs.replace(
             report,
             failed_bodies=left_out.failed_bodies + report.failed_bodies,
             failed_constraints=left_out.failed_constraints + report.failed_constraints,
+            notes=notes + report.notes,
         )
+
+    def _spawn(self, request: wire.SpawnWorld.Request, *, parts: int) -> SpawnReport:
+        patience_s = self._patience_s + _PART_S * parts
+        reply: wire.SpawnWorld.Response = self._ask(wire.SpawnWorld, request, timeout_s=patience_s, in_any_world=True)
+        with self._link.making_sense("spawn_world"):
+            return msgspec.convert(encode(reply.report), SpawnReport)
 
     def delete(self, ids: Iterable[BodyId]) -> None:
         self._ask(wire.Delete, wire.Delete.Request(ids=tuple(ids)))
@@ -166,8 +175,12 @@ class MindstageEngine(RemoteEngine):
     # -- time and state ------------------------------------------------------------------------------------------------
 
     def step(self, duration_s: float) -> None:
-        patience_s = self._patience_s * (1.0 + _SLOWEST * max(0.0, duration_s))
-        self._ask(wire.Step, wire.Step.Request(duration_s=duration_s), timeout_s=patience_s)
+        self._step(wire.Step.Request(duration_s=duration_s))
+
+    def _step(self, request: wire.Step.Request) -> wire.Step.Response:
+        patience_s = self._patience_s * (1.0 + _SLOWEST * max(0.0, request.duration_s))
+        reply: wire.Step.Response = self._ask(wire.Step, request, timeout_s=patience_s)
+        return reply
 
     def poses(self) -> tuple[tuple[BodyId, ...], Poses]:
         reply: wire.GetPoses.Response = self._ask(wire.GetPoses, wire.GetPoses.Request())

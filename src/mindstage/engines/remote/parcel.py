@@ -1,23 +1,25 @@
 """Parcel: what of a world can travel as JSON, and why the rest cannot.
 
 JSON has no NaN and no infinity. An engine in the same process would spawn what it can of such a world and list the
-rest, so a far one does too.
+rest, so a far one does too. The same holds for forms.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 from typing import TypeVar
 
 import msgspec
 
 from mindstage.bridge.description import to_json, world_to_json
-from mindstage.engines.contract import Failure, SpawnReport
+from mindstage.engines.contract import Failure, Note, NoteKind, SpawnReport
 from mindstage.engines.inventory import Inventory
+from mindstage.engines.solids import prepare
 from mindstage.errors import MessageRefused
-from mindstage.world import Body, Constraint, Light, World
+from mindstage.world import Body, BodyId, Constraint, Form, Forms, Light, World
 
-__all__ = ["packed"]
+__all__ = ["packed", "packed_forms"]
 
 P = TypeVar("P", Body, Constraint, Light)
 
@@ -39,6 +41,22 @@ def packed(world: World) -> tuple[str, SpawnReport]:
     constraints, no_constraints = _parted(world.constraints, reasons)
     rest = msgspec.structs.replace(world, bodies=bodies, lights=lights, constraints=constraints)
     return world_to_json(rest), SpawnReport(failed_bodies=no_bodies + no_lights, failed_constraints=no_constraints)
+
+
+def packed_forms(forms: Forms) -> tuple[dict[BodyId, Form], tuple[Note, ...]]:
+    """Forms without the solids that nobody can build, and a note for each that had some."""
+    usable: dict[str, tuple[Form, int]] = {}
+    kept: dict[BodyId, Form] = {}
+    notes: list[Note] = []
+    for id, form in forms.items():
+        if form.key not in usable:
+            ready = prepare(form.solids)
+            usable[form.key] = replace(form, solids=ready.solids) if ready.left_out else form, ready.left_out
+        kept[id], left_out = usable[form.key]
+        if left_out:
+            text = f"{left_out} solids of {id}'s form have numbers that mean nothing; nothing touches them"
+            notes.append(Note(NoteKind.SHAPE, (id,), text))
+    return kept, tuple(notes)
 
 
 def _parted(parts: Iterable[P], reasons: dict[str, str]) -> tuple[tuple[P, ...], tuple[Failure, ...]]:

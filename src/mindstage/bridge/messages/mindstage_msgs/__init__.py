@@ -1,7 +1,9 @@
 """mindstage_msgs: our own package, with which one Mindstage drives another and nothing is lost."""
 
+from mindstage.bridge.messages.mindstage_msgs.actions import Simulate, SpawnMap
 from mindstage.bridge.messages.mindstage_msgs.messages import (
     Failure,
+    Force,
     JointPosition,
     LitBodies,
     LitGroups,
@@ -22,15 +24,15 @@ from mindstage.bridge.messages.mindstage_msgs.services import (
     GetPoses,
     Highlight,
     LogWorld,
+    Photograph,
     Push,
     RestoreState,
+    SaveScene,
     SaveState,
     SetMaterials,
     SetPhysics,
     SetPose,
     SetSpeed,
-    Simulate,
-    SpawnMap,
     SpawnWorld,
     Step,
 )
@@ -43,6 +45,7 @@ __all__ = [
     "Describe",
     "Detach",
     "Failure",
+    "Force",
     "ForgetState",
     "GetHighlights",
     "GetJointPositions",
@@ -53,9 +56,11 @@ __all__ = [
     "LitGroups",
     "LogWorld",
     "Note",
+    "Photograph",
     "Push",
     "Refusal",
     "RestoreState",
+    "SaveScene",
     "SaveState",
     "SetMaterials",
     "SetPhysics",

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from mindstage.bridge.messages.geometry_msgs import Point, Vector3
 from mindstage.bridge.messages.message import Message
-from mindstage.bridge.messages.primitives import Float64, String, Uint32
+from mindstage.bridge.messages.primitives import Bool, Float64, String, Uint32
 from mindstage.bridge.messages.std_msgs import ColorRGBA
 
-__all__ = ["Failure", "JointPosition", "LitBodies", "LitGroups", "Note", "Refusal", "SpawnReport"]
+__all__ = ["Failure", "Force", "JointPosition", "LitBodies", "LitGroups", "Note", "Refusal", "SpawnReport"]
 
 
 class Refusal(Message, frozen=True):
@@ -52,6 +53,18 @@ class SpawnReport(Message, frozen=True):
     failed_constraints: tuple[Failure, ...] = ()
     failed_attachments: tuple[Failure, ...] = ()
     notes: tuple[Note, ...] = ()
+
+
+class Force(Message, frozen=True):
+    """What pushes a body for a while."""
+
+    id: String = ""
+    force: Vector3 = Vector3()
+    """[N], world frame."""
+    at_point: Bool = False
+    """Else it acts on the centre of mass."""
+    point: Point = Point()
+    """[m], world frame."""
 
 
 class JointPosition(Message, frozen=True):

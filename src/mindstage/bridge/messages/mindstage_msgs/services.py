@@ -1,18 +1,21 @@
-"""The services and actions of mindstage_msgs: an engine's whole contract, and questions, over the wire.
+"""The services of mindstage_msgs: an engine's whole contract, and questions, over the wire.
 
 A world and its parts travel as JSON in one string (`mindstage.bridge.description.to_json`), exact and complete: ROS has
 no word for a value that is not told, and no place for a fact. Every reply but that of `Describe` has `success`; where
 it is false, `refusal` says why the world said no. What lies outside of the world ends the call itself, with a text
 (`result: false`; `mindstage.bridge.description.error_text`). `engine_service` says where they are offered.
+
+`forms` and `plan` are for engines that say in `Describe` that they take them, and empty otherwise: what bodies are made
+of, and who moves with whom, collides with whom and weighs how much (`mindstage.bridge.description.forms`, `.plans`).
 """
 # ruff: noqa: D106 - Request and Response say what they are
 
 from __future__ import annotations
 
 from mindstage.bridge.messages.geometry_msgs import Point, Pose, Vector3
-from mindstage.bridge.messages.message import Action, Message, Service
-from mindstage.bridge.messages.mindstage_msgs.messages import JointPosition, Refusal, SpawnReport
-from mindstage.bridge.messages.primitives import Bool, Float64, String, Uint32
+from mindstage.bridge.messages.message import Message, Service
+from mindstage.bridge.messages.mindstage_msgs.messages import Force, JointPosition, Refusal, SpawnReport
+from mindstage.bridge.messages.primitives import Bool, Bytes, Float64, String, Uint32
 from mindstage.bridge.messages.std_msgs import ColorRGBA
 
 __all__ = [
@@ -28,15 +31,15 @@ __all__ = [
     "GetPoses",
     "Highlight",
     "LogWorld",
+    "Photograph",
     "Push",
     "RestoreState",
+    "SaveScene",
     "SaveState",
     "SetMaterials",
     "SetPhysics",
     "SetPose",
     "SetSpeed",
-    "Simulate",
-    "SpawnMap",
     "SpawnWorld",
     "Step",
 ]
@@ -57,6 +60,8 @@ class Describe(Service):
         """Of the worlds that it reads."""
         session: String = ""
         """Made anew whenever the engine starts: another one means that the world of before is gone."""
+        takes: tuple[String, ...] = ()
+        """What else may be told with a world: `forms`, and `plan` by an engine that leaves decisions to us."""
 
 
 class SpawnWorld(Service):
@@ -64,6 +69,8 @@ class SpawnWorld(Service):
 
     class Request(Message, frozen=True):
         world: String = ""
+        forms: String = ""
+        plan: String = ""
 
     class Response(Message, frozen=True):
         success: Bool = False
@@ -88,6 +95,7 @@ class Delete(Service):
 
     class Request(Message, frozen=True):
         ids: tuple[String, ...] = ()
+        plan: String = ""
 
     class Response(Message, frozen=True):
         success: Bool = False
@@ -111,6 +119,7 @@ class Attach(Service):
     class Request(Message, frozen=True):
         parent: String = ""
         child: String = ""
+        plan: String = ""
 
     class Response(Message, frozen=True):
         success: Bool = False
@@ -122,6 +131,7 @@ class Detach(Service):
 
     class Request(Message, frozen=True):
         child: String = ""
+        plan: String = ""
 
     class Response(Message, frozen=True):
         success: Bool = False
@@ -134,6 +144,7 @@ class SetPose(Service):
     class Request(Message, frozen=True):
         id: String = ""
         pose: Pose = Pose()
+        plan: String = ""
 
     class Response(Message, frozen=True):
         success: Bool = False
@@ -147,6 +158,7 @@ class SetPhysics(Service):
         id: String = ""
         physics: String = ""
         """The JSON of a `Physics`."""
+        plan: String = ""
 
     class Response(Message, frozen=True):
         success: Bool = False
@@ -215,12 +227,19 @@ class Step(Service):
 
     class Request(Message, frozen=True):
         duration_s: Float64 = 0.0
+        forces: tuple[Force, ...] = ()
+        """Applied throughout this step."""
+        packed: Bool = False
+        """Whether to tell where all bodies are then."""
 
     class Response(Message, frozen=True):
         success: Bool = False
         refusal: Refusal = Refusal()
         time_s: Float64 = 0.0
         """What time it is then."""
+        revision: Uint32 = 0
+        """As in `GetPoses`."""
+        rows: Bytes = b""
 
 
 class SetSpeed(Service):
@@ -241,7 +260,10 @@ class GetPoses(Service):
     """Where all bodies are; both lists run in parallel."""
 
     class Request(Message, frozen=True):
-        pass
+        packed: Bool = False
+        """Whether to tell it in `rows`, not in `poses`."""
+        known: Uint32 = 0
+        """A revision whose ids are known: if it is still that one, they are not told again."""
 
     class Response(Message, frozen=True):
         success: Bool = False
@@ -249,6 +271,10 @@ class GetPoses(Service):
         time_s: Float64 = 0.0
         ids: tuple[String, ...] = ()
         poses: tuple[Pose, ...] = ()
+        revision: Uint32 = 0
+        """Another one whenever a body comes or goes; never 0."""
+        rows: Bytes = b""
+        """Seven doubles a body, little endian: x y z, then w x y z."""
 
 
 class GetJointPositions(Service):
@@ -297,6 +323,35 @@ class ForgetState(Service):
         refusal: Refusal = Refusal()
 
 
+class SaveScene(Service):
+    """Writes what stands there to a file of the engine's own format, where the engine runs (ability `scenes`)."""
+
+    class Request(Message, frozen=True):
+        path: String = ""
+
+    class Response(Message, frozen=True):
+        success: Bool = False
+        refusal: Refusal = Refusal()
+
+
+class Photograph(Service):
+    """Writes a picture of what stands there to a PNG file, where the engine runs (ability `pictures`)."""
+
+    class Request(Message, frozen=True):
+        path: String = ""
+        width: Uint32 = 0
+        height: Uint32 = 0
+        eye: Point = Point()
+        target: Point = Point()
+        """What is in the middle of the picture."""
+        fov_deg: Float64 = 0.0
+        """From its upper to its lower edge."""
+
+    class Response(Message, frozen=True):
+        success: Bool = False
+        refusal: Refusal = Refusal()
+
+
 class Ask(Service):
     """Asks any declared question."""
 
@@ -310,36 +365,3 @@ class Ask(Service):
         refusal: Refusal = Refusal()
         answers: String = ""
         """The JSON that `mindstage ask --json` prints."""
-
-
-class SpawnMap(Action):
-    """Spawns a world, and tells how far it is."""
-
-    class Goal(Message, frozen=True):
-        world: String = ""
-
-    class Result(Message, frozen=True):
-        success: Bool = False
-        refusal: Refusal = Refusal()
-        report: SpawnReport = SpawnReport()
-
-    class Feedback(Message, frozen=True):
-        phase: String = ""
-        done: Uint32 = 0
-        total: Uint32 = 0
-
-
-class Simulate(Action):
-    """Lets time pass, and tells how much has."""
-
-    class Goal(Message, frozen=True):
-        duration_s: Float64 = 0.0
-
-    class Result(Message, frozen=True):
-        success: Bool = False
-        refusal: Refusal = Refusal()
-        time_s: Float64 = 0.0
-
-    class Feedback(Message, frozen=True):
-        elapsed_s: Float64 = 0.0
-        remaining_s: Float64 = 0.0

@@ -1,0 +1,112 @@
+"""The Godot engine against a bare scene in Godot and against MuJoCo: spawning, stepping, telling where things are."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import time
+from collections.abc import Callable, Iterator
+from contextlib import closing
+from pathlib import Path
+from statistics import median
+from typing import NamedTuple
+
+from benchmarks import Measure
+from benchmarks.mujoco import _field, _kitchen
+from mindstage.engines import Engine, GodotEngine, MujocoEngine
+from mindstage.engines.godot import find_godot
+from mindstage.engines.godot.project import homes, ready_project
+from mindstage.errors import EngineUnavailable
+from mindstage.world import World
+
+COUNTS = (136, 1000, 5000)
+TICK_S = 1 / 240
+TICKS = 240
+RUNS = 5
+BARE = Path(__file__).with_name("bare_boxes.gd")
+
+
+class Spent(NamedTuple):
+    """What it took [ms]."""
+
+    spawn: float
+    tick: float
+    """A 240th of a second."""
+    read: float
+
+
+def measure() -> Iterator[Measure]:
+    try:
+        godot = find_godot(os.environ.get("GODOT"))
+    except EngineUnavailable as error:
+        print(f"nothing is measured in Godot: {error}")
+        return
+    with closing(GodotEngine(godot.path, timeout_s=120.0)) as engine:
+        yield from _kitchens(engine)
+        for count in COUNTS:
+            yield from _fields(engine, count)
+        yield _pushing(engine)
+
+
+def _kitchens(engine: GodotEngine) -> Iterator[Measure]:
+    kitchen = _kitchen()
+    ours, mujoco = _spent(lambda: engine, kitchen), _spent(MujocoEngine, kitchen)
+    for what, mine, theirs in zip(Spent._fields, ours, mujoco, strict=True):
+        yield Measure(what=f"{what}, the bundled kitchen", ours=mine, unit="ms", peer="MuJoCo", theirs=theirs)
+
+
+def _fields(engine: GodotEngine, count: int) -> Iterator[Measure]:
+    world, bare = _field(count), _bare(count)
+    ours, mujoco = _spent(lambda: engine, world), _spent(MujocoEngine, world)
+    for what, mine, by_hand, theirs in zip(Spent._fields, ours, bare, mujoco, strict=True):
+        name = f"{what}, {count:,} bodies, a tenth dynamic"
+        aim = 3.0 if what == "tick" else None
+        yield Measure(what=name, ours=mine, unit="ms", peer="a bare scene of Godot's", theirs=by_hand, at_most=aim)
+        yield Measure(what=name, ours=mine, unit="ms", peer="MuJoCo", theirs=theirs)
+
+
+def _spent(make: Callable[[], Engine], world: World) -> Spent:
+    """The medians, with physics that has something to do: everything has just been put there."""
+    spawns, ticks, reads = [], [], []
+    for _ in range(RUNS):
+        engine = make()
+        engine.clear()
+        start = time.perf_counter()
+        engine.spawn(world)
+        engine.poses()
+        spawns.append(time.perf_counter() - start)
+        engine.step(TICK_S)
+        start = time.perf_counter()
+        engine.step(TICKS * TICK_S)
+        ticks.append((time.perf_counter() - start) / TICKS)
+        start = time.perf_counter()
+        engine.poses()
+        reads.append(time.perf_counter() - start)
+    return Spent(*(1000 * median(taken) for taken in (spawns, ticks, reads)))
+
+
+def _bare(count: int) -> Spent:
+    godot = find_godot(os.environ.get("GODOT"))
+    done = subprocess.run(
+        [godot.path, "--headless", "--path", ready_project(godot), "--script", BARE, "--", str(count), str(TICKS)],
+        capture_output=True, text=True, timeout=300, check=True, env=os.environ | homes(),
+    )  # fmt: skip
+    told = json.loads(next(line for line in done.stdout.splitlines() if line.startswith("{")))
+    return Spent(told["build_ms"], told["tick_ms"], told["read_ms"])
+
+
+def _pushing(engine: GodotEngine) -> Measure:
+    """A hand at a handle: a push, a step and a look, again and again."""
+    kitchen = _kitchen()
+    engine.clear()
+    engine.spawn(kitchen)
+    body = next(each.id for each in kitchen.bodies if each.physics.simulates)
+    engine.poses()
+    start = time.perf_counter()
+    for _ in range(100):
+        engine.push(body, (1.0, 0.0, 0.0))
+        engine.step(0.004)
+        engine.poses()
+    ours = (time.perf_counter() - start) / 100
+    return Measure(what="push, step 4 ms, look", ours=1000 * ours, unit="ms", at_most=4.0)

@@ -1,0 +1,17 @@
+@tool
+extends EditorPlugin
+## Puts Mindstage's dock into the editor.
+
+var _dock: MindstageDock
+
+
+func _enter_tree() -> void:
+	_dock = MindstageDock.new()
+	_dock.name = "Mindstage"
+	_dock.undo = get_undo_redo()
+	add_control_to_dock(DOCK_SLOT_RIGHT_BL, _dock)
+
+
+func _exit_tree() -> void:
+	remove_control_from_docks(_dock)
+	_dock.queue_free()

@@ -1,0 +1,60 @@
+class_name MindstageScenes
+extends RefCounted
+## Small worlds for tests, as JSON.
+
+
+## A box; `more` are further members.
+static func body(
+	id: String, at: Array, size: Array, mobility: String = "static", mass: float = 0.0, more: Dictionary = {}
+) -> Dictionary:
+	var physics: Dictionary = {"mobility": mobility}
+	if mass > 0.0:
+		physics["mass_kg"] = mass
+	var whole: Dictionary = {
+		"id": id,
+		"iri": "http://example.org/maps/scene.owl#" + id,
+		"cls": "http://example.org/maps/scene.owl#Thing",
+		"pose": {"position": at, "quaternion": [1.0, 0.0, 0.0, 0.0]},
+		"size": size,
+		"physics": physics,
+	}
+	whole.merge(more, true)
+	return whole
+
+
+## A constraint between two bodies.
+static func joint(id: String, parent: String, child: String, at: Array, motions: Dictionary) -> Dictionary:
+	var whole: Dictionary = {
+		"id": id,
+		"iri": "http://example.org/maps/scene.owl#" + id,
+		"parent": parent,
+		"child": child,
+		"pose": {"position": at, "quaternion": [1.0, 0.0, 0.0, 0.0]},
+	}
+	whole.merge(motions)
+	return whole
+
+
+static func world(bodies: Array, constraints: Array = [], attachments: Array = []) -> String:
+	var whole: Dictionary = {
+		"iri": "http://example.org/maps/scene.owl#scene",
+		"name": "scene",
+		"bodies": bodies,
+		"constraints": constraints,
+		"attachments": attachments,
+		"format_version": 1,
+	}
+	return MindstageJsonText.write(whole)
+
+
+## A case with a drawer, and a handle on the drawer.
+static func drawer(motions: Dictionary) -> String:
+	return world(
+		[
+			body("case", [0.0, 0.0, 0.5], [0.6, 0.6, 1.0]),
+			body("drawer", [0.0, 0.0, 0.5], [0.58, 0.5, 0.2], "dynamic", 5.0),
+			body("handle", [0.32, 0.0, 0.5], [0.05, 0.3, 0.02], "kinematic", 0.2),
+		],
+		[joint("slide", "case", "drawer", [0.3, 0.0, 0.5], motions)],
+		[{"parent": "drawer", "child": "handle"}]
+	)

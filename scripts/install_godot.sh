@@ -1,0 +1,122 @@
+#!/usr/bin/env bash
+# install_godot.sh [FOLDER]: puts Godot 4 into FOLDER (build/godot), ready to run as FOLDER/bin/godot.
+#
+# Debian 12 has no Godot 4, its unstable suite has. This takes it from there without touching the system: apt works
+# with lists, cache and state of its own, beside the very archive that this machine's own sources name, and the
+# packages are only unpacked. As they need a newer C library than Debian 12's, FOLDER/bin/godot starts Godot through
+# the loader that came with them. Mesa's software drivers come along, so that it can draw without a graphics card.
+#
+# No root is needed. Nothing is done twice: a FOLDER that has a working Godot is left as it is.
+set -euo pipefail
+
+readonly packages=(godot libgl1-mesa-dri libglx-mesa0 libegl1 libegl-mesa0 libgl1 libxcursor1 libxinerama1 libxi6
+    libxrandr2 libxrender1 libxkbcommon0 libfontconfig1 libdbus-1-3)
+readonly tries=4
+
+mkdir -p "${1:-build/godot}"
+folder=$(cd "${1:-build/godot}" && pwd)
+readonly folder apt=$folder/apt root=$folder/root program=$folder/bin/godot
+
+say() { echo "mindstage: $*" >&2; }
+
+die() {
+    say "$1"
+    say "Godot is missing here; install Godot 4.4 or later and set GODOT to its program, or put it on PATH"
+    exit 1
+}
+
+again() {  # mirrors fail for a moment now and then
+    local try
+    for ((try = 1; try < tries; try++)); do
+        "$@" && return
+        say "'${*##*/}' failed, trying again in $((try * 5)) s"
+        sleep $((try * 5))
+    done
+    "$@"
+}
+
+works() { [[ -x $program ]] && timeout 60 "$program" --headless --version 2>/dev/null | grep -q '^4\.'; }
+
+own_archive() {  # the address of the archive that this machine's own sources name
+    local sources=()
+    mapfile -t sources < <(find /etc/apt/sources.list /etc/apt/sources.list.d -type f 2>/dev/null)
+    [[ ${#sources[@]} -gt 0 ]] || return 0
+    awk '
+        FILENAME ~ /\.sources$/ && tolower($1) == "uris:" { for (i = 2; i <= NF; i++) print $i }
+        $1 == "deb" { i = 2; if ($2 ~ /^\[/) { while ($i !~ /\]$/) i++; i++ } print $i }
+    ' "${sources[@]}" | sed 's|/*$||' | grep -E '/debian$' | head -n 1 || true
+}
+
+own_apt() {  # apt's options for folders of our own
+    mkdir -p "$apt"/{lists/partial,cache/archives/partial,state}
+    : >"$apt/state/status"
+    echo "deb [signed-by=$keyring] $archive unstable main" >"$apt/sources.list"
+    cat >"$apt/apt.conf" <<CONF
+Dir::Etc::SourceList "$apt/sources.list";
+Dir::Etc::SourceParts "/dev/null";
+Dir::Etc::Preferences "/dev/null";
+Dir::Etc::PreferencesParts "/dev/null";
+Dir::State "$apt/state";
+Dir::State::Lists "$apt/lists";
+Dir::State::Status "$apt/state/status";
+Dir::Cache "$apt/cache";
+Debug::NoLocking "true";
+APT::Sandbox::User "";
+APT::Install-Recommends "false";
+APT::Update::Post-Invoke "";
+APT::Update::Post-Invoke-Success "";
+Acquire::Languages "none";
+CONF
+    printf '#clear APT::Update::Post-Invoke;\n#clear APT::Update::Post-Invoke-Success;\n' >>"$apt/apt.conf"
+    export APT_CONFIG=$apt/apt.conf DEBIAN_FRONTEND=noninteractive
+}
+
+unpack() {
+    local package
+    mkdir -p "$root.part"
+    for package in "$apt"/cache/archives/*.deb; do
+        dpkg-deb --extract "$package" "$root.part"
+    done
+    rm -rf "$root"
+    mv "$root.part" "$root"
+}
+
+write_program() {
+    local loader libraries private
+    loader=$(find "$root" -name 'ld-linux-*.so.*' | head -n 1)
+    libraries=$(dirname "$(find "$root" -name libc.so.6 | head -n 1)")
+    [[ -n $loader && -e $libraries/libc.so.6 ]] || die "the packages hold no C library"
+    private=$(find "$libraries" -mindepth 2 -name 'lib*.so*' -printf '%P\n' | sed 's|/[^/]*$||' | sort -u | sed 's|^|:$libraries/|' | tr -d '\n')
+    mkdir -p "$folder/bin"
+    cat >"$program.part" <<WRAPPER
+#!/usr/bin/env bash
+# Starts Godot with the libraries that came with it; scripts/install_godot.sh wrote this.
+root=\$(cd "\$(dirname "\$(readlink -f "\${BASH_SOURCE[0]}")")/../root" && pwd)
+libraries=\$root/${libraries#"$root"/}
+export LIBGL_DRIVERS_PATH=\$libraries/dri __EGL_VENDOR_LIBRARY_DIRS=\$root/usr/share/glvnd/egl_vendor.d
+export LIBGL_ALWAYS_SOFTWARE=\${LIBGL_ALWAYS_SOFTWARE:-1}
+exec "\$root/${loader#"$root"/}" --library-path "\$libraries$private" "\$root/usr/bin/godot" "\$@"
+WRAPPER
+    chmod +x "$program.part"
+    mv "$program.part" "$program"
+}
+
+if works; then exit 0; fi
+for tool in apt-get dpkg-deb awk; do
+    command -v "$tool" >/dev/null || die "this is no Debian: there is no $tool"
+done
+keyring=$(find /usr/share/keyrings -name 'debian-archive-keyring.gpg' 2>/dev/null | head -n 1)
+[[ -n $keyring ]] || die "there is no keyring of Debian's archive; install debian-archive-keyring"
+archive=$(own_archive)
+[[ -n $archive ]] || die "this machine's apt sources name no archive of Debian"
+readonly keyring archive
+
+say "fetching Godot into $folder"
+own_apt
+again apt-get update -qq
+again apt-get install -qq --yes --download-only --no-install-recommends "${packages[@]}" >/dev/null
+unpack
+write_program
+works || die "what was fetched does not start: $("$program" --headless --version 2>&1 | tail -n 1)"
+rm -rf "$apt"
+say "$("$program" --headless --version) is $program"

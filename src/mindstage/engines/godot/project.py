@@ -1,0 +1,100 @@
+"""Project: the Godot project that speaks with Mindstage, ready to be run.
+
+What is installed may be read-only, and Godot writes beside a project what it has worked out of it. So a copy lies in
+the cache, for each version of the project and of Godot one, and is made whole or not at all.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+from mindstage.assets import cache_folder
+from mindstage.engines.godot.program import Godot
+from mindstage.errors import EngineUnavailable
+
+__all__ = ["homes", "ready_project", "shipped_project"]
+
+_PREPARING_S = 180.0
+_LEFT_OUT = shutil.ignore_patterns(".godot", "tests", "*.uid~")
+_SIGN = "project.godot"
+
+
+def shipped_project() -> Path:
+    """The project as it comes with Mindstage: in the wheel, or beside `src` in a checkout.
+
+    Raises:
+        EngineUnavailable: it did not come along.
+    """
+    package = Path(__file__).resolve().parents[2]
+    places = (package / "godot_project", package.parents[1] / "godot")
+    found = next((place for place in places if (place / _SIGN).is_file()), None)
+    if found is None:
+        cause = f"its project is missing; it should be in {' or '.join(map(str, places))}"
+        raise EngineUnavailable("godot", cause=cause, remedy="reinstall mindstage")
+    return found
+
+
+def ready_project(godot: Godot) -> Path:
+    """A copy that this Godot has prepared; made when it is first needed.
+
+    Raises:
+        EngineUnavailable: it cannot be made.
+    """
+    shipped = shipped_project()
+    ready = cache_folder("godot") / _digest(shipped, godot)
+    if ready.is_dir():
+        return ready
+    try:
+        with tempfile.TemporaryDirectory(dir=ready.parent, prefix=".making-", ignore_cleanup_errors=True) as folder:
+            copy = Path(folder) / "project"
+            shutil.copytree(shipped, copy, ignore=_LEFT_OUT)
+            _prepare(godot, copy)
+            copy.rename(ready)
+    except OSError as error:
+        if not ready.is_dir():  # somebody else was quicker with the same
+            cause = f"its project cannot be copied to {ready}: {error.strerror or error}"
+            raise EngineUnavailable("godot", cause=cause, remedy="make room, or name another XDG_CACHE_HOME") from error
+    return ready
+
+
+def homes() -> dict[str, str]:
+    """What to tell a Godot by its environment, so that it writes nothing into its user's home."""
+    folder = cache_folder("godot/home")
+    return {"XDG_DATA_HOME": str(folder), "XDG_CONFIG_HOME": str(folder), "XDG_CACHE_HOME": str(folder)}
+
+
+def _prepare(godot: Godot, project: Path) -> None:
+    """Has Godot learn the names of the project's classes."""
+    try:
+        done = subprocess.run(
+            [godot.path, "--headless", "--path", project, "--import"],
+            stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, errors="replace",
+            timeout=_PREPARING_S, check=False, env=os.environ | homes(),
+        )  # fmt: skip
+    except subprocess.TimeoutExpired as error:
+        cause = f"{godot.path} did not prepare its project within {_PREPARING_S:g} s"
+        raise EngineUnavailable("godot", cause=cause) from error
+    if done.returncode != 0:
+        said = " / ".join(done.stdout.strip().splitlines()[-3:]) or "it says nothing"
+        raise EngineUnavailable("godot", cause=f"it cannot prepare its project (exit code {done.returncode}): {said}")
+
+
+def _digest(project: Path, godot: Godot) -> str:
+    """A name for what the project and Godot are."""
+    digest = hashlib.sha256(f"{godot.path}\0{godot.version}".encode())
+    for path in _files(project):
+        digest.update(f"\0{path.relative_to(project).as_posix()}\0".encode() + path.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+def _files(project: Path) -> Iterator[Path]:
+    for path in sorted(project.rglob("*")):
+        parts = path.relative_to(project).parts
+        if path.is_file() and not {".godot", "tests"}.intersection(parts):
+            yield path

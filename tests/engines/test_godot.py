@@ -1,0 +1,114 @@
+"""What a Godot of our own can do beside the contract: meshes, scenes, and taking part at other people's bridges."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import closing
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mindstage.bridge import Hub, Server
+from mindstage.engines import GodotEngine, RemoteEngine
+from mindstage.engines.godot.process import GodotProcess
+from mindstage.engines.godot.program import find_godot
+from mindstage.engines.godot.project import ready_project
+from mindstage.engines.remote.planned import PlannedEngine
+from mindstage.errors import EngineUnavailable, WorldError
+from mindstage.exports import shelf_folder
+from mindstage.world import BodyId, Form, Pose, Skin, Solid, Surface, difference
+
+from .scenes import FLOOR, body, room, world
+
+TURNED = (0.9659258262890683, 0.0, 0.0, 0.25881904510252074)
+MUG = BodyId("mug")
+SKIN = Skin(
+    points=np.array([[0.0, 0, 0], [0.1, 0, 0], [0, 0.2, 0], [0, 0, 0.3]]),
+    faces=np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]], dtype=np.uint32),
+    surface=Surface(colour=(1.0, 0.0, 0.0)),
+)
+FORM = Form(key="feedfacecafebeef", skins=(SKIN,), solids=(Solid(size=(0.1, 0.2, 0.3)),), kind="wedge")
+
+
+@pytest.fixture(scope="module")
+def running(godot: Path) -> Iterator[GodotEngine]:
+    with closing(GodotEngine(godot, timeout_s=60.0)) as engine:
+        yield engine
+
+
+@pytest.fixture
+def engine(running: GodotEngine) -> Iterator[GodotEngine]:
+    yield running
+    running.clear()
+
+
+def test_an_asymmetric_pose_goes_there_and_back(engine: GodotEngine) -> None:
+    box = body("box", (1, 2, 3), (0.1, 0.2, 0.3), "dynamic", 1.0, quaternion=TURNED, gravity=False)
+    engine.spawn(world(FLOOR, box))
+    engine.push(BodyId("box"), (0.0, 0.0, 1e-9))  # so that the pose is Godot's, and not the one that was given
+    engine.step(0.1)
+    _, poses = engine.poses()
+    np.testing.assert_allclose(poses[1], (1, 2, 3, *TURNED), atol=3 * engine.precision)
+
+
+def test_what_a_body_looks_like_is_read_from_the_shelf(engine: GodotEngine, tmp_path: Path) -> None:
+    report = engine.spawn(world(FLOOR, body("mug", (0, 0, 1), (0.1, 0.2, 0.3))), forms={MUG: FORM})
+    assert report.ok
+    assert not [note for note in report.notes if "mesh" in note.text]
+    assert (shelf_folder() / f"{FORM.key}.glb").is_file()
+    engine.save_scene(tmp_path / "wedge.tscn")
+    scene = (tmp_path / "wedge.tscn").read_text(encoding="utf-8")
+    assert scene.count('mesh = SubResource("ArrayMesh') == 1  # the mug; the floor is a box
+
+
+def test_a_mesh_that_is_broken_is_told_and_its_solids_stand_for_it(engine: GodotEngine) -> None:
+    form = replace(FORM, key="00000000deadbeef")
+    (shelf_folder() / f"{form.key}.glb").write_bytes(b"glTF, or so it says")
+    report = engine.spawn(world(FLOOR, body("mug", (0, 0, 1), (0.1, 0.2, 0.3))), forms={MUG: form})
+    assert report.ok
+    assert [note.ids for note in report.notes if form.key in note.text or "mug" in note.ids] == [("mug",)]
+
+
+def test_a_scene_cannot_be_saved_where_there_is_no_folder(engine: GodotEngine, tmp_path: Path) -> None:
+    with pytest.raises(WorldError):
+        engine.save_scene(tmp_path / "no" / "such" / "folder" / "scene.tscn")
+
+
+def test_without_a_window_there_is_no_photograph_and_it_is_said(engine: GodotEngine, tmp_path: Path) -> None:
+    with pytest.raises(WorldError, match="window"):
+        engine.photograph(tmp_path / "picture.png", eye=(3, 3, 3), target=(0, 0, 0))
+    assert not (tmp_path / "picture.png").exists()
+
+
+def test_a_godot_at_somebody_elses_bridge_is_driven_from_afar(godot: Path) -> None:
+    with Hub() as hub, Server(hub, port=0, token="secret") as server:
+        found = find_godot(godot)
+        process = GodotProcess(
+            found, ready_project(found), url=server.url, token="secret", namespace="lab/place", forms=shelf_folder()
+        )
+        try:
+            engine = _met(f"ros://127.0.0.1:{server.port}/lab/place?token=secret", process)
+            with closing(engine):
+                assert isinstance(engine, PlannedEngine)
+                assert engine.spawn(room()).ok
+                engine.set_pose(BodyId("drawer"), Pose((0.2, 0, 0.3)))
+                assert difference(room(), engine.log()).lost == ()
+            assert process.runs  # it is somebody else's
+        finally:
+            process.end()
+        assert not process.runs
+
+
+def _met(address: str, process: GodotProcess) -> RemoteEngine:
+    """The engine, once it has joined."""
+    until_s = time.monotonic() + 60.0
+    while True:
+        try:
+            return RemoteEngine.connect(address)
+        except EngineUnavailable:
+            if time.monotonic() > until_s or not process.runs:
+                raise
+            time.sleep(0.1)

@@ -1,0 +1,48 @@
+"""GodotEngine keeps the whole contract, in single precision.
+
+One Godot serves all tests and is cleared between them; the one that closes its engine gets a Godot of its own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import closing
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mindstage.engines import GodotEngine
+
+from .contract import PhysicsContract
+from .forms_contract import FormsContract
+
+
+@pytest.fixture(scope="module")
+def running(godot: Path) -> Iterator[GodotEngine]:
+    with closing(GodotEngine(godot)) as engine:
+        yield engine
+
+
+class TestGodotEngine(PhysicsContract, FormsContract):
+    put = 1e-5
+    held = 1e-5
+    limit_m = 0.002
+    limit_rad = np.radians(0.5)
+
+    @pytest.fixture
+    def engine(self, request: pytest.FixtureRequest, godot: Path) -> Iterator[GodotEngine]:
+        if "closing" in request.node.name:
+            with closing(GodotEngine(godot)) as engine:
+                yield engine
+            return
+        running: GodotEngine = request.getfixturevalue("running")
+        yield running
+        running.clear()
+
+    def test_time_passes_exactly_as_asked(self, engine: GodotEngine) -> None:
+        """As for every engine, but time has passed before: one Godot serves many tests."""
+        before_s = engine.time_s
+        for _ in range(300):
+            engine.step(1 / 60)
+        assert engine.time_s - before_s == pytest.approx(5.0, abs=0.01)

@@ -1,0 +1,251 @@
+"""What goes wrong with a Godot of our own ends in an error that says why; nothing hangs, and nothing is left behind."""
+
+from __future__ import annotations
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import closing, suppress
+from pathlib import Path
+
+import pytest
+
+from mindstage.bridge import Client
+from mindstage.engines import GodotEngine
+from mindstage.engines.godot import Godot, find_godot, program, project
+from mindstage.errors import AccessRefused, BodyUnknown, EngineClosed, EngineTimedOut, EngineUnavailable
+from mindstage.world import BodyId
+
+from .scenes import FLOOR, body, room, world
+
+Make = Callable[..., Path]
+
+
+@pytest.fixture
+def make_program(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Make:
+    """A program that says what a Godot says when it is asked for its version, and does something else when it runs."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+
+    def make(*, version: str = "4.6.3.stable.official", asked: str = "", runs: str = "exit 0") -> Path:
+        path = tmp_path / "pretender"
+        answer = asked or f"echo {version}"
+        path.write_text(f'#!/bin/sh\ncase "$*" in *--version*) {answer};; *--import*) exit 0;; *) {runs};; esac\n')
+        path.chmod(0o755)
+        return path
+
+    return make
+
+
+def is_gone(pid: int, *, within_s: float = 30.0) -> bool:
+    """Whether a process ends in time; one that has ended and that nobody has asked about counts as gone."""
+    until_s = time.monotonic() + within_s
+    while time.monotonic() < until_s:
+        try:
+            state = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
+        except FileNotFoundError:
+            return True
+        if state == "Z":
+            return True
+        time.sleep(0.05)
+    return False
+
+
+# -- before it starts --------------------------------------------------------------------------------------------------
+
+
+def test_a_program_that_is_not_there_is_named_and_how_to_get_one() -> None:
+    with pytest.raises(EngineUnavailable, match=r"no program '/nowhere/godot'.*install Godot 4\.4 or later"):
+        GodotEngine("/nowhere/godot")
+
+
+def test_no_godot_anywhere_says_how_to_get_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(program, "_candidates", lambda: iter(()))
+    with pytest.raises(EngineUnavailable, match=r"no Godot on this machine.*GODOT"):
+        find_godot()
+
+
+@pytest.mark.parametrize("version", ["3.5.2.stable", "4.3.stable.official"])
+def test_a_godot_that_is_too_old_is_refused(version: str, make_program: Make) -> None:
+    with pytest.raises(EngineUnavailable, match=rf"Godot {version}, and 4\.4 or later"):
+        find_godot(make_program(version=version))
+
+
+@pytest.mark.parametrize("version", ["4.4.stable", "4.10.1.stable", "5.0.dev"])
+def test_a_godot_that_is_new_enough_is_taken(version: str, make_program: Make) -> None:
+    assert find_godot(make_program(version=version)).version == version
+
+
+def test_a_program_that_is_no_godot_is_refused_with_what_it_said(make_program: Make) -> None:
+    with pytest.raises(EngineUnavailable, match="does not say its version: no display today"):
+        find_godot(make_program(asked="echo no display today >&2; exit 1"))
+
+
+def test_a_program_that_never_answers_is_given_up(make_program: Make, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(program, "_ASKING_S", 0.3)
+    with pytest.raises(EngineUnavailable, match=r"does not say its version within 0\.3 s"):
+        find_godot(make_program(asked="exec sleep 60"))
+
+
+def test_a_file_that_is_no_program_does_not_run(tmp_path: Path) -> None:
+    path = tmp_path / "godot"
+    path.write_bytes(b"\x7fELF and nothing more")
+    path.chmod(0o755)
+    with pytest.raises(EngineUnavailable, match="does not run"):
+        find_godot(path)
+
+
+def test_the_project_is_copied_once_and_anew_when_it_or_godot_changes(
+    make_program: Make, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shipped = tmp_path / "shipped"
+    (shipped / "addons").mkdir(parents=True)
+    (shipped / "project.godot").write_text("one")
+    monkeypatch.setattr(project, "shipped_project", lambda: shipped)
+    path = make_program()
+    first = project.ready_project(Godot(path, "4.6.3"))
+    assert (first / "project.godot").read_text() == "one"
+    assert project.ready_project(Godot(path, "4.6.3")) == first
+    assert project.ready_project(Godot(path, "4.7")) != first
+    (shipped / "project.godot").write_text("two")
+    second = project.ready_project(Godot(path, "4.6.3"))
+    assert (second / "project.godot").read_text() == "two"
+    assert first.is_dir()
+
+
+def test_a_project_that_cannot_be_prepared_leaves_nothing_half_done(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    path = tmp_path / "broken"
+    path.write_text('#!/bin/sh\ncase "$*" in *--version*) echo 4.6;; *) echo no room; exit 3;; esac\n')
+    path.chmod(0o755)
+    with pytest.raises(EngineUnavailable, match=r"exit code 3\): no room"):
+        GodotEngine(path)
+    assert [each.name for each in (tmp_path / "mindstage" / "godot").iterdir() if each.name != "home"] == []
+
+
+# -- while it starts ---------------------------------------------------------------------------------------------------
+
+
+def test_a_godot_that_ends_at_once_is_told_with_its_last_words(make_program: Make) -> None:
+    with pytest.raises(EngineUnavailable, match=r"did not start: it ended with exit code 7.*my last words"):
+        GodotEngine(make_program(runs="echo my last words; exit 7"))
+
+
+def test_a_godot_that_never_offers_anything_is_given_up_and_ended(make_program: Make, tmp_path: Path) -> None:
+    pid = tmp_path / "pid"
+    runs = f"echo $$ >{pid}; echo thinking; exec sleep 600"
+    with pytest.raises(EngineUnavailable, match=r"after 1 s it offers no service; it said: thinking"):
+        GodotEngine(make_program(runs=runs), start_s=1.0)
+    assert is_gone(int(pid.read_text()))
+
+
+def test_a_godot_that_does_not_want_to_end_is_ended(make_program: Make, tmp_path: Path) -> None:
+    pid = tmp_path / "pid"
+    runs = f"trap '' TERM; echo $$ >{pid}; while :; do sleep 0.1; done"
+    with pytest.raises(EngineUnavailable):
+        GodotEngine(make_program(runs=runs), start_s=0.5)
+    assert is_gone(int(pid.read_text()))
+
+
+# -- while it runs -----------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def engine(godot: Path) -> Iterator[GodotEngine]:
+    with closing(GodotEngine(godot)) as engine:
+        yield engine
+
+
+def test_a_godot_killed_while_it_spawns_is_told_at_once_and_another_can_be_started(
+    engine: GodotEngine, godot: Path
+) -> None:
+    errors: list[Exception] = []
+
+    def spawn() -> None:
+        try:
+            engine.spawn(room())
+        except EngineUnavailable as error:
+            errors.append(error)
+
+    os.kill(engine.pid, signal.SIGSTOP)  # so that the spawning has begun and has not ended
+    thread = threading.Thread(target=spawn)
+    thread.start()
+    time.sleep(0.3)
+    os.kill(engine.pid, signal.SIGKILL)
+    thread.join(20.0)
+    assert not thread.is_alive()
+    assert "SIGKILL" in str(errors[0])
+    with pytest.raises(EngineUnavailable, match="SIGKILL"):
+        engine.poses()
+    engine.close()
+    with pytest.raises(EngineClosed):
+        engine.poses()
+    with closing(GodotEngine(godot)) as other:
+        assert other.spawn(room()).ok
+
+
+def test_a_godot_that_hangs_is_given_up_in_time_and_ended(godot: Path) -> None:
+    with closing(GodotEngine(godot, timeout_s=1.0)) as engine:
+        os.kill(engine.pid, signal.SIGSTOP)
+        with pytest.raises(EngineTimedOut, match="did not answer"):
+            engine.log()
+    assert is_gone(engine.pid)
+
+
+def test_two_run_side_by_side_and_neither_knows_of_the_other(engine: GodotEngine, godot: Path) -> None:
+    engine.spawn(world(FLOOR))
+    with closing(GodotEngine(godot)) as other, socket.socket() as taken:
+        with suppress(OSError):  # somebody else has it: as good
+            taken.bind(("127.0.0.1", 9090))  # rosbridge's own port: nobody needs it
+        assert other.poses()[0] == ()
+        other.spawn(world(body("box", (0, 0, 1), (0.1, 0.1, 0.1))))
+        assert engine.poses()[0] == ("floor",)
+        assert other.poses()[0] == ("box",)
+    assert is_gone(other.pid)
+    assert engine.poses()[0] == ("floor",)
+
+
+def test_nobody_else_can_join_its_bridge(engine: GodotEngine) -> None:
+    client = Client(engine._link.address.url, longest_delay_s=0.2)
+    with closing(client), pytest.raises(AccessRefused):
+        client.wait_connected(10.0)
+
+
+def test_no_godot_is_left_behind_when_python_dies_without_a_word(godot: Path) -> None:
+    script = (
+        "import os, signal\n"
+        "from mindstage.engines import GodotEngine\n"
+        f"engine = GodotEngine({str(godot)!r})\n"
+        "print(engine.pid, flush=True)\n"
+        "os.kill(os.getpid(), signal.SIGKILL)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=120, check=False)
+    assert done.returncode == -signal.SIGKILL, done.stderr
+    assert is_gone(int(done.stdout))
+
+
+def test_no_godot_is_left_behind_when_python_ends_and_forgot_to_close(godot: Path) -> None:
+    script = (
+        "from mindstage.engines import GodotEngine\n"
+        f"engine = GodotEngine({str(godot)!r})\n"
+        "print(engine.pid, flush=True)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=120, check=False)
+    assert done.returncode == 0, done.stderr
+    assert is_gone(int(done.stdout))
+
+
+def test_an_unknown_body_is_refused_without_asking_godot(engine: GodotEngine) -> None:
+    engine.spawn(world(FLOOR))
+    os.kill(engine.pid, signal.SIGSTOP)
+    try:
+        with pytest.raises(BodyUnknown):
+            engine.push(BodyId("flor"), (1.0, 0.0, 0.0))
+    finally:
+        os.kill(engine.pid, signal.SIGCONT)

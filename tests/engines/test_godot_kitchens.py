@@ -1,0 +1,188 @@
+"""Whole kitchens in Godot: they come back as they went in, stand still, and their doors open as they do in MuJoCo."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import closing
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mindstage.cli.sources import BUNDLED_KITCHEN
+from mindstage.engines import Engine, GodotEngine, MujocoEngine
+from mindstage.knowledge import KnowledgeBase, bundled_kitchen
+from mindstage.world import BodyId, Constraint, Motion, World, difference
+from mindstage.world.geometry import rotate, rotation_angle, unit
+from tests.cli.conftest import run  # noqa: F401 - a fixture
+from tests.cli.typed import Run, told
+
+from .contract import pose_of
+
+SAME_M, SAME_RAD = 0.002, np.radians(0.5)
+SAMPLES = ("iai-kitchen-original", "iai-kitchen-spawned", "ameva-task-two", "knowrob1-ccrl", "soma-iai-room")
+
+
+@pytest.fixture(scope="module")
+def running(godot: Path) -> Iterator[GodotEngine]:
+    with closing(GodotEngine(godot, timeout_s=60.0)) as engine:
+        yield engine
+
+
+@pytest.fixture
+def engine(running: GodotEngine) -> Iterator[GodotEngine]:
+    yield running
+    running.clear()
+
+
+def read(path: Path) -> World:
+    with KnowledgeBase() as knowledge:
+        knowledge.load([path])
+        return knowledge.world()
+
+
+@pytest.fixture(scope="module")
+def bundled() -> World:
+    return read(bundled_kitchen())
+
+
+@pytest.mark.parametrize("name", SAMPLES)
+def test_a_map_of_any_dialect_comes_back_with_every_fact_and_tag(
+    name: str, engine: GodotEngine, shared_data: Path
+) -> None:
+    world = read(shared_data / "maps" / f"{name}.owl")
+    assert engine.spawn(world).ok
+    assert difference(world, engine.log()).identical(0.0)
+
+
+def test_the_bundled_kitchen_comes_back_and_stays_as_it_is_when_left_alone(engine: GodotEngine, bundled: World) -> None:
+    assert engine.spawn(bundled).ok
+    assert difference(bundled, engine.log()).identical(0.0)
+    ids, before = engine.poses()
+    engine.step(10.0)
+    after = engine.poses()[1]
+    moved = np.linalg.norm(after[:, :3] - before[:, :3], axis=1)
+    assert moved.max() < 0.01, ids[int(moved.argmax())]
+    logged = engine.log()
+    assert difference(bundled, logged).lost == ()
+    assert logged.constraints == bundled.constraints
+
+
+def test_check_finds_nothing_lost_in_godot(run: Run, godot: Path, monkeypatch: pytest.MonkeyPatch) -> None:  # noqa: F811
+    monkeypatch.setenv("GODOT", str(godot))
+    result = run("check", BUNDLED_KITCHEN, "--engine", "godot", "--json")
+    assert result.exit_code == 0
+    found = told(result)
+    assert (found["engine"], found["identical"], found["lost_facts"]) == ("godot", True, 0)
+    assert found["spawn"]["ok"]
+
+
+def test_a_map_becomes_a_scene_of_godots(
+    run: Run,  # noqa: F811
+    godot: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setenv("GODOT", str(godot))
+    out = tmp_path / "kitchen.tscn"
+    result = run("convert", BUNDLED_KITCHEN, out, "--json")
+    assert result.exit_code == 0
+    assert told(result)["format"] == "tscn"
+    scene = out.read_text(encoding="utf-8")
+    assert scene.startswith("[gd_scene")
+    assert scene.count("[node ") > 120
+    assert "fridge" in scene
+
+
+def test_without_godot_there_is_no_scene_and_it_is_said_how_to_get_one(
+    run: Run,  # noqa: F811
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setenv("GODOT", str(tmp_path / "nowhere"))
+    result = run("convert", BUNDLED_KITCHEN, tmp_path / "kitchen.tscn", "--json")
+    assert result.exit_code == 2
+    assert told(result)["error"]["kind"] == "EngineUnavailable"
+    assert "install Godot" in told(result)["error"]["message"]
+    assert not (tmp_path / "kitchen.tscn").exists()
+
+
+# -- doors and drawers -------------------------------------------------------------------------------------------------
+
+
+def handle_of(kitchen: World, moving: BodyId) -> BodyId:
+    """The handle on a door or drawer, or that itself."""
+    classes = {body.id: body.cls for body in kitchen.bodies}
+    waiting = [moving]
+    while waiting:
+        part = waiting.pop()
+        if "Handle" in classes[part] or "handle" in part:
+            return part
+        waiting += [each.child for each in kitchen.attachments if each.parent == part]
+    return moving
+
+
+def opened(engine: Engine, constraint: Constraint, handle: BodyId, way: int) -> float:
+    """How far a joint gets when its handle is pulled for three seconds [m or rad]."""
+    slides = constraint.linear.x is not Motion.LOCKED
+    axis = (1.0, 0, 0) if slides else ((0, 0, 1.0) if constraint.angular.swing1 is not Motion.LOCKED else (0, 1.0, 0))
+    direction = rotate(unit(constraint.pose.quaternion), axis)
+    start = pose_of(engine, handle)
+    for _ in range(30):
+        place = pose_of(engine, handle)[:3]
+        force = direction if slides else np.cross(direction, place - constraint.pose.position)
+        engine.push(handle, tuple((way * 35.0 * force / np.linalg.norm(force)).tolist()), tuple(place.tolist()))
+        engine.step(0.1)
+    end = pose_of(engine, handle)
+    if slides:
+        return float(np.linalg.norm(end[:3] - start[:3]))
+    return float(rotation_angle(start[3:], end[3:]))
+
+
+def doors_and_drawers(kitchen: World, engine: Engine) -> Iterator[tuple[Constraint, BodyId]]:
+    """Each constraint that can move, and the handle on what moves."""
+    movable = engine.joint_positions()
+    moves = {body.id for body in kitchen.bodies if body.physics.simulates}
+    for constraint in kitchen.constraints:
+        if constraint.id in movable:
+            yield constraint, handle_of(kitchen, next(e for e in (constraint.child, constraint.parent) if e in moves))
+
+
+def limit_of(constraint: Constraint) -> float:
+    angular = constraint.angular
+    return constraint.linear.limit or max(angular.swing1_limit, angular.swing2_limit)
+
+
+def opened_either_way(engine: Engine, kitchen: World, constraint: Constraint, handle: BodyId) -> float:
+    """How far it gets the way that is not into the furniture."""
+    reached = []
+    for way in (1, -1):
+        engine.clear()
+        engine.spawn(kitchen)
+        reached.append(opened(engine, constraint, handle, way))
+        if abs(reached[-1] - limit_of(constraint)) < SAME_RAD:
+            break
+    return max(reached)
+
+
+def test_the_fridge_opens_by_its_handle_as_far_as_in_mujoco(engine: GodotEngine, bundled: World) -> None:
+    engine.spawn(bundled)
+    mujoco = MujocoEngine()
+    mujoco.spawn(bundled)
+    joints = dict(doors_and_drawers(bundled, engine))
+    assert joints == dict(doors_and_drawers(bundled, mujoco))
+    hinge = next(constraint for constraint in joints if constraint.child == "fridge_door")
+    angles = [opened_either_way(each, bundled, hinge, joints[hinge]) for each in (engine, mujoco)]
+    assert min(angles) == pytest.approx(limit_of(hinge), abs=SAME_RAD)
+    assert angles[0] == pytest.approx(angles[1], abs=SAME_RAD)
+
+
+def test_doors_and_drawers_open_to_their_limits_by_their_handles(engine: GodotEngine, bundled: World) -> None:
+    engine.spawn(bundled)
+    tried = 0
+    for constraint, handle in list(doors_and_drawers(bundled, engine))[::5]:
+        slides = constraint.linear.x is not Motion.LOCKED
+        reached = opened_either_way(engine, bundled, constraint, handle)
+        assert reached == pytest.approx(limit_of(constraint), abs=SAME_M if slides else SAME_RAD), constraint.id
+        tried += 1
+    assert tried >= 4

@@ -1,0 +1,15 @@
+"""One copy of Godot's project for all tests of a session."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from .project import copied
+
+
+@pytest.fixture(scope="session")
+def project(godot: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """It is ready to run, and may be written to."""
+    return copied(godot, tmp_path_factory.mktemp("godot"))
