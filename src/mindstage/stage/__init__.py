@@ -1,9 +1,30 @@
 """Stage: one knowledge base and one engine, brought together in one loop."""
 
-from mindstage.engines.contract import NoteKind
+from mindstage.engines.contract import NoteKind, Statistics
+from mindstage.stage.company import Company, Guest
+from mindstage.stage.editing import Editing, History
 from mindstage.stage.frame import Frame
+from mindstage.stage.joints import Joint, JointAxis
 from mindstage.stage.lights import Lit, NotLit, Shown
 from mindstage.stage.markers import Marker, MarkerForm
+from mindstage.stage.removal import Spawned
 from mindstage.stage.stage import Stage
 
-__all__ = ["Frame", "Lit", "Marker", "MarkerForm", "NotLit", "NoteKind", "Shown", "Stage"]
+__all__ = [
+    "Company",
+    "Editing",
+    "Frame",
+    "Guest",
+    "History",
+    "Joint",
+    "JointAxis",
+    "Lit",
+    "Marker",
+    "MarkerForm",
+    "NotLit",
+    "NoteKind",
+    "Shown",
+    "Spawned",
+    "Stage",
+    "Statistics",
+]

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import msgspec
 
-from mindstage.engines.contract import Poses
+from mindstage.engines.contract import Poses, Statistics
 from mindstage.stage.lights import Lit
 from mindstage.stage.markers import Marker
 from mindstage.world import BodyId, Colour
@@ -31,5 +31,7 @@ class Frame(msgspec.Struct, frozen=True, eq=False):
     playing: bool
     speed: float
     real_time_factor: float
+    statistics: Statistics | None = None
+    """How busy the engine is; None where it cannot say."""
     fault: str = ""
     """Why the world stands still although nobody paused it."""

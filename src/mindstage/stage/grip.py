@@ -11,13 +11,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mindstage.engines.contract import Poses
+from mindstage.engines.contract import Engine, Poses
 from mindstage.world import BodyId, Vector, World
 from mindstage.world.geometry import Array, rotate, unit
 
-__all__ = ["GRIP_PIECE_S", "Grip", "mass_moved_with"]
+__all__ = ["Grip", "Grips"]
 
-GRIP_PIECE_S = 0.004
+_PIECE_S = 0.004
 """The force is computed anew this often [s]; spring and damper below are stable at this pace."""
 _STIFFEST = 400.0  # [N/m]
 _STIFFNESS_PER_KG = 1500.0  # [N/(m kg)], by which gravity makes a held thing sag 7 mm
@@ -57,7 +57,42 @@ class Grip:
         return _vector(force), _vector(held)
 
 
-def mass_moved_with(id: BodyId, worlds: Iterable[World]) -> float:
+class Grips(dict[BodyId, Grip]):
+    """All holds, by body."""
+
+    def hold(self, id: BodyId, *, point: Vector, target: Vector, worlds: Iterable[World]) -> None:
+        """Takes hold of a body, or moves the hand that holds it there already."""
+        held = self.get(id)
+        if held is None or held.point != point:
+            self[id] = Grip(id=id, point=point, target=target, mass_kg=_mass_moved_with(id, worlds))
+        else:
+            held.target = target
+
+    def let_go(self, id: BodyId | None = None) -> None:
+        """Lets go of one body, or of all."""
+        if id is None:
+            self.clear()
+        else:
+            self.pop(id, None)
+
+    def step(self, engine: Engine, duration_s: float) -> None:
+        """Lets time pass [s], and pulls meanwhile."""
+        left_s = duration_s
+        while self and left_s > _PIECE_S:
+            self._pull(engine, _PIECE_S)
+            engine.step(_PIECE_S)
+            left_s -= _PIECE_S
+        engine.step(left_s)
+
+    def _pull(self, engine: Engine, duration_s: float) -> None:
+        ids, poses = engine.poses()
+        rows = {id: row for row, id in enumerate(ids) if id in self}
+        for id, grip in list(self.items()):
+            if id in rows:
+                engine.push(id, *grip.force(poses[rows[id]], duration_s))
+
+
+def _mass_moved_with(id: BodyId, worlds: Iterable[World]) -> float:
     """What one pulls when one pulls that body: its own mass and that of all it hangs on [kg]."""
     masses: dict[BodyId, float] = {}
     parents: dict[BodyId, BodyId] = {}

@@ -34,6 +34,8 @@ class MarkerForm(Enum):
     POINTS = "points"
     """A dot at each of its points."""
     TEXT = "text"
+    GHOST = "ghost"
+    """A body a second time, as it looks, in the marker's colour; where that body is not there, nothing."""
 
 
 class Marker(msgspec.Struct, frozen=True, kw_only=True):
@@ -52,6 +54,8 @@ class Marker(msgspec.Struct, frozen=True, kw_only=True):
     colours: tuple[Colour, ...] = ()
     """One for each point, or none; along a line they run into one another."""
     text: str = ""
+    body: str = ""
+    """Of a ghost: the id of the body."""
 
 
 class Markers:

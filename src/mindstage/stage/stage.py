@@ -8,25 +8,33 @@ as a `Frame` after each tick, which costs the watchers nothing and the world nex
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
-from typing import Any, TypeVar, overload
+from typing import TYPE_CHECKING, TypeVar
 
 import msgspec
 
 from mindstage.engines.contract import Ability, Engine, SpawnReport, State
-from mindstage.errors import EngineClosed, EngineError, StageError
+from mindstage.errors import ArgumentRefused, EngineClosed, EngineError, StageError
 from mindstage.knowledge import KnowledgeBase
-from mindstage.knowledge.moment import Moment, Present
-from mindstage.knowledge.questions import Answers, Question, Row, question_named
+from mindstage.knowledge.moment import Moment
+from mindstage.knowledge.questions import Row
 from mindstage.stage.clock import Clock
+from mindstage.stage.company import Company
+from mindstage.stage.editing import Editing
+from mindstage.stage.embodiment import Embodiment, told_of
 from mindstage.stage.frame import Frame
-from mindstage.stage.grip import GRIP_PIECE_S, Grip, mass_moved_with
-from mindstage.stage.lights import Lights, Shown, wish_of
+from mindstage.stage.grip import Grips
+from mindstage.stage.lights import Lights
 from mindstage.stage.loop import Loop
-from mindstage.stage.markers import Marker, Markers
-from mindstage.world import BodyId, Colour, Vector, World
+from mindstage.stage.markers import Markers
+from mindstage.stage.putting import Put, put, thing_of
+from mindstage.stage.showing import Showing
+from mindstage.world import Body, BodyId, Forms, Vector, World
+
+if TYPE_CHECKING:
+    from mindstage.shapes.fitting import MeshSource
 
 __all__ = ["Frame", "Stage"]
 
@@ -39,26 +47,40 @@ _STEP_CHUNK_S = 0.1
 """Long steps are cut into pieces of this simulated length, so that other calls get their turn."""
 
 
-class Stage:
+class Stage(Showing):
     """Spawns what the knowledge base knows into an engine, and lets it live."""
 
-    def __init__(self, knowledge: KnowledgeBase, engine: Engine, *, timeout_s: float = 10.0) -> None:
+    def __init__(
+        self,
+        knowledge: KnowledgeBase,
+        engine: Engine,
+        *,
+        timeout_s: float = 10.0,
+        shapes: bool = True,
+        meshes: MeshSource | None = None,
+    ) -> None:
         """Takes over the engine; from now on only the stage may call it.
 
         Args:
             knowledge: what is known.
             engine: who runs it; closed together with the stage.
             timeout_s: how long a call may take before `StageTimedOut`.
+            shapes: whether bodies get the forms that are known of their classes; else they are plain.
+            meshes: who finds the mesh files of bodies, which come before what is known.
         """
         self.knowledge = knowledge
         self.timeout_s = timeout_s
+        self.company = Company()
+        self.editing = Editing(self)
         self._engine = engine
+        self._embodiment = Embodiment(knowledge, shapes=shapes, meshes=meshes)
         self._edition = 0
         self._worlds: tuple[World, ...] = ()
+        self._passing: tuple[World, ...] = ()
         self._reports: tuple[SpawnReport, ...] = ()
         self._spawned: State | None = None
         self._clock: Clock | None = None
-        self._grips: dict[BodyId, Grip] = {}
+        self._grips = Grips()
         self._lights = Lights()
         self._markers = Markers()
         self._fault = ""
@@ -82,7 +104,7 @@ class Stage:
     @property
     def worlds(self) -> tuple[World, ...]:
         """What was spawned, as it was given."""
-        return self._worlds
+        return (*self._worlds, *self._passing)
 
     @property
     def reports(self) -> tuple[SpawnReport, ...]:
@@ -94,17 +116,40 @@ class Stage:
         """The world as last published; reading it never waits."""
         return self._frame
 
-    def spawn(self, world: World | str | None = None, *, timeout_s: float | None = None) -> SpawnReport:
+    @property
+    def forms(self) -> Forms:
+        """What the bodies that are there are made of."""
+        return self._embodiment.of(self._frame.ids)
+
+    def spawn(
+        self,
+        world: World | str | None = None,
+        *,
+        forms: Forms | None = None,
+        lasting: bool = True,
+        timeout_s: float | None = None,
+    ) -> SpawnReport:
         """Spawns a world, or the map of that name, or the only map that is known.
 
-        The timeout grows with the world: 20 ms a body on top of the stage's own, unless given.
+        Args:
+            world: a world, or the name of a map.
+            forms: what its bodies are made of, instead of what is known about them.
+            lasting: whether `reset` brings it back; what somebody only adds meanwhile is gone then.
+            timeout_s: for the engine; by default the stage's own and 20 ms a body.
         """
         described = world if isinstance(world, World) else self.knowledge.world(world)
+        fitted = self._embodiment.fit(described, given=forms)
 
         def spawn(engine: Engine) -> SpawnReport:
-            report = engine.spawn(described)
-            self._worlds, self._reports = (*self._worlds, described), (*self._reports, report)
-            self._remember(engine)
+            spawned = engine.spawn(described, forms=fitted.forms)
+            report = told_of(spawned, fitted, engine.poses()[0])
+            self._embodiment.add(fitted.forms, failed=spawned.failed_bodies)
+            self._reports = (*self._reports, report)
+            if lasting:
+                self._worlds = (*self._worlds, described)
+                self._remember(engine)
+            else:
+                self._passing = (*self._passing, described)
             return report
 
         patience = self.timeout_s + 0.02 * (len(described.bodies) + len(described.constraints))
@@ -119,7 +164,7 @@ class Stage:
 
         def take(engine: Engine) -> Moment:
             joints = engine.joint_positions() if Ability.JOINTS in engine.abilities else None
-            return Moment(world=engine.log(), told=self._worlds, joints=joints, source=engine.name)
+            return Moment(world=engine.log(), told=self.worlds, joints=joints, source=engine.name)
 
         return self.call(take, what="moment")
 
@@ -134,7 +179,7 @@ class Stage:
             else:
                 engine.clear()
                 for world in self._worlds:
-                    engine.spawn(world)
+                    engine.spawn(world, forms=self._embodiment.all_of(world))
             self._lights.renew(engine)
 
         self.call(reset, what="reset", edits=True, timeout_s=self.timeout_s * 3)
@@ -144,10 +189,18 @@ class Stage:
 
         def clear(engine: Engine) -> None:
             engine.clear()
-            self._worlds, self._reports, self._spawned = (), (), None
+            self._worlds, self._passing, self._reports, self._spawned = (), (), (), None
+            self._embodiment.clear()
             self._grips.clear()
 
         self.call(clear, what="clear", edits=True)
+        self.editing.forget()
+
+    def learn(self, knowledge: KnowledgeBase) -> None:
+        """Removes everything; from now on the stage knows something else."""
+        self.clear()
+        self.knowledge = knowledge
+        self._embodiment.learn(knowledge)
 
     @property
     def lost(self) -> EngineError | None:
@@ -193,69 +246,6 @@ class Stage:
         name = what or getattr(function, "__name__", "the call")
         return self._loop.call(run, what=name, timeout_s=self.timeout_s if timeout_s is None else timeout_s)
 
-    # -- questions -----------------------------------------------------------------------------------------
-
-    @overload
-    def ask(self, question: Question[R], **args: object) -> Answers[R]: ...
-    @overload
-    def ask(self, question: str, **args: object) -> Answers[Any]: ...
-    def ask(self, question: Question[Any] | str, **args: object) -> Answers[Any]:
-        """All answers, for the place as it is now; see `KnowledgeBase.ask`.
-
-        The engine is only asked by questions that look at the present, and once by each.
-        """
-        asked = question_named(question) if isinstance(question, str) else question
-        return asked.ask(self.knowledge, args, present=Present(self.knowledge, self.moment))
-
-    def show(
-        self,
-        shown: Answers[Any] | Iterable[str],
-        colour: Colour | None,
-        *,
-        label: str = "",
-        replace: bool = False,
-    ) -> Shown:
-        """Lights up what a question was answered with, and remembers why.
-
-        It adds to what is lit already; a body that is shown twice has the later colour, and showing something again
-        for the same reason replaces what that lit before.
-
-        Args:
-            shown: answers, or ids or IRIs. Of answers it is what was asked for: the handle of a door that was given.
-            colour: how to light it; None puts it out.
-            label: the reason, in one line; by default the question.
-            replace: whether all else goes out first.
-
-        Returns:
-            What is lit, and what has no body, with the reason.
-        """
-        wish = wish_of(shown, label)
-        light = partial(self._lights.show, wish=wish, colour=colour, replace=replace)
-        return self.call(light, what="show", edits=True)
-
-    def highlight(self, ids: Iterable[BodyId], colour: Colour | None) -> None:
-        """Lights bodies up, or puts them out (None); `show` also says why.
-
-        Raises:
-            BodyUnknown: for the first id that is not there; nothing changes then.
-        """
-        lit = tuple(ids)
-        self.call(lambda engine: engine.highlight(lit, colour), what="highlight", edits=True)
-
-    def put_out(self) -> None:
-        """Puts out everything that is lit."""
-        self.call(lambda engine: engine.highlight(tuple(engine.highlights()), None), what="put out", edits=True)
-
-    def mark(self, markers: Iterable[Marker], *, lifetime_s: float | None = None) -> None:
-        """Shows markers, in the place of those of the same ids, for so long [s] or until they are taken away."""
-        shown = tuple(markers)
-        self.call(lambda _: self._markers.show(shown, lifetime_s=lifetime_s), what="mark")
-
-    def unmark(self, ids: Iterable[str]) -> tuple[str, ...]:
-        """Takes markers away; gives the ids of those that were there."""
-        wanted = tuple(ids)
-        return self.call(lambda _: self._markers.remove(wanted), what="unmark")
-
     # -- time ----------------------------------------------------------------------------------------------
 
     def step(self, duration_s: float, *, progress: Callable[[float], None] | None = None) -> None:
@@ -286,6 +276,36 @@ class Stage:
         self._clock = None
         self.call(lambda engine: None, what="pause")
 
+    # -- things ----------------------------------------------------------------------------------------------
+
+    def thing(self, cls: str, *, id: str | None = None, size: Vector | None = None) -> Body:
+        """A thing of a class that could be put somewhere; of its usual size, unless another is given [m].
+
+        Raises:
+            NameUnknown: there is no such class.
+            ArgumentRefused: nobody knows how large things of that class are.
+        """
+        return thing_of(self, cls, id=id, size=size)
+
+    def put(self, thing: Body | str, *, on: str | None = None, into: str | None = None) -> Put:
+        """Puts a new thing on something, or into it, on a free spot on which it stays.
+
+        Args:
+            thing: what; the name of a class for a thing of that class.
+            on: the id of what it shall stand on; or
+            into: the id of what it shall be in, or in a part or drawer of.
+
+        Raises:
+            BodyUnknown: there is no such holder.
+            SpotMissing: nothing there is free, large enough and level, or the thing does not stay.
+            NameUnknown, ArgumentRefused: as for `thing`; or it is not told where it goes.
+        """
+        if (on is None) is (into is None):
+            raise ArgumentRefused("put", cause="it goes on something or into it", remedy="give one of on and into")
+        body = thing if isinstance(thing, Body) else self.thing(thing)
+        form = self._embodiment.fit(World(iri=body.iri, bodies=(body,))).forms.get(body.id)
+        return put(self, body, form, where=on or into or "", inside=into is not None)
+
     # -- hands ---------------------------------------------------------------------------------------------
 
     def grip(self, id: BodyId, *, point: Vector, target: Vector) -> None:
@@ -296,18 +316,11 @@ class Stage:
             point: where it is held, in the body's frame [m].
             target: where that point shall go, in the world [m].
         """
-        held = self._grips.get(id)
-        if held is None or held.point != point:
-            self._grips[id] = Grip(id=id, point=point, target=target, mass_kg=mass_moved_with(id, self._worlds))
-        else:
-            held.target = target
+        self._grips.hold(id, point=point, target=target, worlds=self.worlds)
 
     def release(self, id: BodyId | None = None) -> None:
         """Lets go of one body, or of all."""
-        if id is None:
-            self._grips.clear()
-        else:
-            self._grips.pop(id, None)
+        self._grips.let_go(id)
 
     # -- the end -------------------------------------------------------------------------------------------
 
@@ -350,19 +363,7 @@ class Stage:
         return self._markers.due_s()
 
     def _advance(self, duration_s: float, _: Engine | None = None) -> None:
-        left_s = duration_s
-        while self._grips and left_s > GRIP_PIECE_S:
-            self._pull(GRIP_PIECE_S)
-            self._engine.step(GRIP_PIECE_S)
-            left_s -= GRIP_PIECE_S
-        self._engine.step(left_s)
-
-    def _pull(self, duration_s: float) -> None:
-        ids, poses = self._engine.poses()
-        rows = {id: row for row, id in enumerate(ids) if id in self._grips}
-        for id, grip in list(self._grips.items()):
-            if id in rows:
-                self._engine.push(id, *grip.force(poses[rows[id]], duration_s))
+        self._grips.step(self._engine, duration_s)
 
     def _remember(self, engine: Engine) -> None:
         self._spawned = engine.save() if Ability.SAVE in engine.abilities else None
@@ -393,5 +394,6 @@ class Stage:
             playing=clock is not None,
             speed=clock.speed if clock else 1.0,
             real_time_factor=clock.real_time_factor if clock else 0.0,
+            statistics=self._engine.statistics() if Ability.STATISTICS in self._engine.abilities else None,
             fault=self._fault,
         )

@@ -1,0 +1,83 @@
+"""New things come to stand on furniture and in it, where there is room and they stay; nothing else notices."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from mindstage.engines import MujocoEngine
+from mindstage.errors import ArgumentRefused, BodyUnknown, SpotMissing
+from mindstage.knowledge import KnowledgeBase, bundled_kitchen
+from mindstage.stage import Stage
+from mindstage.world import Body, BodyId, Iri, Mobility, Physics, Pose, Vector
+
+
+@pytest.fixture(scope="module")
+def kitchen() -> Iterator[Stage]:
+    knowledge = KnowledgeBase()
+    knowledge.load(bundled_kitchen())
+    with Stage(knowledge, MujocoEngine(), timeout_s=60.0) as stage:
+        stage.spawn()
+        yield stage
+
+
+def thing(id: str, size: Vector, mass: float = 0.3) -> Body:
+    iri = Iri(f"http://example.org/things#{id}")
+    physics = Physics(mobility=Mobility.DYNAMIC, gravity=True, mass_kg=mass)
+    return Body(
+        id=BodyId(id), iri=iri, cls=Iri("http://example.org/things#Thing"), pose=Pose(), size=size, physics=physics
+    )
+
+
+def where(stage: Stage, id: str) -> np.ndarray:
+    ids, poses = stage.call(lambda engine: engine.poses())
+    return poses[ids.index(BodyId(id))]
+
+
+def test_a_plate_put_on_the_counter_rests_there(kitchen: Stage) -> None:
+    count, before = len(kitchen.frame.ids), kitchen.frame.poses.copy()
+    put = kitchen.put("DinnerPlate", on="counter_west")
+    assert put.holder == "counter_west"
+    _, now = kitchen.call(lambda engine: engine.poses())
+    assert now[:count] == pytest.approx(before, abs=1e-12), "something was moved by a trial"
+    start = where(kitchen, put.id).copy()
+    kitchen.step(2.0)
+    assert where(kitchen, put.id)[:3] == pytest.approx(start[:3], abs=0.005)
+    plate = kitchen.log().body(put.id)
+    assert plate.cls.endswith("DinnerPlate")
+    assert plate.physics.simulates
+    assert kitchen.forms[put.id].kind == "plate"
+
+
+def test_a_second_one_stands_beside_the_first(kitchen: Stage) -> None:
+    first, second = (kitchen.put("CoffeeMug", on="table") for _ in range(2))
+    assert first.id != second.id
+    assert np.linalg.norm(where(kitchen, first.id)[:2] - where(kitchen, second.id)[:2]) > 0.06
+
+
+def test_what_goes_into_a_cabinet_may_come_into_its_drawer(kitchen: Stage) -> None:
+    put = kitchen.put(thing("spoon", (0.18, 0.03, 0.02), 0.05), into="drawer_unit_middle")
+    assert put.holder.startswith("drawer_")
+    drawer = where(kitchen, put.holder)
+    assert np.linalg.norm(where(kitchen, "spoon")[:2] - drawer[:2]) < 0.4
+
+
+def test_reasons_say_why_there_is_no_spot(kitchen: Stage) -> None:
+    there = kitchen.frame.ids
+    with pytest.raises(SpotMissing, match="cannot be put into table: nobody knows of room in it"):
+        kitchen.put(thing("cup", (0.08, 0.08, 0.1)), into="table")
+    with pytest.raises(SpotMissing, match="it is larger than the place"):
+        kitchen.put(thing("wardrobe", (3.0, 3.0, 2.0)), on="table")
+    assert kitchen.frame.ids == there, "what finds no place is not there"
+
+
+def test_what_makes_no_sense_is_refused(kitchen: Stage) -> None:
+    with pytest.raises(BodyUnknown, match="near: 'table'"):
+        kitchen.put("CoffeeMug", on="tabel")
+    with pytest.raises(ArgumentRefused, match="give one of on and into"):
+        kitchen.put("CoffeeMug", on="table", into="table")
+    with pytest.raises(ArgumentRefused, match="nobody told how large such a thing is"):
+        kitchen.put("HumanScaleObject", on="table")
+    assert kitchen.thing("HumanScaleObject", size=(0.1, 0.1, 0.1)).size == (0.1, 0.1, 0.1)
