@@ -7,9 +7,20 @@ if TYPE_CHECKING:
     from mindstage.engines import MujocoEngine, NullEngine
     from mindstage.knowledge import KnowledgeBase
     from mindstage.stage import Stage
+    from mindstage.viewport import Shot, Viewport
     from mindstage.world import World, difference
 
-__all__ = ["KnowledgeBase", "MujocoEngine", "NullEngine", "Stage", "World", "__version__", "difference"]
+__all__ = [
+    "KnowledgeBase",
+    "MujocoEngine",
+    "NullEngine",
+    "Shot",
+    "Stage",
+    "Viewport",
+    "World",
+    "__version__",
+    "difference",
+]
 
 __version__ = "0.1.0"
 
@@ -17,7 +28,9 @@ _ROOMS = {
     "KnowledgeBase": "mindstage.knowledge",
     "MujocoEngine": "mindstage.engines",
     "NullEngine": "mindstage.engines",
+    "Shot": "mindstage.viewport",
     "Stage": "mindstage.stage",
+    "Viewport": "mindstage.viewport",
     "World": "mindstage.world",
     "difference": "mindstage.world",
 }

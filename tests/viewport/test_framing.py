@@ -6,17 +6,23 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from mindstage.viewport.framing import View, first_view, ground_height
-from mindstage.viewport.looks import decide_looks
+from mindstage import KnowledgeBase
+from mindstage.viewport.framing import View, corners, first_outlook, first_view, focus_view, ground_height
+from mindstage.viewport.looks import Look, decide_looks
 from mindstage.world import Body, BodyId, Iri, Mobility, Physics, Pose, Vector, World
+from mindstage.world.geometry import pose_array
 from tests.kitchenette import kitchenette
 from tests.viewport.visiting import on_screen
 
-PICTURE = {"x": 0.0, "y": 0.0, "width": 960.0, "height": 800.0}
+KNOWLEDGE = KnowledgeBase()
 
 
-def view_of(world: World) -> View:
-    return first_view(world, decide_looks(world, lambda cls: ()))
+def looks_of(world: World) -> dict[BodyId, Look]:
+    return decide_looks(world, KNOWLEDGE.shape_rule, KNOWLEDGE.ancestors)
+
+
+def view_of(world: World, aspect: float = 1.2) -> View:
+    return first_view(world, looks_of(world), aspect=aspect)
 
 
 def more(world: World, *bodies: Body) -> World:
@@ -35,17 +41,44 @@ def body(id: str, cls: str, at: Vector, size: Vector, mobility: Mobility = Mobil
     )
 
 
-def test_all_furniture_is_in_the_picture_and_fills_it() -> None:
-    view = view_of(kitchenette())
-    pixels = []
-    for thing in kitchenette().bodies:
-        if thing.id != "Floor" and thing.size is not None:
-            corners = np.indices((2, 2, 2)).reshape(3, -1).T - 0.5
-            pixels += [on_screen(view, tuple(thing.pose.position + corner * thing.size), PICTURE) for corner in corners]
-    low, high = np.min(pixels, axis=0), np.max(pixels, axis=0)
-    assert np.all(low > 0.0)
-    assert np.all(high < (PICTURE["width"], PICTURE["height"]))
-    assert np.max((high - low) / (PICTURE["width"], PICTURE["height"])) > 0.6
+def in_picture(view: View, points: np.ndarray, aspect: float) -> np.ndarray:
+    """Where points are, from -1 to 1 across the picture and upwards."""
+    box = {"x": -aspect, "y": -1.0, "width": 2 * aspect, "height": 2.0}
+    return np.array([on_screen(view, tuple(point), box) for point in points.tolist()]) / (aspect, 1.0)
+
+
+def furniture() -> np.ndarray:
+    things = [thing for thing in kitchenette().bodies if thing.id != "Floor"]
+    return corners(pose_array(thing.pose for thing in things), np.array([thing.size for thing in things]))
+
+
+@pytest.mark.parametrize("aspect", [0.46, 0.75, 1.0, 1.33, 1.78, 2.4])
+def test_all_furniture_is_in_the_picture_and_fills_it_in_a_window_of_any_shape(aspect: float) -> None:
+    seen = in_picture(view_of(kitchenette(), aspect), furniture(), aspect)
+    assert np.abs(seen).max() < 1.0
+    assert np.max(np.ptp(seen, axis=0)) > 1.5
+    assert np.abs(seen.max(axis=0) + seen.min(axis=0)).min() < 0.02, "what it fills is in the middle"
+
+
+def test_a_plan_is_seen_from_straight_above() -> None:
+    view = first_outlook(kitchenette(), looks_of(kitchenette())).top(1.2)
+    away = np.subtract(view.position, view.look_at)
+    assert away[2] > 0.99 * np.linalg.norm(away)
+    assert np.abs(in_picture(view, furniture(), 1.2)).max() < 1.0
+
+
+@pytest.mark.parametrize("eye", [(0.0, -4.0, 2.0), (2.0, 0.0, 9.0), (1.0, 0.0, 0.7)])
+def test_what_is_focused_fills_the_picture_from_the_same_side(eye: Vector) -> None:
+    mug = kitchenette().body("Mug")
+    points = corners(pose_array([mug.pose]), np.array([[0.3, 0.3, 0.3]]))
+    view = focus_view(points, eye, mug.pose.position, 1.5)
+    assert np.ptp(in_picture(view, points, 1.5), axis=0).max() > 0.6
+    before, now = np.subtract(eye, mug.pose.position), np.subtract(view.position, view.look_at)
+    assert before @ now > 0.99 * np.linalg.norm(before) * np.linalg.norm(now)
+
+
+def test_who_stands_in_what_is_looked_at_can_focus_too() -> None:
+    assert np.isfinite(focus_view(np.zeros((1, 3)), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)).position).all()
 
 
 def test_fronts_face_the_visitor() -> None:
@@ -97,7 +130,10 @@ def test_a_place_where_nothing_moves_is_shown_whole() -> None:
             body("b", "Table", (9.0, 5.0, 0.5), (1.0, 1.0, 1.0)),
         ),
     )
-    assert view_of(still).look_at == pytest.approx((7.0, 5.0, 0.5))
+    points = corners(pose_array(thing.pose for thing in still.bodies), np.ones((2, 3)))
+    seen = in_picture(view_of(still), points, 1.2)
+    assert np.abs(seen).max() < 1.0
+    assert np.ptp(seen[:, 0]) > 1.5
 
 
 def test_one_tiny_thing_is_not_looked_at_from_inside() -> None:
@@ -112,7 +148,7 @@ def test_an_empty_world_has_a_view() -> None:
 
 def test_a_ground_lies_under_everything_unless_there_is_a_floor() -> None:
     def ground(world: World) -> float | None:
-        return ground_height(world, decide_looks(world, lambda cls: ()))
+        return ground_height(world, looks_of(world))
 
     bare = replace(kitchenette(), bodies=tuple(thing for thing in kitchenette().bodies if thing.id != "Floor"))
     assert ground(kitchenette()) is None

@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-import pytest
 from msgspec.structs import replace
 
 from mindstage import Stage
 from mindstage.stage import Marker, MarkerForm
 from mindstage.viewport import Viewport
-from mindstage.viewport.forms import arrow, cone
-from mindstage.world import Colour, Pose
+from mindstage.viewport.glb import mesh_of
+from mindstage.world import BodyId, Colour, Pose
 from mindstage.world.colours import COLOURS
+from tests.kitchenette import kitchenette
 from tests.viewport.visiting import Visit
 from tests.viewport.waiting import wait_until
 
@@ -34,7 +34,9 @@ def test_markers_are_seen_change_move_and_go(stage: Stage, viewport: Viewport, v
     points = ((0.0, -0.2, 0.0), (0.0, 0.2, 0.0))
     for number, form in enumerate(MarkerForm):
         pose = Pose((1.2, 0.25 * number - 0.75, 1.3))
-        stage.mark([Marker(id=f"a/{form.value}", form=form, pose=pose, colour=RED, points=points, text="I plan")])
+        stage.mark(
+            [Marker(id=f"a/{form.value}", form=form, pose=pose, colour=RED, points=points, text="I plan", body="Mug")]
+        )
     visitor = visit(viewport)
     wait_until(lambda: seen(visitor, RED) > 100, "who comes late sees them")
     assert set(viewport._markers._nodes) == {f"a/{form.value}" for form in MarkerForm}
@@ -57,11 +59,15 @@ def test_what_cannot_be_seen_is_no_fault(stage: Stage, viewport: Viewport) -> No
     assert not viewport._reported
 
 
-def test_an_arrow_starts_at_its_place_and_a_cone_has_its_tip_at_the_top() -> None:
-    vertices = arrow((2.0, 0.2, 0.1)).vertices
-    assert vertices.min(axis=0) == pytest.approx([0.0, -0.1, -0.05])
-    assert vertices.max(axis=0) == pytest.approx([2.0, 0.1, 0.05])
-    tip = vertices[vertices[:, 0].argmax()]
-    assert tip == pytest.approx([2.0, 0.0, 0.0], abs=1e-6)
-    vertices = cone((0.2, 0.2, 1.0)).vertices
-    assert vertices[vertices[:, 2].argmax()] == pytest.approx([0.0, 0.0, 0.5], abs=1e-6)
+def test_a_ghost_looks_like_its_body_as_long_as_that_is_there(stage: Stage, viewport: Viewport) -> None:
+    def vertices() -> int:
+        node = viewport._markers._nodes.get("soon")
+        return len(node.vertices) if node is not None else 0
+
+    stage.mark([Marker(id="soon", form=MarkerForm.GHOST, body="Mug", pose=IN_FRONT, colour=BLUE, opacity=0.4)])
+    wait_until(vertices, "the ghost is shown")
+    assert vertices() == len(mesh_of(stage.forms[BodyId("Mug")].skins).vertices)
+    stage.call(lambda engine: engine.delete([BodyId("Mug")]), edits=True)
+    wait_until(lambda: not vertices(), "it goes with its body")
+    stage.spawn(replace(kitchenette(), bodies=(kitchenette().body("Mug"),), constraints=(), attachments=()))
+    wait_until(vertices, "and comes back with it")

@@ -1,29 +1,25 @@
-"""The page in a real browser, by what a person does there."""
+"""The page in a real browser, by what a person does there. Where the picture does not matter it is left out."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from pathlib import Path
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
-from mindstage import KnowledgeBase, MujocoEngine, Stage
+from mindstage import KnowledgeBase, MujocoEngine, NullEngine, Stage
 from mindstage.viewport import Viewport
-from mindstage.viewport.framing import View
-from mindstage.world import BodyId
+from mindstage.world import BodyId, Iri, Pose, World
 from tests.kitchenette import kitchenette
-from tests.viewport.visiting import Visit, opening_view
+from tests.viewport.visiting import Visit
 from tests.viewport.waiting import wait_until
 
-Visiting = Callable[[Viewport], Visit]
+Visiting = Callable[..., Visit]
 
 ON_THE_HANDLE = (1.66, 0.0, 0.65)
 PULLED_OUT = (1.36, 0.0, 0.65)
-
-
-@pytest.fixture
-def view(stage: Stage) -> View:
-    return opening_view(kitchenette(), stage.knowledge.ancestors)
 
 
 @pytest.fixture
@@ -33,122 +29,278 @@ def alive() -> Iterator[Stage]:
         yield stage
 
 
+@pytest.fixture
+def visit(visit: Visiting) -> Visiting:
+    """Without the picture, unless it is wanted."""
+    return lambda viewport, *, view=False, **more: visit(viewport, view=view, **more)
+
+
 def position(stage: Stage, id: str) -> np.ndarray:
     return stage.frame.poses[stage.frame.ids.index(BodyId(id))][:3]
 
 
-def test_the_kitchen_is_drawn_and_described(viewport: Viewport, visit: Visiting) -> None:
-    visitor = visit(viewport)
-    wait_until(lambda: visitor.colours() > 200, "there is much to see")
-    assert visitor.says("8 bodies")
-    assert visitor.says("null")
-    assert visitor.says("paused")
-
-
-def test_clicking_on_a_thing_names_it_and_clicking_again_does_not(
-    viewport: Viewport, visit: Visiting, view: View
-) -> None:
-    visitor = visit(viewport)
-    visitor.click(view, ON_THE_HANDLE)
-    wait_until(lambda: viewport.selected == "DrawerHandle", "the handle is selected")
-    wait_until(lambda: visitor.says("DrawerHandle") and visitor.says("kinematic"), "the panel names the handle")
-    visitor.click(view, ON_THE_HANDLE)
-    wait_until(lambda: viewport.selected is None and visitor.says("Nothing is selected"), "nothing is selected")
-
-
-def test_a_thing_is_found_by_a_part_of_its_name(viewport: Viewport, visit: Visiting) -> None:
-    visitor = visit(viewport)
-    visitor.field("Find").fill("fridge")
-    wait_until(lambda: visitor.field("Found").is_visible(), "the page offers what it found")
-    wait_until(lambda: visitor.field("Found").input_value() == "3 found", "it found the fridge, its door and handle")
-    visitor.field("Find").fill("mug")
-    wait_until(lambda: viewport.selected == "Mug", "the only mug is selected")
-    wait_until(lambda: visitor.says("0.3 kg"), "the panel names the mug")
+# -- the bar -----------------------------------------------------------------------------------------------------------
 
 
 def test_the_buttons_play_pause_step_and_reset(stage: Stage, viewport: Viewport, visit: Visiting) -> None:
     visitor = visit(viewport)
+    wait_until(lambda: visitor.says("8 bodies") and visitor.says("2 joints · null"), "the page says what is there")
     start = stage.frame.time_s
-    visitor.press("Step")
+    visitor.press("step")
     wait_until(lambda: stage.frame.time_s == pytest.approx(start + 0.1), "a tenth of a second has passed")
-    visitor.press("Play")
-    wait_until(lambda: stage.frame.playing and stage.frame.time_s > start + 0.2, "time passes")
+    visitor.page.locator("[data-do=speed]").select_option("2")
+    visitor.press("play")
+    wait_until(lambda: stage.frame.playing and stage.frame.speed == 2.0, "time passes twice as fast")
     wait_until(lambda: visitor.says("playing"), "the page says that it plays")
-    visitor.press("Pause")
-    wait_until(lambda: not stage.frame.playing, "time stands still")
-    wait_until(lambda: visitor.says("paused"), "the page says that it is paused")
-    pose = kitchenette().body("Fridge").pose
-    stage.call(lambda engine: engine.set_pose(BodyId("Mug"), pose))
-    visitor.press("Reset")
-    wait_until(lambda: np.allclose(position(stage, "Mug"), (2.0, 0.0, 0.85)), "the mug is back in its place")
-
-
-def test_the_speed_is_what_was_chosen(stage: Stage, viewport: Viewport, visit: Visiting) -> None:
-    visitor = visit(viewport)
-    visitor.press("Play")
-    wait_until(lambda: stage.frame.playing, "time passes")
-    visitor.field("Speed").click()
-    visitor.page.get_by_role("option", name="2 x", exact=True).click()
-    wait_until(lambda: stage.frame.speed == 2.0, "time passes twice as fast")
     stage.play(speed=0.5)
-    wait_until(lambda: visitor.field("Speed").input_value() == "0.5 x", "the page follows the stage")
-
-
-def test_a_thing_that_moves_moves_in_the_picture(stage: Stage, viewport: Viewport, visit: Visiting) -> None:
-    visitor = visit(viewport)
-    wait_until(lambda: np.array_equal(visitor.pixels(), visitor.pixels()), "the picture stands still")
-    still = visitor.pixels()
-    pose = kitchenette().body("DrawerHandle").pose
-    stage.call(lambda engine: engine.set_pose(BodyId("Drawer"), pose))
-    wait_until(lambda: not np.array_equal(still, visitor.pixels()), "the picture has changed")
-
-
-def test_a_late_visitor_sees_the_world_as_it_is_now(stage: Stage, viewport: Viewport, visit: Visiting) -> None:
-    visit(viewport).click(opening_view(kitchenette(), stage.knowledge.ancestors), ON_THE_HANDLE)
-    wait_until(lambda: viewport.selected == "DrawerHandle", "the handle is selected")
-    stage.call(lambda engine: engine.delete([BodyId("Mug")]), edits=True)
-    late = visit(viewport)
-    wait_until(lambda: late.says("7 bodies") and late.says("DrawerHandle"), "the late visitor sees the same")
-
-
-def test_a_drawer_is_pulled_open_with_the_mouse(alive: Stage, visit: Visiting) -> None:
-    alive.play()
-    with Viewport(alive, port=0) as viewport:
-        visitor = visit(viewport)
-        visitor.grab(opening_view(kitchenette(), alive.knowledge.ancestors), ON_THE_HANDLE, PULLED_OUT)
-        wait_until(lambda: position(alive, "Drawer")[0] < 1.75, "the drawer has come out by 20 cm or more")
-        assert [pull.id for pull in viewport._hands.pulls] == ["DrawerHandle"]
-        visitor.let_go()
-        wait_until(lambda: not viewport._hands.pulls, "the hand is open")
-        _, y, z = position(alive, "Drawer")
-        assert (y, z) == pytest.approx((0.0, 0.65), abs=1e-3)
-        visitor.press("Reset")
-        wait_until(lambda: position(alive, "Drawer")[0] == pytest.approx(1.95, abs=1e-6), "the drawer is closed")
-
-
-def test_a_visitor_who_leaves_lets_go(alive: Stage, visit: Visiting) -> None:
-    alive.play()
-    with Viewport(alive, port=0) as viewport:
-        visitor = visit(viewport)
-        visitor.grab(opening_view(kitchenette(), alive.knowledge.ancestors), ON_THE_HANDLE, PULLED_OUT)
-        wait_until(lambda: viewport._hands.pulls, "the handle is held")
-        visitor.page.close()
-        wait_until(lambda: not viewport._hands.pulls, "nothing is held any more")
-        time_s = alive.frame.time_s
-        wait_until(lambda: alive.frame.time_s > time_s + 0.5, "the world goes on")
-
-
-def test_pulling_in_a_paused_world_says_why_nothing_moves(alive: Stage, visit: Visiting) -> None:
-    with Viewport(alive, port=0) as viewport:
-        visitor = visit(viewport)
-        visitor.grab(opening_view(kitchenette(), alive.knowledge.ancestors), ON_THE_HANDLE, PULLED_OUT)
-        wait_until(lambda: visitor.says("press Play"), "the page says that the world is paused")
-        visitor.let_go()
-    assert position(alive, "Drawer")[0] == 1.95
+    speed = visitor.page.locator("[data-do=speed]")
+    wait_until(lambda: speed.input_value() == "0.5", "the page follows the stage")
+    visitor.press("play")
+    wait_until(lambda: not stage.frame.playing and visitor.says("paused"), "time stands still")
+    stage.call(lambda engine: engine.set_pose(BodyId("Mug"), kitchenette().body("Fridge").pose))
+    visitor.press("reset")
+    wait_until(lambda: np.allclose(position(stage, "Mug"), (2.0, 0.0, 0.85)), "the mug is back in its place")
 
 
 def test_what_the_stage_refuses_is_said_to_the_visitor(stage: Stage, viewport: Viewport, visit: Visiting) -> None:
     visitor = visit(viewport)
     stage.close()
-    visitor.press("Step")
+    visitor.press("step")
     wait_until(lambda: visitor.says("the stage is closed"), "the page says why nothing happens")
+
+
+def test_a_lost_connection_is_said_and_comes_back_by_itself(stage: Stage, viewport: Viewport, visit: Visiting) -> None:
+    visitor = visit(viewport)
+    visitor.choose("Mug")
+    port = int(viewport.url.rsplit(":", 1)[1])
+    viewport.close()
+    wait_until(lambda: visitor.page.locator("#lost").is_visible(), "the page says that the connection is lost")
+    with Viewport(stage, port=port) as again:
+        assert again.url == viewport.url
+        wait_until(lambda: not visitor.page.locator("#lost").is_visible(), "it is there again")
+        stage.editing.move(BodyId("Mug"), Pose((1.0, 0.0, 0.85)))
+        wait_until(lambda: (visitor.live() or {"pose": {"position": []}})["pose"]["position"][:1] == [1.0], "and tells")
+
+
+# -- the outline and the details ---------------------------------------------------------------------------------------
+
+
+def test_a_thing_is_found_selected_and_described(stage: Stage, viewport: Viewport, visit: Visiting) -> None:
+    visitor = visit(viewport)
+    wait_until(lambda: visitor.rows() == ["Cupboard", "Floor", "Fridge", "Mug"], "only what is above is open")
+    visitor.page.locator(".tree-row[data-id=Cupboard] .caret").click()
+    assert visitor.rows() == ["Cupboard", "Drawer", "Floor", "Fridge", "Mug"]
+    visitor.page.locator("[data-role=find]").fill("door handle")
+    wait_until(lambda: visitor.says("0 of 8 found"), "no door is a handle")
+    visitor.page.locator("[data-role=find]").fill("refrigerator")
+    wait_until(lambda: visitor.rows() == ["Fridge"], "it is found by its class")
+    visitor.page.locator("[data-role=find]").fill("handle")
+    wait_until(lambda: visitor.says("2 of 8 found"), "two handles, with what they hang on")
+    assert visitor.rows() == ["Cupboard", "Drawer", "DrawerHandle", "Fridge", "FridgeDoor", "FridgeHandle"]
+    visitor.choose("FridgeHandle")
+    assert visitor.says("hangs on")
+    assert visitor.says("0.04 \N{MULTIPLICATION SIGN} 0.02 \N{MULTIPLICATION SIGN} 0.3 m")
+    visitor.page.locator("[data-link=FridgeDoor]").first.click()
+    wait_until(lambda: visitor.selected == "FridgeDoor" and visitor.says("FridgeHinge"), "a link leads on")
+
+
+def test_the_outline_is_walked_by_keyboard(viewport: Viewport, visit: Visiting) -> None:
+    visitor = visit(viewport)
+    wait_until(lambda: len(visitor.rows()) == 4, "the tree is there")
+    visitor.page.locator("[data-role=find]").press("ArrowDown")
+    wait_until(lambda: visitor.selected == "Cupboard", "the first row")
+    keys = {"ArrowRight": "Cupboard", "ArrowDown": "Drawer", "End": "Mug", "Home": "Cupboard"}
+    for key, expected in keys.items():
+        visitor.page.keyboard.press(key)
+        wait_until(lambda expected=expected: visitor.selected == expected, f"{key} leads to {expected}")
+    assert "Drawer" in visitor.rows()
+    visitor.page.keyboard.press("ArrowLeft")
+    wait_until(lambda: "Drawer" not in visitor.rows(), "it is shut again")
+
+
+def test_five_thousand_bodies_are_a_few_rows(visit: Visiting) -> None:
+    mug = kitchenette().body("Mug")
+    mugs = tuple(
+        replace(mug, id=BodyId(f"Mug{n}"), iri=Iri(f"{mug.iri}{n}"), pose=Pose((n % 70 * 0.2, n // 70 * 0.2, 0.1)))
+        for n in range(5000)
+    )
+    with Stage(KnowledgeBase(bundled_ontology=False), NullEngine(), shapes=False) as stage:
+        stage.spawn(World(iri=Iri("http://x#many"), bodies=mugs))
+        with Viewport(stage, port=0) as viewport:
+            visitor = visit(viewport)
+            state = "mindstage.outliner.state"
+            wait_until(lambda: visitor.page.evaluate(f"{state}.bodies") == 5000, "all are known")
+            assert visitor.page.evaluate(f"{state}.drawn") < 80
+            visitor.choose("Mug4321")
+            assert visitor.page.evaluate(f"{state}.drawn") == 1
+
+
+def test_what_is_hidden_is_hidden_for_all(viewport: Viewport, visit: Visiting) -> None:
+    visitor, other = visit(viewport), visit(viewport)
+    wait_until(visitor.rows, "the tree is there")
+    visitor.page.locator(".tree-row[data-id=Fridge]").hover()
+    visitor.page.locator(".tree-row[data-id=Fridge] [data-do=eye]").click()
+    hidden = {"Fridge", "FridgeDoor", "FridgeHandle"}
+    wait_until(lambda: viewport.sights.hidden == hidden, "the fridge is hidden with all that belongs to it")
+    wait_until(lambda: other.page.locator(".tree-row.away[data-id=Fridge]").count() == 1, "the other one sees it")
+
+
+def test_values_are_typed_in_and_undone(stage: Stage, viewport: Viewport, visit: Visiting) -> None:
+    visitor = visit(viewport)
+    page = visitor.page
+    visitor.choose("Mug")
+    page.locator("[data-field=mass]").fill("2.5")
+    page.keyboard.press("Enter")
+    wait_until(lambda: stage.log().body("Mug").physics.mass_kg == 2.5, "the mug has another mass")
+    wait_until(lambda: page.locator("[data-pose=x]").input_value() == "2", "where it is stands in the fields")
+    page.locator("[data-pose=x]").fill("1.25")
+    page.keyboard.press("Enter")
+    wait_until(lambda: position(stage, "Mug")[0] == pytest.approx(1.25), "the mug is somewhere else")
+    page.locator("[data-pose=yaw]").fill("90")
+    page.keyboard.press("Enter")
+    turned = (0.5**0.5, 0.0, 0.0, 0.5**0.5)
+    wait_until(lambda: stage.log().body("Mug").pose.quaternion == pytest.approx(turned), "and turned")
+    page.locator("[data-field=mobility]").select_option("static")
+    wait_until(lambda: stage.log().body("Mug").physics.mobility.value == "static", "and static")
+    page.locator("[data-field=mass]").fill("-1")
+    page.keyboard.press("Enter")
+    wait_until(lambda: visitor.says("a mass is above 0 kg"), "nonsense is refused in words")
+    for _ in range(4):
+        visitor.press("undo")
+    wait_until(lambda: not stage.editing.history.undo, "all is undone")
+    assert stage.log().body("Mug") == kitchenette().body("Mug")
+
+
+def test_a_body_is_attached_by_choosing_its_holder(stage: Stage, viewport: Viewport, visit: Visiting) -> None:
+    visitor = visit(viewport)
+    visitor.choose("Mug")
+    visitor.press("attach")
+    visitor.page.locator("[data-role=find]").fill("drawer")
+    wait_until(lambda: "Drawer" in visitor.rows(), "the drawer is found")
+    visitor.page.locator(".tree-row[data-id=Drawer] .tree-name").click()
+    wait_until(lambda: any(hold.child == "Mug" for hold in stage.log().attachments), "the mug hangs on the drawer")
+    wait_until(lambda: visitor.selected == "Mug" and visitor.details()["hangs_on"] == "Drawer", "and the page says so")
+    visitor.press("detach")
+    wait_until(lambda: all(hold.child != "Mug" for hold in stage.log().attachments), "it is loose again")
+
+
+def test_deleting_by_key_is_seen_by_the_other_visitor_and_undone_by_key(
+    stage: Stage, viewport: Viewport, visit: Visiting
+) -> None:
+    visitor, other = visit(viewport), visit(viewport)
+    other.choose("Mug")
+    visitor.choose("Mug")
+    visitor.page.keyboard.press("Delete")
+    wait_until(lambda: "Mug" not in stage.frame.ids, "the mug is gone")
+    wait_until(lambda: other.selected is None and other.says("Nothing is selected"), "the other one sees it")
+    other.page.locator("[data-role=tree]").press("Control+z")
+    wait_until(lambda: "Mug" in stage.frame.ids, "the other one brings it back")
+
+
+def test_a_slider_opens_the_drawer_and_follows_it(alive: Stage, visit: Visiting) -> None:
+    alive.play()
+    with Viewport(alive, port=0) as viewport:
+        visitor = visit(viewport)
+        visitor.choose("Drawer")
+        slider = visitor.page.locator("[data-joint=DrawerSlide]")
+        slider.fill("-0.3")
+        wait_until(lambda: position(alive, "Drawer")[0] == pytest.approx(1.65, abs=0.02), "the drawer comes out")
+        wait_until(lambda: visitor.says("-0.30") or visitor.says("-0.29"), "and the page says how far")
+        alive.reset()
+        wait_until(lambda: float(slider.input_value()) == pytest.approx(0.0, abs=0.02), "the slider follows")
+
+
+# -- adding, saving, loading -------------------------------------------------------------------------------------------
+
+
+def test_a_thing_is_added_from_the_list(alive: Stage, visit: Visiting) -> None:
+    with Viewport(alive, port=0) as viewport:
+        visitor = visit(viewport)
+        visitor.choose("Cupboard")
+        visitor.open("add")
+        visitor.page.locator("[data-role=find-class]").fill("dinnerplate")
+        visitor.page.locator("[data-class=DinnerPlate]").click()
+        assert visitor.page.locator("[data-role=where]").input_value() == "on"
+        visitor.press("add")
+        wait_until(lambda: len(alive.frame.ids) == 9, "there is a plate")
+        new = next(id for id in alive.frame.ids if "DinnerPlate" in id)
+        wait_until(lambda: visitor.selected == new, "the plate is selected")
+        assert position(alive, new)[2] == pytest.approx(0.81, abs=0.03), "it lies on the cupboard"
+
+
+def test_the_map_is_saved_and_loaded_by_file_and_by_drop(
+    stage: Stage, viewport: Viewport, visit: Visiting, tmp_path: Path
+) -> None:
+    visitor = visit(viewport)
+    with visitor.page.expect_download() as download:
+        visitor.page.locator("[data-do=save]").select_option("turtle semlog")
+    saved = tmp_path / download.value.suggested_filename
+    download.value.save_as(saved)
+    assert saved.name == "map.ttl"
+    stage.editing.delete([BodyId("Mug"), BodyId("Fridge")])
+    visitor.page.locator("[data-role=upload]").set_input_files(saved)
+    wait_until(lambda: len(stage.frame.ids) == 8, "all is back")
+    wait_until(lambda: visitor.says("map: 8 bodies, 2 constraints"), "and the page says so")
+    stage.editing.delete([BodyId("Mug")])
+    drop = """text => {
+        const transfer = new DataTransfer();
+        transfer.items.add(new File([text], "dropped.ttl"));
+        const event = type => new DragEvent(type, {dataTransfer: transfer, bubbles: true, cancelable: true});
+        window.dispatchEvent(event("dragenter"));
+        document.getElementById("drop").dispatchEvent(event("drop"));
+    }"""
+    visitor.page.evaluate(drop, saved.read_text(encoding="utf-8"))
+    wait_until(lambda: "Mug" in stage.frame.ids, "a dropped map is loaded too")
+    visitor.page.evaluate(drop, "this is no map")
+    wait_until(lambda: visitor.says("dropped.ttl"), "what is no map is said")
+    assert len(stage.frame.ids) == 8
+
+
+# -- small screens -----------------------------------------------------------------------------------------------------
+
+
+def test_on_a_phone_panels_are_sheets_over_the_view(viewport: Viewport, visit: Visiting) -> None:
+    visitor = visit(viewport, size=(390, 844))
+    page = visitor.page
+    assert not page.locator("#left").is_visible()
+    page.locator("[data-sheet=outline]").click()
+    assert page.locator("#left").is_visible()
+    page.locator(".tree-row[data-id=Mug] .tree-name").click()
+    page.locator("[data-sheet=details]").click()
+    assert not page.locator("#left").is_visible()
+    wait_until(
+        lambda: visitor.says("0.08 \N{MULTIPLICATION SIGN} 0.08 \N{MULTIPLICATION SIGN} 0.1 m"), "the mug is described"
+    )
+    page.locator("[data-sheet=details]").click()
+    assert not page.locator("#right").is_visible()
+    assert page.evaluate("document.documentElement.scrollWidth") <= 390
+
+
+# -- the picture in the page -------------------------------------------------------------------------------------------
+
+
+def test_what_is_clicked_in_the_picture_is_selected_in_this_page_only(
+    stage: Stage, viewport: Viewport, visit: Visiting
+) -> None:
+    visitor, other = visit(viewport, view=True), visit(viewport)
+    visitor.click(ON_THE_HANDLE)
+    wait_until(lambda: visitor.selected == "DrawerHandle", "the handle is selected")
+    row = visitor.page.locator(".tree-row[aria-selected=true]")
+    wait_until(lambda: row.get_attribute("data-id") == "DrawerHandle", "the outline has opened there")
+    wait_until(lambda: visitor.says("kinematic"), "the details name it")
+    assert other.selected is None
+    visitor.choose("Fridge")
+    (number,) = viewport.sights.visitors
+    wait_until(lambda: viewport.sights.selected(number) == "Fridge", "and the view follows the outline")
+
+
+def test_a_drawer_is_pulled_by_its_handle_and_the_joint_is_seen_to_follow(alive: Stage, visit: Visiting) -> None:
+    with Viewport(alive, port=0) as viewport:
+        visitor = visit(viewport, view=True)
+        visitor.choose("Drawer")
+        alive.play()
+        visitor.grab(ON_THE_HANDLE, PULLED_OUT)
+        wait_until(lambda: position(alive, "Drawer")[0] < 1.75, "the drawer has come out by 20 cm or more")
+        wait_until(lambda: (visitor.live() or {"joints": {}})["joints"]["DrawerSlide"]["x"] < -0.2, "the page follows")
+        visitor.let_go()
+        wait_until(lambda: not viewport._hands.pulls, "the hand is open")

@@ -1,41 +1,92 @@
-"""The script that makes the pictures of the documents."""
+"""Pictures of the page and of the world alone, taken in a real browser; the world they show stands still."""
 
 from __future__ import annotations
 
-import subprocess
-import sys
+import io
 from pathlib import Path
 
 import numpy as np
+import pytest
 from PIL import Image
 
-from mindstage.knowledge import save_map
-from tests.kitchenette import kitchenette
+from mindstage import KnowledgeBase, NullEngine, Stage
+from mindstage.errors import ArgumentRefused, BodyUnknown, BrowserUnavailable
+from mindstage.viewport import Shot, Viewport
+from mindstage.viewport.framing import View
+from mindstage.viewport.photograph import _view
+from mindstage.world import BodyId
+from tests.viewport.waiting import wait_until
 
-SCRIPT = Path(__file__).resolve().parents[2] / "scripts" / "photograph.py"
-
-
-def photograph(*arguments: object) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, str(SCRIPT), *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
-
-
-def test_a_map_is_photographed_with_its_drawer_open(chromium: Path, tmp_path: Path) -> None:
-    save_map(kitchenette(), tmp_path / "map.owl")
-    size = ("--browser", chromium, "--width", 800, "--height", 400)
-    closed, opened = tmp_path / "new" / "closed.png", tmp_path / "new" / "opened.png"
-    for picture, more in ((closed, ()), (opened, ("--open", "Drawer", "--select", "Mug"))):
-        result = photograph(tmp_path / "map.owl", "-o", picture, *size, *more)
-        assert (result.returncode, result.stderr) == (0, "")
-    pixels = [np.asarray(Image.open(picture).convert("RGB")) for picture in (closed, opened)]
-    assert pixels[0].shape == (400, 800, 3)
-    assert len(np.unique(pixels[0].reshape(-1, 3), axis=0)) > 200
-    view = np.s_[:, :400]
-    assert np.any(pixels[0][view] != pixels[1][view], axis=2).mean() > 0.005
+PATIENCE_S = 300.0
+USUAL = View((3.0, -3.0, 2.0), (0.0, 0.0, 0.5), 0.6)
 
 
-def test_trouble_is_one_line(chromium: Path, tmp_path: Path) -> None:
-    result = photograph(tmp_path / "none.owl", "-o", tmp_path / "picture.png", "--browser", chromium)
-    assert result.returncode == 2
-    assert len(result.stderr.splitlines()) == 1
-    assert not (tmp_path / "picture.png").exists()
+def pixels(picture: bytes) -> np.ndarray:
+    return np.asarray(Image.open(io.BytesIO(picture)).convert("RGB")).astype(int)
+
+
+def test_only_what_is_lit_is_blue_and_a_cut_leaves_out_what_is_above(
+    stage: Stage, viewport: Viewport, chromium: Path
+) -> None:
+    stage.highlight([BodyId("Fridge")], (0.0, 0.0, 1.0))
+    whole = pixels(viewport.shot(Shot(size=(320, 200), browser=str(chromium), timeout_s=PATIENCE_S)))
+    cut = pixels(viewport.shot(Shot(size=(320, 200), section=0.1, browser=str(chromium), timeout_s=PATIENCE_S)))
+    assert whole.shape == cut.shape == (200, 320, 3)
+    assert blue(whole) > 300
+    assert blue(cut) < blue(whole) / 2
+    wait_until(lambda: not viewport.sights.visitors, "the browsers are gone")
+
+
+def blue(picture: np.ndarray) -> int:
+    """How many pixels are plainly blue."""
+    red, green, blue = np.moveaxis(picture, -1, 0)
+    return int(np.count_nonzero((blue > red + 60) & (blue > green + 40)))
+
+
+def test_the_whole_page_is_photographed_with_its_panels(viewport: Viewport, chromium: Path) -> None:
+    shot = Shot(size=(900, 400), panels=True, panel="status", browser=str(chromium), timeout_s=PATIENCE_S)
+    picture = pixels(viewport.shot(shot))
+    left, middle = picture[120:380, 10:200].reshape(-1, 3), picture[120:380, 280:600].reshape(-1, 3)
+    assert plainest(left) > 0.6 > plainest(middle)
+    assert len(np.unique(middle, axis=0)) > 100
+
+
+def plainest(colours: np.ndarray) -> float:
+    """How much of it has the same colour."""
+    _, counts = np.unique(colours, axis=0, return_counts=True)
+    return float(counts.max() / len(colours))
+
+
+def test_a_page_that_needs_a_token_is_photographed_too_be_it_empty(chromium: Path) -> None:
+    with Stage(KnowledgeBase(), NullEngine()) as stage, Viewport(stage, port=0, token="open sesame") as viewport:
+        shot = Shot(size=(160, 100), position=(0.0, 0.0, 3.0), browser=str(chromium), timeout_s=PATIENCE_S)
+        picture = pixels(viewport.shot(shot))
+        assert picture.shape == (100, 160, 3)
+        assert len(np.unique(picture.reshape(-1, 3), axis=0)) > 20, "the sky runs from light to dark"
+
+
+def test_what_cannot_be_photographed_is_refused(viewport: Viewport, chromium: Path) -> None:
+    with pytest.raises(ArgumentRefused, match="0 x 10 cannot be drawn; each side is 1 to 8192 px"):
+        Shot(size=(0, 10))
+    with pytest.raises(ArgumentRefused, match="from and to one point"):
+        Shot(position=(1.0, 2.0, 3.0), look_at=(1.0, 2.0, 3.0))
+    with pytest.raises(ArgumentRefused, match="there are no panels in the picture; show the whole page"):
+        Shot(panel="ask")
+    with pytest.raises(BrowserUnavailable, match="there is no program 'netscape'"):
+        viewport.shot(Shot(browser="netscape"))
+    with pytest.raises(BodyUnknown, match=r"Fridgee.*near: 'Fridge'"):
+        viewport.shot(Shot(size=(64, 64), focus=(BodyId("Fridgee"),), browser=str(chromium), timeout_s=PATIENCE_S))
+
+
+def test_of_a_view_what_is_not_given_is_as_usual() -> None:
+    assert _view(Shot(), USUAL) == USUAL
+    assert _view(Shot(position=(1.0, 1.0, 1.0)), USUAL) == View((1.0, 1.0, 1.0), (0.0, 0.0, 0.5), 0.6)
+    assert _view(Shot(look_at=(10.0, 0.0, 0.5)), USUAL) == View((13.0, -3.0, 2.0), (10.0, 0.0, 0.5), 0.6)
+    both = _view(Shot(position=(1.0, 2.0, 3.0), look_at=(4.0, 5.0, 6.0)), USUAL)
+    assert both == View((1.0, 2.0, 3.0), (4.0, 5.0, 6.0), 0.6)
+
+
+def test_straight_down_is_a_hair_aslant_so_that_a_side_is_up() -> None:
+    x, y, z = _view(Shot(position=(1.0, 2.0, 5.0), look_at=(1.0, 2.0, 0.0)), USUAL).position
+    assert (x, z) == (1.0, 5.0)
+    assert 2.0 - y == pytest.approx(0.005)

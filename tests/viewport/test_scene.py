@@ -1,89 +1,41 @@
-"""What is sent to the visitors, and what is not: the server is played by a list."""
+"""What is sent to all visitors, and what is not: the server is played by lists."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager, nullcontext
+from dataclasses import replace as with_look
 from typing import Any
 
 import numpy as np
 import pytest
 from msgspec.structs import replace
 
+from mindstage import KnowledgeBase
+from mindstage.viewport.bodies import CROWD
 from mindstage.viewport.framing import View
-from mindstage.viewport.looks import Form, Look, decide_looks
-from mindstage.viewport.palette import DIMMED_OPACITY, Paint
+from mindstage.viewport.looks import Look, Part, decide_looks
+from mindstage.viewport.palette import DIMMED_OPACITY
 from mindstage.viewport.scene import Scene, moved
-from mindstage.world import BodyId, World
+from mindstage.world import BodyId, Form, Glow, Pose, World
+from mindstage.world.forms import NO_FORMS, Forms
 from mindstage.world.geometry import pose_array
 from tests.kitchenette import kitchenette
+from tests.viewport.playing import Node, Server
 
+KNOWLEDGE = KnowledgeBase()
 WORLD = kitchenette()
 IDS = tuple(body.id for body in WORLD.bodies)
 POSES = pose_array(body.pose for body in WORLD.bodies)
-LOOKS = decide_looks(WORLD, lambda cls: ())
+MUG, FRIDGE = BodyId("Mug"), BodyId("Fridge")
+GREEN, RED = (0.0, 1.0, 0.0), (1.0, 0.0, 0.0)
 
 
-class Node:
-    """A node that tells what becomes of it."""
-
-    def __init__(self, told: list[tuple[str, str]], name: str) -> None:
-        vars(self).update(told=told, name=name)
-
-    def __setattr__(self, attribute: str, value: Any) -> None:
-        self.told.append((self.name, attribute))
-        vars(self)[attribute] = value
-
-    def remove(self) -> None:
-        self.told.append((self.name, "remove"))
+def looks_of(world: World, forms: Forms = NO_FORMS) -> dict[BodyId, Look]:
+    return decide_looks(world, KNOWLEDGE.shape_rule, KNOWLEDGE.ancestors, forms=forms)
 
 
-class Server:
-    """A server without visitors: `told` is what it would have sent, `nodes` what is there."""
+LOOKS = looks_of(WORLD)
 
-    def __init__(self) -> None:
-        self.told: list[tuple[str, str]] = []
-        self.nodes: dict[str, Node] = {}
-        self.scene, self.initial_camera, self.world_axes = self, Node(self.told, "camera"), Node([], "axes")
-        self.atomic = nullcontext
-
-    def add(self, name: str, **properties: Any) -> Node:
-        self.told.append((name, "add"))
-        self.nodes[name] = Node(self.told, name)
-        vars(self.nodes[name]).update(properties)
-        return self.nodes[name]
-
-    def add_mesh_simple(self, name: str, vertices: Any, faces: Any, **properties: Any) -> Node:
-        return self.add(name, **properties)
-
-    def add_line_segments(self, name: str, points: Any, colors: Any, **properties: Any) -> Node:
-        return self.add(name, points=points, **properties)
-
-    def add_grid(self, name: str, **properties: Any) -> Node:
-        return self.add(name, **properties)
-
-    def add_light_hemisphere(self, name: str, **properties: Any) -> Node:
-        return self.add(name, **properties)
-
-    add_light_directional = add_light_hemisphere
-
-    def get_handle_by_name(self, name: str) -> Node | None:
-        return self.nodes.get(name)
-
-    def get_clients(self) -> dict[int, Any]:
-        return {}
-
-    def configure_default_lights(self, **_: Any) -> None: ...
-    def configure_environment_map(self, *_: Any) -> None: ...
-    def set_background_image(self, *_: Any, **__: Any) -> None: ...
-
-    @contextmanager
-    def listening(self) -> Iterator[list[tuple[str, str]]]:
-        """What is sent in the meantime."""
-        heard: list[tuple[str, str]] = []
-        start = len(self.told)
-        yield heard
-        heard += self.told[start:]
+Prepared = list[tuple[Node, Any, bool]]
 
 
 @pytest.fixture
@@ -92,24 +44,45 @@ def server() -> Server:
 
 
 @pytest.fixture
-def prepared() -> list[tuple[str, bool]]:
+def prepared() -> Prepared:
     return []
 
 
 @pytest.fixture
-def scene(server: Server, prepared: list[tuple[str, bool]]) -> Scene:
-    def prepare(id: BodyId, node: Any, *, holdable: bool) -> None:
-        prepared.append((id, holdable))
-
-    scene = Scene(server, prepare=prepare)  # type: ignore[arg-type]
+def scene(server: Server, prepared: Prepared) -> Scene:
+    scene = Scene(server, prepare=lambda node, pick, *, holdable: prepared.append((node, pick, holdable)))  # type: ignore[arg-type, misc]
     show(scene)
     return scene
 
 
 def show(scene: Scene, world: World = WORLD, looks: dict[BodyId, Look] | None = None) -> None:
     ids = tuple(body.id for body in world.bodies)
-    looks = decide_looks(world, lambda cls: ()) if looks is None else looks
-    scene.show(looks, ids, pose_array(body.pose for body in world.bodies), holdable={"Mug", "Drawer"})
+    poses = pose_array(body.pose for body in world.bodies)
+    scene.show(looks_of(world) if looks is None else looks, ids, poses, holdable={"Mug", "Drawer", "Mug7"})
+
+
+def crowded(count: int = CROWD) -> World:
+    """So many mugs in a row, in a kitchen."""
+    mug = WORLD.body("Mug")
+    mugs = [replace(mug, id=BodyId(f"Mug{n}"), pose=Pose((n, 0.0, 5.0))) for n in range(count)]
+    return replace(WORLD, bodies=(*WORLD.bodies, *mugs))
+
+
+def state(server: Server, name: str) -> dict[str, Any]:
+    return vars(server.scene.nodes[name])
+
+
+def guise(server: Server, id: str) -> str:
+    """In which guise a body is seen."""
+    (shown,) = (
+        kind
+        for kind in ("seen", "plain")
+        if f"/bodies/{id}/{kind}" in server.scene.nodes and state(server, f"/bodies/{id}/{kind}")["visible"]
+    )
+    return shown
+
+
+# -- bodies with a node of their own -----------------------------------------------------------------------------------
 
 
 def test_rows_that_moved_are_found() -> None:
@@ -122,38 +95,36 @@ def test_rows_that_moved_are_found() -> None:
 
 
 def test_every_body_is_drawn_once_where_it_is(server: Server, scene: Scene) -> None:
-    drawn = [name for name, what in server.told if what == "add" and name.startswith("/bodies/")]
-    assert sorted(drawn) == sorted(f"/bodies/{id}" for id in IDS)
+    drawn = [name for name, what in server.scene.told if what == "add" and name.startswith("/bodies/")]
+    assert sorted(drawn) == sorted(name for id in IDS for name in (f"/bodies/{id}", f"/bodies/{id}/seen"))
     for row, id in enumerate(IDS):
-        assert np.allclose(vars(server.nodes[f"/bodies/{id}"])["position"], POSES[row, :3])
+        assert np.allclose(state(server, f"/bodies/{id}")["position"], POSES[row, :3])
 
 
-def test_everything_but_the_building_answers_to_the_mouse(scene: Scene, prepared: list[tuple[str, bool]]) -> None:
-    assert dict(prepared) == {id: id in ("Mug", "Drawer") for id in IDS if id != "Floor"}
+def test_everything_but_the_building_answers_to_the_mouse(scene: Scene, prepared: Prepared) -> None:
+    told = {pick(None): holdable for _, pick, holdable in prepared}
+    assert told == {id: id in ("Mug", "Drawer") for id in IDS if id != "Floor"}
 
 
-def test_what_is_drawn_from_one_side_only_does_not_catch_the_mouse(
-    scene: Scene, prepared: list[tuple[str, bool]]
-) -> None:
+def test_what_is_drawn_from_one_side_only_does_not_catch_the_mouse(scene: Scene, prepared: Prepared) -> None:
     prepared.clear()
-    one_sided = replace(LOOKS[BodyId("Mug")], form=Form.INSIDE, openings=((0, 1),))
-    show(scene, looks={**LOOKS, BodyId("Mug"): one_sided})
+    show(scene, looks={**LOOKS, MUG: with_look(LOOKS[MUG], part=Part.INSIDE)})
     assert prepared == []
 
 
 def test_only_what_moved_is_sent(server: Server, scene: Scene) -> None:
     now = POSES.copy()
-    now[IDS.index(BodyId("Mug")), 2] += 0.5
-    with server.listening() as heard:
-        assert scene.move(now) == 1
+    now[IDS.index(MUG), 2] += 0.5
+    with server.scene.listening() as heard:
+        assert scene.move(now).tolist() == [IDS.index(MUG)]
     assert {name for name, _ in heard} == {"/bodies/Mug"}
-    with server.listening() as heard:
-        assert scene.move(now.copy()) == 0
+    with server.scene.listening() as heard:
+        assert len(scene.move(now.copy())) == 0
     assert heard == []
 
 
 def test_creeping_is_sent_once_it_can_be_seen(scene: Scene) -> None:
-    sent = [scene.move(POSES + step * 1.1e-5) for step in range(1, 13)]
+    sent = [len(scene.move(POSES + step * 1.1e-5)) for step in range(1, 13)]
     assert sum(count > 0 for count in sent) == 2
 
 
@@ -161,105 +132,207 @@ def test_a_quaternion_that_is_a_little_off_is_sent_as_a_rotation(server: Server,
     off = POSES.copy()
     off[:, 3:] *= 1.01
     scene.move(off)
-    for node in server.nodes.values():
-        if "wxyz" in vars(node):
-            assert np.linalg.norm(vars(node)["wxyz"]) == pytest.approx(1.0)
+    turns = [vars(node)["wxyz"] for node in server.scene.nodes.values() if "wxyz" in vars(node)]
+    assert len(turns) == len(IDS)
+    assert np.linalg.norm(turns, axis=1) == pytest.approx(1.0)
 
 
 def test_a_body_that_went_is_removed_and_one_that_came_is_drawn(server: Server, scene: Scene) -> None:
-    mug = WORLD.body("Mug")
-    other = replace(mug, id=BodyId("Other"))
-    bodies = (*(body for body in WORLD.bodies if body is not mug), other)
-    with server.listening() as heard:
+    other = replace(WORLD.body("Mug"), id=BodyId("Other"))
+    bodies = (*(body for body in WORLD.bodies if body.id != MUG), other)
+    with server.scene.listening() as heard:
         show(scene, replace(WORLD, bodies=bodies))
     assert ("/bodies/Mug", "remove") in heard
-    assert ("/bodies/Other", "add") in heard
-    assert [name for name, what in heard if what == "add"] == ["/bodies/Other"]
+    assert [name for name, what in heard if what == "add"] == ["/bodies/Other", "/bodies/Other/seen"]
 
 
 def test_a_body_that_looks_different_is_drawn_anew_and_no_other(server: Server, scene: Scene) -> None:
-    painted = replace(LOOKS[BodyId("Mug")], paint=Paint((1.0, 0.0, 0.0)))
-    with server.listening() as heard:
-        show(scene, looks={**LOOKS, BodyId("Mug"): painted})
-    assert [name for name, what in heard if what == "add"] == ["/bodies/Mug"]
-    assert vars(server.nodes["/bodies/Mug"])["color"] == (255, 0, 0)
+    with server.scene.listening() as heard:
+        show(scene, looks={**LOOKS, MUG: with_look(LOOKS[MUG], key="other")})
+    assert [name for name, what in heard if what == "add"] == ["/bodies/Mug", "/bodies/Mug/seen"]
 
 
-def test_what_can_be_held_from_now_on_answers_to_the_mouse(scene: Scene, prepared: list[tuple[str, bool]]) -> None:
+def test_what_can_be_held_from_now_on_answers_to_the_mouse(scene: Scene, prepared: Prepared) -> None:
     prepared.clear()
     scene.show(LOOKS, IDS, POSES, holdable={"Mug", "Drawer", "Fridge"})
-    assert prepared == [("Fridge", True)]
-
-
-def test_a_highlight_paints_the_lit_and_dims_the_rest(server: Server, scene: Scene) -> None:
-    def painted(id: str) -> tuple[object, object]:
-        return vars(server.nodes[f"/bodies/{id}"])["color"], vars(server.nodes[f"/bodies/{id}"])["opacity"]
-
-    mug, fridge = painted("Mug"), painted("Fridge")
-    scene.light_up({BodyId("Mug"): (0.0, 1.0, 0.0)})
-    assert painted("Mug") == ((0, 255, 0), None)
-    assert painted("Fridge")[1] == DIMMED_OPACITY
-    with server.listening() as heard:
-        scene.light_up({BodyId("Mug"): (0.0, 1.0, 0.0)})
-    assert heard == []
-    with server.listening() as heard:
-        scene.light_up({BodyId("Mug"): (0.0, 1.0, 0.0), BodyId("Fridge"): (1.0, 0.0, 0.0)})
-    assert {name for name, _ in heard} == {"/bodies/Fridge"}
-    scene.light_up({})
-    assert (painted("Mug"), painted("Fridge")) == (mug, fridge)
-
-
-def test_what_is_drawn_while_something_is_lit_is_dimmed_too(server: Server, scene: Scene) -> None:
-    scene.light_up({BodyId("Mug"): (0.0, 1.0, 0.0)})
-    show(scene, looks={**LOOKS, BodyId("Fridge"): replace(LOOKS[BodyId("Fridge")], size=(0.2, 0.2, 0.2))})
-    assert vars(server.nodes["/bodies/Fridge"])["opacity"] == DIMMED_OPACITY
-
-
-def test_a_lit_body_that_is_drawn_anew_stays_lit(server: Server, scene: Scene) -> None:
-    scene.light_up({BodyId("Mug"): (0.0, 1.0, 0.0)})
-    show(scene, looks={**LOOKS, BodyId("Mug"): replace(LOOKS[BodyId("Mug")], size=(0.2, 0.2, 0.2))})
-    assert vars(server.nodes["/bodies/Mug"])["color"] == (0, 255, 0)
-
-
-def test_the_frame_of_the_selected_goes_with_it(server: Server, scene: Scene) -> None:
-    scene.select(BodyId("Mug"))
-    assert "/bodies/Mug/selected" in server.nodes, "a child of the body moves with the body"
-    with server.listening() as heard:
-        scene.select(BodyId("Mug"))
-    assert heard == []
-    scene.select(BodyId("Drawer"))
-    assert ("/bodies/Mug/selected", "remove") in server.told
-    scene.select(None)
-    assert ("/bodies/Drawer/selected", "remove") in server.told
+    assert [(pick(None), holdable) for _, pick, holdable in prepared] == [("Fridge", True)]
 
 
 def test_a_slash_in_an_id_makes_no_child(server: Server, scene: Scene) -> None:
     odd = replace(WORLD.body("Mug"), id=BodyId("Mug/../a b"))
     show(scene, replace(WORLD, bodies=(*WORLD.bodies, odd)))
-    assert "/bodies/Mug%2F..%2Fa%20b" in server.nodes
+    assert "/bodies/Mug%2F..%2Fa%20b" in server.scene.nodes
+
+
+# -- highlights --------------------------------------------------------------------------------------------------------
+
+
+def test_a_highlight_paints_the_lit_and_dims_the_rest(server: Server, scene: Scene) -> None:
+    scene.light_up({MUG: GREEN})
+    assert (guise(server, "Mug"), guise(server, "Fridge")) == ("plain", "plain")
+    assert state(server, "/bodies/Mug/plain")["color"] == (0, 255, 0)
+    assert state(server, "/bodies/Mug/plain")["opacity"] is None
+    assert state(server, "/bodies/Fridge/plain")["opacity"] == DIMMED_OPACITY
+    with server.scene.listening() as heard:
+        scene.light_up({MUG: GREEN})
+    assert heard == []
+    with server.scene.listening() as heard:
+        scene.light_up({MUG: GREEN, FRIDGE: RED})
+    assert {name for name, _ in heard} <= {"/bodies/Fridge/plain", "/bodies/Fridge/seen"}
+    assert state(server, "/bodies/Fridge/plain")["color"] == (255, 0, 0)
+    scene.light_up({})
+    assert {guise(server, id) for id in IDS} == {"seen"}
+
+
+def test_what_is_drawn_while_something_is_lit_is_dimmed_too(server: Server, scene: Scene) -> None:
+    scene.light_up({MUG: GREEN})
+    show(scene, looks={**LOOKS, FRIDGE: with_look(LOOKS[FRIDGE], key="other")})
+    assert guise(server, "Fridge") == "plain"
+    assert state(server, "/bodies/Fridge/plain")["opacity"] == DIMMED_OPACITY
+
+
+def test_a_lit_body_that_is_drawn_anew_stays_lit(server: Server, scene: Scene) -> None:
+    scene.light_up({MUG: GREEN})
+    show(scene, looks={**LOOKS, MUG: with_look(LOOKS[MUG], key="other")})
+    assert state(server, "/bodies/Mug/plain")["color"] == (0, 255, 0)
+
+
+def test_the_node_that_lights_a_body_answers_to_the_mouse_too(scene: Scene, prepared: Prepared) -> None:
+    prepared.clear()
+    scene.light_up({MUG: GREEN})
+    assert "/bodies/Mug/plain" in [node.name for node, _, _ in prepared]
+
+
+# -- crowds ------------------------------------------------------------------------------------------------------------
+
+
+def test_many_that_look_alike_are_drawn_at_once(server: Server, scene: Scene, prepared: Prepared) -> None:
+    prepared.clear()
+    with server.scene.listening() as heard:
+        show(scene, crowded())
+    assert [name for name, what in heard if what == "add"].count("/crowds/1/seen") == 1
+    assert not any("Mug1" in name for name in server.scene.nodes)
+    # The one that can be held is no member: a crowd either can be held or it cannot.
+    assert len(state(server, "/crowds/1/seen")["batched_positions"]) == CROWD - 1
+    (node, pick, holdable), *_ = prepared
+    assert (node.name, holdable) == ("/crowds/1/seen", False)
+    assert [pick(0), pick(6), pick(99), pick(None)] == ["Mug0", "Mug6", None, None]
+
+
+def test_few_that_look_alike_are_not(server: Server, scene: Scene) -> None:
+    show(scene, crowded(CROWD - 2))
+    assert "/bodies/Mug1/seen" in server.scene.nodes
+
+
+def test_a_crowd_is_cut_into_groups(server: Server, scene: Scene) -> None:
+    show(scene, crowded(300))
+    sizes = [len(state(server, f"/crowds/{n}/seen")["batched_positions"]) for n in (1, 2, 3)]
+    assert sum(sizes) == 299
+    assert max(sizes) == 128
+
+
+def test_one_of_a_crowd_moves_and_only_its_group_is_sent(server: Server, scene: Scene) -> None:
+    world = crowded(300)
+    show(scene, world)
+    poses = pose_array(body.pose for body in world.bodies)
+    row = [body.id for body in world.bodies].index(BodyId("Mug3"))
+    poses[row, 2] = 9.0
+    with server.scene.listening() as heard:
+        scene.move(poses)
+    assert {name for name, _ in heard} == {"/crowds/1/seen"}
+    assert state(server, "/crowds/1/seen")["batched_positions"][3].tolist() == [3.0, 0.0, 9.0]
+
+
+def test_one_of_a_crowd_is_lit_and_the_others_step_back(server: Server, scene: Scene) -> None:
+    show(scene, crowded())
+    scene.light_up({BodyId("Mug3"): GREEN})
+    plain = state(server, "/crowds/1/plain")
+    assert state(server, "/crowds/1/seen")["visible"] is False
+    assert plain["batched_colors"][3].tolist() == [0, 255, 0]
+    assert plain["batched_opacities"].tolist() == pytest.approx(
+        [*[DIMMED_OPACITY] * 3, 1.0, *[DIMMED_OPACITY] * (CROWD - 5)]
+    )
+    scene.light_up({})
+    assert state(server, "/crowds/1/seen")["visible"] is True
+    assert len(state(server, "/crowds/1/seen")["batched_positions"]) == CROWD - 1
+    assert plain["visible"] is False
+
+
+def test_who_leaves_a_crowd_is_missed_by_nobody_else(server: Server, scene: Scene, prepared: Prepared) -> None:
+    prepared.clear()
+    world = crowded()
+    show(scene, world)
+    _, pick, _ = prepared[0]
+    show(scene, replace(world, bodies=tuple(body for body in world.bodies if body.id != "Mug0")))
+    assert state(server, "/crowds/1/seen")["batched_positions"][0].tolist() == [1.0, 0.0, 5.0]
+    assert pick(0) == "Mug1"
+    show(scene)
+    assert not any(name.startswith("/crowds/") for name in server.scene.nodes)
+
+
+# -- what is not to be seen --------------------------------------------------------------------------------------------
+
+
+def test_what_is_hidden_is_not_drawn_until_it_is_shown_again(server: Server, scene: Scene) -> None:
+    show(scene, crowded())
+    scene.hide(frozenset({MUG, BodyId("Mug3")}))
+    assert state(server, "/bodies/Mug")["visible"] is False
+    assert len(state(server, "/crowds/1/seen")["batched_positions"]) == CROWD - 2
+    show(scene, crowded(), looks=looks_of(crowded()) | {MUG: with_look(LOOKS[MUG], key="other")})
+    assert state(server, "/bodies/Mug")["visible"] is False, "it is drawn anew, and hidden as before"
+    scene.hide(frozenset())
+    assert state(server, "/bodies/Mug")["visible"] is True
+    assert len(state(server, "/crowds/1/seen")["batched_positions"]) == CROWD - 1
 
 
 def test_shells_are_lines_that_can_be_hidden(server: Server, scene: Scene) -> None:
     shell = replace(WORLD.body("Cupboard"), id=BodyId("Hall"), size=(30.0, 30.0, 9.0))
     show(scene, replace(WORLD, bodies=(*WORLD.bodies, shell)))
-    hall = server.nodes["/bodies/Hall"]
-    assert len(vars(hall)["points"]) == 12
+    lines, _ = state(server, "/bodies/Hall/outline")["content"]
+    assert len(lines) == 12
     scene.show_shells(False)
-    assert vars(hall)["visible"] is False
+    assert state(server, "/bodies/Hall")["visible"] is False
     scene.show_shells(True)
-    assert vars(hall)["visible"] is True
+    assert state(server, "/bodies/Hall")["visible"] is True
+
+
+# -- the place ---------------------------------------------------------------------------------------------------------
 
 
 def test_the_ground_comes_and_goes(server: Server, scene: Scene) -> None:
     scene.lay_ground(-0.5)
-    assert vars(server.nodes["/ground"])["position"] == (0.0, 0.0, -0.5)
+    assert state(server, "/ground")["position"] == (0.0, 0.0, -0.5)
     scene.lay_ground(None)
-    assert server.told[-1] == ("/ground", "remove")
+    assert server.scene.told[-1] == ("/ground", "remove")
 
 
 def test_the_sun_stands_behind_the_visitor(server: Server, scene: Scene) -> None:
-    scene.look_from(View((5.0, 1.0, 3.0), (0.0, 0.0, 0.0), 0.7))
-    x, _, z = vars(server.nodes["/sun"])["position"]
+    scene.start_from(View((5.0, 1.0, 3.0), (0.0, 0.0, 0.0), 0.7))
+    x, _, z = state(server, "/sun")["position"]
     assert x > 0.0
     assert z > 0.0
     assert vars(server.initial_camera)["position"] == (5.0, 1.0, 3.0)
+
+
+def test_a_lamp_shines_where_it_is_and_goes_with_it(server: Server, scene: Scene) -> None:
+    skins = LOOKS[MUG].skins
+    glowing = Form("glowing", skins, (), glows=(Glow(pose=Pose((0.0, 0.0, -0.1)), colour=(1.0, 0.5, 0.0)),))
+    show(scene, looks=looks_of(WORLD, {MUG: glowing}))
+    lamp = state(server, "/lamps/Mug")
+    assert lamp["color"] == (255, 128, 0)
+    assert lamp["position"] == pytest.approx([2.0, 0.0, 0.75])
+    poses = POSES.copy()
+    poses[IDS.index(MUG), 2] += 1.0
+    scene.move(poses)
+    assert lamp["position"] == pytest.approx([2.0, 0.0, 1.75])
+    show(scene)
+    assert "/lamps/Mug" not in server.scene.nodes
+
+
+def test_of_many_lamps_the_brightest_are_lit(server: Server, scene: Scene) -> None:
+    skins = LOOKS[MUG].skins
+    world = crowded()
+    forms = {BodyId(f"Mug{n}"): Form(f"{n}", skins, (), glows=(Glow(intensity=float(n)),)) for n in range(CROWD)}
+    show(scene, world, looks=looks_of(world, forms))
+    lamps = [name for name in server.scene.nodes if name.startswith("/lamps/")]
+    assert sorted(lamps) == sorted(f"/lamps/Mug{n}" for n in range(CROWD - 3, CROWD))

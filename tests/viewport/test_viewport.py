@@ -6,27 +6,34 @@ import logging
 import socket
 import urllib.request
 from collections.abc import Iterator
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import viser
 from msgspec.structs import replace
 
 from mindstage import KnowledgeBase, NullEngine, Stage
-from mindstage.errors import ViewportUnavailable
+from mindstage.errors import BodyUnknown, ViewportUnavailable
 from mindstage.viewport import Viewport
-from mindstage.world import BodyId, Physics
+from mindstage.world import BodyId, Physics, Pose
 from tests.kitchenette import kitchenette
+from tests.viewport.guest import guest_at
 from tests.viewport.waiting import wait_until
 
 MUG = BodyId("Mug")
 
 
 def shown(viewport: Viewport, id: str) -> bool:
-    return viewport._server.scene.get_handle_by_name(f"/bodies/{id}") is not None
+    """Whether a body is drawn, and visitors can ask for it."""
+    drawn = viewport._server.scene.get_handle_by_name(f"/bodies/{id}") is not None
+    return drawn and id in viewport.sights._looks
 
 
-def said(viewport: Viewport) -> str:
-    return viewport._panel._details.content
+def shown_plain(viewport: Viewport, id: str) -> viser.MeshHandle | None:
+    """A body's guise in one colour, where that is shown."""
+    plain = viewport._server.scene.get_handle_by_name(f"/bodies/{id}/plain")
+    return plain if plain is not None and plain.visible else None
 
 
 @pytest.fixture
@@ -60,7 +67,7 @@ def test_two_pages_on_one_stage_have_two_addresses(stage: Stage, viewport: Viewp
 )
 def test_an_address_that_is_not_ours_is_refused_at_once(stage: Stage, host: str, port: int) -> None:
     with pytest.raises(ViewportUnavailable, match="cannot be served"):
-        Viewport(stage, host=host, port=port)
+        Viewport(stage, host=host, port=port, token="swordfish")
 
 
 def test_nothing_is_printed(stage: Stage, capfd: pytest.CaptureFixture[str]) -> None:
@@ -122,12 +129,19 @@ def test_what_moves_moves_on_the_page(stage: Stage, viewport: Viewport) -> None:
 
 def test_a_highlight_is_seen_and_put_out(stage: Stage, viewport: Viewport) -> None:
     wait_until(lambda: shown(viewport, "Mug"), "the mug is shown")
-    mug = viewport._server.scene.get_handle_by_name("/bodies/Mug")
-    before = mug.color
+    assert shown_plain(viewport, "Mug") is None
     stage.highlight([MUG], (1.0, 0.0, 0.0))
-    wait_until(lambda: mug.color == (255, 0, 0), "the mug is red")
+    wait_until(lambda: shown_plain(viewport, "Mug"), "the mug is in one colour")
+    assert shown_plain(viewport, "Mug").color == (255, 0, 0)
     stage.highlight([MUG], None)
-    wait_until(lambda: mug.color == before, "the mug is as it was")
+    wait_until(lambda: shown_plain(viewport, "Mug") is None, "the mug is as it was")
+
+
+def test_bodies_are_drawn_with_the_forms_that_they_were_spawned_with(stage: Stage, viewport: Viewport) -> None:
+    wait_until(lambda: shown(viewport, "Mug"), "the kitchen is shown")
+    look = viewport._scene.looks[MUG]
+    assert [skin.surface for skin in look.skins] == [skin.surface for skin in stage.forms[MUG].skins]
+    assert len(stage.forms[MUG].skins) > 0
 
 
 def test_what_becomes_movable_can_be_held(stage: Stage, viewport: Viewport) -> None:
@@ -139,15 +153,14 @@ def test_what_becomes_movable_can_be_held(stage: Stage, viewport: Viewport) -> N
     wait_until(lambda: "Fridge" in viewport._hands.holdable, "the fridge can be pulled")
 
 
-def test_an_open_drawer_does_not_change_how_its_cupboard_is_drawn(stage: Stage, viewport: Viewport) -> None:
+def test_what_is_lit_is_not_drawn_anew(stage: Stage, viewport: Viewport) -> None:
     wait_until(lambda: shown(viewport, "Mug"), "the kitchen is shown")
-    cupboard = viewport._server.scene.get_handle_by_name("/bodies/Cupboard")
+    cupboard = viewport._server.scene.get_handle_by_name("/bodies/Cupboard/seen")
     away = replace(kitchenette().body("Drawer").pose, position=(0.0, 3.0, 0.0))
     stage.call(lambda engine: engine.set_pose(BodyId("Drawer"), away))
     stage.highlight([MUG], (1.0, 0.0, 0.0))
-    mug = viewport._server.scene.get_handle_by_name("/bodies/Mug")
-    wait_until(lambda: mug.color == (255, 0, 0), "the page has looked again")
-    assert viewport._server.scene.get_handle_by_name("/bodies/Cupboard") is cupboard
+    wait_until(lambda: shown_plain(viewport, "Mug"), "the page has looked again")
+    assert viewport._server.scene.get_handle_by_name("/bodies/Cupboard/seen") is cupboard
 
 
 def test_a_page_without_visitors_makes_no_calls_into_the_stage(stage: Stage, viewport: Viewport) -> None:
@@ -160,28 +173,17 @@ def test_a_page_without_visitors_makes_no_calls_into_the_stage(stage: Stage, vie
 # -- selection ---------------------------------------------------------------------------------------------------------
 
 
-def test_the_selected_is_named_with_its_pose_as_it_is_now(stage: Stage, viewport: Viewport) -> None:
-    viewport.select(MUG)
-    wait_until(lambda: viewport.selected == MUG and "Cup" in said(viewport), "the mug is named")
-    assert "2.000, 0.000, 0.850 m" in said(viewport)
-    pose = replace(kitchenette().body("Mug").pose, position=(1.0, 0.0, 0.85))
-    stage.call(lambda engine: engine.set_pose(MUG, pose))
-    wait_until(lambda: "1.000, 0.000, 0.850 m" in said(viewport), "the words follow the mug")
-    viewport.select(None)
-    wait_until(lambda: "Nothing" in said(viewport), "nothing is named")
+def test_what_is_not_there_cannot_be_selected(viewport: Viewport) -> None:
+    wait_until(lambda: shown(viewport, "Mug"), "the kitchen is shown")
+    with pytest.raises(BodyUnknown, match="Cupp"):
+        viewport.select(BodyId("Cupp"))
 
 
-def test_what_is_taken_away_is_no_longer_named(stage: Stage, viewport: Viewport) -> None:
-    viewport.select(MUG)
-    wait_until(lambda: viewport.selected == MUG, "the mug is selected")
-    stage.call(lambda engine: engine.delete([MUG]), edits=True)
-    wait_until(lambda: viewport.selected is None and "Nothing" in said(viewport), "nothing is named")
-
-
-def test_selecting_what_is_not_there_selects_nothing(viewport: Viewport) -> None:
-    viewport.select(BodyId("Cupp"))
-    wait_until(lambda: viewport._frame is not None, "the page follows the stage")
-    assert viewport.selected is None
+def test_what_a_visitor_puts_somewhere_is_put_there_and_can_be_undone(stage: Stage, viewport: Viewport) -> None:
+    viewport._put(0, MUG, Pose((1.0, 0.0, 0.85)))
+    assert stage.log().body("Mug").pose.position == (1.0, 0.0, 0.85)
+    stage.editing.undo()
+    assert stage.log().body("Mug").pose == kitchenette().body("Mug").pose
 
 
 # -- trouble -----------------------------------------------------------------------------------------------------------
@@ -197,40 +199,38 @@ def test_a_fault_is_said_on_the_page_and_once_on_stderr_and_is_got_over(
         calls.append(1)
         raise RuntimeError("the log is on fire")
 
-    with caplog.at_level(logging.ERROR), monkeypatch.context() as broken:
-        broken.setattr(stage, "log", fail)
-        stage.call(lambda engine: None, edits=True)
-        fault = viewport._panel._fault
-        wait_until(lambda: fault.visible and "the log is on fire" in fault.content, "the page says what is wrong")
-        wait_until(lambda: len(calls) >= 2, "the page tries again")
-    wait_until(lambda: not fault.visible, "the page has got over it")
+    with caplog.at_level(logging.ERROR), guest_at(viewport.url) as guest:
+        with monkeypatch.context() as broken:
+            broken.setattr(stage, "log", fail)
+            stage.call(lambda engine: None, edits=True)
+            wait_until(lambda: "the log is on fire" in (guest.sees("fault") or ""), "the page says what is wrong")
+            wait_until(lambda: len(calls) >= 2, "the page tries again")
+        wait_until(lambda: guest.sees("fault") == "", "the page has got over it")
     told = [record for record in caplog.records if "the log is on fire" in record.getMessage()]
     assert len(told) == 1
     assert told[0].exc_info is not None
 
 
 def test_a_defect_in_a_reaction_is_told_to_the_visitor_and_once_on_stderr(
-    viewport: Viewport, caplog: pytest.LogCaptureFixture
+    viewport: Viewport, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    toasts: list[tuple[str, ...]] = []
-
-    class Event:
-        class client:  # noqa: N801
-            add_notification = staticmethod(lambda title, text, **_: toasts.append((title, text)))
+    toasts: list[tuple[int, str]] = []
+    monkeypatch.setattr(viewport._desks, "toast", lambda view, text: toasts.append((view, text)))
 
     def break_down(event: object) -> None:
         raise KeyError("Cupp")
 
     with caplog.at_level(logging.ERROR):
         for _ in range(2):
-            viewport._guarded(break_down)(Event())
-    assert toasts == [("That did not work", "KeyError: 'Cupp'")] * 2
+            viewport._guarded(break_down)(SimpleNamespace(client=SimpleNamespace(client_id=7)))
+    assert toasts == [(7, "KeyError: 'Cupp'")] * 2
     assert len(caplog.records) == 1
 
 
-def test_a_stage_that_closes_first_is_said_on_the_page(stage: Stage, viewport: Viewport) -> None:
+def test_a_stage_that_closes_first_leaves_the_page_open(stage: Stage, viewport: Viewport) -> None:
     wait_until(lambda: shown(viewport, "Mug"), "the kitchen is shown")
     stage.close()
     viewport.select(MUG)
-    wait_until(lambda: viewport.selected == MUG, "what is known can still be read")
+    wait_until(lambda: viewport.sights._for_all, "it still listens")
     assert viewport._thread.is_alive()
+    assert shown(viewport, "Mug")

@@ -13,10 +13,13 @@ from PIL import Image
 from mindstage.viewport import Viewport
 from mindstage.viewport.framing import View, first_view
 from mindstage.viewport.looks import decide_looks
+from mindstage.viewport.server import key_of
 from mindstage.world import Vector, World
-from tests.viewport.waiting import wait_until
+from tests.viewport.waiting import PATIENCE_S, wait_until
 
-SIZE = (800, 480)
+SIZE = (1280, 800)
+SMALL = (800, 420)
+"""With the view in it: without a GPU each picture takes its time."""
 
 
 def opening_view(world: World, ancestors: Callable[[Any], Any]) -> View:
@@ -39,21 +42,41 @@ def on_screen(view: View, point: Vector, box: dict[str, float]) -> tuple[float, 
 
 
 class Visit:
-    """One visitor's browser tab."""
+    """One visitor's browser tab: our page, with the view in it or, for speed, without."""
 
-    def __init__(self, page: Any, viewport: Viewport) -> None:
-        self.page = page
+    def __init__(self, page: Any, viewport: Viewport, *, view: bool) -> None:
+        self.page, self.viewport = page, viewport
         self.errors: list[str] = []
         page.on("pageerror", lambda error: self.errors.append(str(error)))
+        page.on("console", lambda line: "Content Security" in line.text and self.errors.append(line.text))
+        page.set_default_timeout(PATIENCE_S * 1000)
+        if not view:
+            page.route("**/view/**", lambda route: route.fulfill(body="", content_type="text/html"))
         page.goto(f"{viewport.url}/?fixedDpr=1")
-        page.wait_for_selector("canvas")
-        wait_until(lambda: page.get_by_text("bodies").count(), "the page says how many bodies there are")
-        wait_until(lambda: self.colours() > 50, "the picture is drawn")
+        wait_until(lambda: page.evaluate("document.body.dataset.connected === 'true'"), "the page is connected")
+        if view:
+            wait_until(lambda: self.camera is not None, "the view is there")
+            wait_until(lambda: self.colours() > 50, "the picture is drawn")
+
+    @property
+    def key(self) -> str:
+        return str(self.page.evaluate("mindstage.key"))
+
+    @property
+    def camera(self) -> View | None:
+        """Where the view's camera is."""
+        server = self.viewport._server
+        for client in server.get_clients().values():
+            if key_of(client, server) == self.key:
+                camera = client.camera
+                position, look_at = (tuple(map(float, place)) for place in (camera.position, camera.look_at))
+                return View(position, look_at, float(camera.fov))  # type: ignore[arg-type]
+        return None
 
     @property
     def canvas(self) -> dict[str, float]:
         """Where the view is in the window [px]."""
-        return dict(self.page.locator("canvas").first.bounding_box())
+        return dict(self.page.locator("#view").bounding_box())
 
     def pixels(self) -> np.ndarray:
         """The view as it is shown."""
@@ -66,23 +89,59 @@ class Visit:
         plain = np.all(pixels == pixels[:, :1], axis=(1, 2))
         return len(np.unique(pixels[~plain].reshape(-1, 3), axis=0))
 
-    def press(self, button: str) -> None:
-        self.page.get_by_role("button", name=button, exact=True).click()
+    # -- the panels ------------------------------------------------------------------------------------------------
 
-    def field(self, label: str) -> Any:
-        return self.page.locator(f"xpath=//label[normalize-space()='{label}']/ancestor::div[.//input][1]//input").first
+    def press(self, what: str) -> None:
+        """Presses the button that does something."""
+        self.page.locator(f"[data-do={what}]:visible").first.click()
+
+    def open(self, panel: str) -> None:
+        """Brings a panel to the front."""
+        self.page.locator(f"[data-tab={panel}]").click()
 
     def says(self, text: str) -> bool:
+        """Whether that is written anywhere on the page."""
         return text in self.page.locator("body").inner_text()
 
-    def click(self, view: View, point: Vector) -> None:
-        x, y = on_screen(view, point, self.canvas)
+    def rows(self) -> list[str]:
+        """The ids in the outline, from top to bottom."""
+        return list(self.page.evaluate("mindstage.outliner.state.rows"))
+
+    @property
+    def selected(self) -> str | None:
+        return self.page.evaluate("mindstage.selection.id")  # type: ignore[no-any-return]
+
+    def choose(self, id: str) -> None:
+        """Selects a body in the outline."""
+        self.page.locator("[data-role=find]").fill(id)
+        wait_until(lambda: id in self.rows(), f"the outline shows {id}")
+        self.page.locator(f".tree-row[data-id='{id}'] .tree-name").click()
+        wait_until(lambda: self.details() is not None and self.details()["id"] == id, f"{id} is described")
+
+    def details(self) -> dict[str, Any] | None:
+        """What the page knows of the selected."""
+        return self.page.evaluate("mindstage.details.details")  # type: ignore[no-any-return]
+
+    def live(self) -> dict[str, Any] | None:
+        """What of it changes all the time."""
+        return self.page.evaluate("mindstage.details.live")  # type: ignore[no-any-return]
+
+    # -- the mouse in the view -------------------------------------------------------------------------------------
+
+    def place(self, point: Vector) -> tuple[float, float]:
+        """Where a place in the world [m] is in the window [px]."""
+        camera = self.camera
+        assert camera is not None
+        return on_screen(camera, point, self.canvas)
+
+    def click(self, point: Vector) -> None:
+        x, y = self.place(point)
         self.page.mouse.move(x, y)
         self.page.mouse.click(x, y)
 
-    def grab(self, view: View, start: Vector, end: Vector) -> None:
+    def grab(self, start: Vector, end: Vector) -> None:
         """Presses the button at one place and moves to another; the button stays down."""
-        (x, y), (to_x, to_y) = on_screen(view, start, self.canvas), on_screen(view, end, self.canvas)
+        (x, y), (to_x, to_y) = self.place(start), self.place(end)
         self.page.mouse.move(x, y)
         self.page.mouse.down()
         for part in np.linspace(0.0, 1.0, 12):
@@ -93,13 +152,14 @@ class Visit:
 
 
 @contextmanager
-def visiting(browser: Any) -> Iterator[Callable[[Viewport], Visit]]:
+def visiting(browser: Any) -> Iterator[Callable[..., Visit]]:
     """Opens tabs, and closes them in the end; a tab in which a script failed fails the test."""
     visits: list[Visit] = []
 
-    def visit(viewport: Viewport) -> Visit:
-        page = browser.new_page(viewport={"width": SIZE[0], "height": SIZE[1]})
-        visits.append(Visit(page, viewport))
+    def visit(viewport: Viewport, *, view: bool = True, size: tuple[int, int] | None = None) -> Visit:
+        size = size or (SMALL if view else SIZE)
+        page = browser.new_page(viewport={"width": size[0], "height": size[1]})
+        visits.append(Visit(page, viewport, view=view))
         return visits[-1]
 
     yield visit

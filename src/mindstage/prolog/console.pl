@@ -1,7 +1,8 @@
 % What Python calls: everything in module `user` that there is to ask, and goals that end.
 
-:- module(mindstage_console, [start/1, solve/4, consult_file/2, on_interrupt/2]).
+:- module(mindstage_console, [start/1, solve/4, solve_line/4, consult_file/2, on_interrupt/2]).
 :- use_module(asking).
+:- use_module(lines).
 :- use_module(names).
 :- use_module(semweb, []).
 :- use_module(thesis, []).
@@ -42,6 +43,23 @@ solutions(Text, Limit, Seconds, found(Rows)) :-
     call_with_time_limit(Seconds, findall(Variables, limit(Limit, user:Goal), Solutions)),
     maplist(row, Solutions, Rows).
 
+% solve_line(+Text, +Limit, +Seconds, -End): the same for what a stranger asks, in little memory.
+solve_line(Text, Limit, Seconds, End) :-
+    current_prolog_flag(stack_limit, Before),
+    most_memory(Bytes),
+    Least is min(Before, Bytes),
+    setup_call_cleanup(
+        set_prolog_flag(stack_limit, Least),
+        catch(line(Text, Limit, Seconds, End), Error, ended(Error, End)),
+        set_prolog_flag(stack_limit, Before)).
+
+most_memory(33554432).
+
+line(Text, Limit, Seconds, found(Rows)) :-
+    line_goal(Text, Variables, Goal),
+    call_with_time_limit(Seconds, findall(Variables, ( limit(Limit, bounded(Goal)), acyclic_term(Variables) ), Solutions)),
+    maplist(row, Solutions, Rows).
+
 row(Variables, Row) :-
     findall([Name, Cell], ( member(Name=Value, Variables), \+ sub_atom(Name, 0, _, _, '_'), cell(Value, Cell) ), Row).
 
@@ -54,6 +72,9 @@ ended(time_limit_exceeded, timed_out) :- !.
 ended(mindstage_interrupted, interrupted) :- !.
 ended('$aborted', interrupted) :- !.
 ended(unwind(abort), interrupted) :- !.
+% Its context has no message: it is as large as what there was no place for.
+ended(error(resource_error(What), _), refused(prolog, Sentence)) :- !,
+    format(string(Sentence), "it takes more memory (~w) than it may have", [What]).
 ended(Error, refused(Kind, Sentence)) :-
     (   Error = mindstage_error(Kind, _) -> true ; Kind = prolog ),
     sentence(Error, Sentence).

@@ -92,10 +92,30 @@ class PrologConsole:
             GoalTimedOut: it did not end in time.
             KeyboardInterrupt: Ctrl-C was pressed.
         """
+        return self._solved("solve", goal, limit, timeout_s)
+
+    def answers(self, line: str, *, limit: int = 1000, timeout_s: float = 10.0) -> list[Solution]:
+        """What makes a line true that a stranger wrote, such as a visitor of a page. Any thread may ask.
+
+        It can only ask questions and join their answers (`lines.pl`): nothing in it can run, change, read or write
+        anything, and it gets little memory.
+
+        Args:
+            line: as one types it, the full stop left out or not.
+            limit: how many solutions are enough.
+            timeout_s: how long it may take [s].
+
+        Raises:
+            GoalRefused: it is no Prolog, more than that, or an error was thrown.
+            GoalTimedOut: it did not end in time.
+        """
+        return self._solved("solve_line", line, limit, timeout_s)
+
+    def _solved(self, predicate: str, goal: str, limit: int, timeout_s: float) -> list[Solution]:
         if limit < 1 or not 0.0 < timeout_s < float("inf"):
             raise ValueError(f"a goal gets at least one solution and some time, not {limit} and {timeout_s} s")
         with _nudge(after_s=timeout_s if self._can_nudge else None):
-            end = self._run("solve", goal, limit, float(timeout_s))
+            end = self._run(predicate, goal, limit, float(timeout_s))
         match end:
             case Compound("found", (rows,)):
                 return [dict(row) for row in _plain(rows)]

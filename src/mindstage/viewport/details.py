@@ -1,121 +1,171 @@
-"""Details: what the page says about the world and about one body, as small pieces of HTML."""
+"""Details: all that is known of one body, as the page shows it."""
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Mapping, Sequence
-from html import escape
+from collections.abc import Iterable, Mapping, Sequence
 
-import numpy as np
+import msgspec
 
-from mindstage.stage import Frame, Lit
-from mindstage.viewport.palette import local_name
-from mindstage.world import Body, BodyId, Iri, Vector
-from mindstage.world.colours import colour_text, hex_text
-from mindstage.world.geometry import Array, rotation_matrix, unit
+from mindstage.knowledge.names import local_name
+from mindstage.stage import Joint, JointAxis
+from mindstage.world import Anonymous, Body, BodyId, Colour, Fact, Iri, Literal, Pose, Reference, Vector, World
+from mindstage.world.colours import hex_text
+from mindstage.world.geometry import Array, pose_from, unit
 
-__all__ = ["body_html", "fault_html", "hint_html", "legend_html", "status_html"]
+__all__ = ["Details", "FactLine", "JointDetails", "Kept", "Live", "MaterialDetails", "details_of", "live_of"]
 
-_ANCESTORS = 5
-"""So many are named; what comes after them says little."""
-_NAMED = 3
-"""A group of so many lit bodies is named one by one, a larger one by its classes."""
-_COUNTED = 5
-"""So many classes of a larger group are named."""
-_SMALL = "font-size:0.82em;line-height:1.5;"
-_BLOCK = f"{_SMALL}padding:0.35em 0.9em;"
-_FAINT = "opacity:0.6;"
-_RED = "color:#c92a2a;font-weight:600;"
+_MOST_FACTS = 200
+_MILLIMETRE_TENTHS = 4
+_TURN_DIGITS = 5
 
 
-def status_html(frame: Frame, *, engine: str) -> str:
-    """The line about the world as a whole."""
-    state = f"playing at {frame.real_time_factor:.2f} x real time" if frame.playing else "paused"
-    parts = (f"{frame.time_s:.1f} s", state, f"{len(frame.ids)} bodies", escape(engine))
-    line = f'<div style="{_BLOCK}">{" · ".join(parts)}</div>'
-    return line + (fault_html(frame.fault) if frame.fault else "")
+class JointDetails(msgspec.Struct, frozen=True, kw_only=True):
+    """A constraint that the body is part of."""
+
+    id: BodyId
+    other: BodyId
+    """The other end."""
+    moving: BodyId
+    """The end that moves."""
+    axes: tuple[JointAxis, ...]
 
 
-def fault_html(text: str) -> str:
-    """Something that went wrong."""
-    return f'<div style="{_BLOCK}{_RED}" role="alert">{escape(text)}</div>' if text else ""
+class MaterialDetails(msgspec.Struct, frozen=True, kw_only=True):
+    """A surface."""
+
+    name: str
+    colour: str | None
+    """#rrggbb."""
 
 
-def legend_html(groups: Sequence[Lit], bodies: Mapping[BodyId, Body]) -> str:
-    """What is lit and why, the latest first.
+class FactLine(msgspec.Struct, frozen=True, kw_only=True):
+    """A statement, in short names."""
 
-    Args:
-        groups: bodies that are lit together, the latest last.
-        bodies: what is known of them.
-    """
-    return "".join(_lit_html(group, bodies) for group in reversed(groups))
-
-
-def _lit_html(group: Lit, bodies: Mapping[BodyId, Body]) -> str:
-    swatch = (
-        f'<span role="img" aria-label="{colour_text(group.colour)}" style="display:inline-block;width:0.8em;'
-        f'height:0.8em;border-radius:0.2em;margin-right:0.5em;background:{hex_text(group.colour)}"></span>'
-    )
-    names = f'<div style="{_FAINT}overflow-wrap:anywhere">{escape(_names(group.ids, bodies))}</div>'
-    title = f'<span style="font-weight:600;overflow-wrap:anywhere">{escape(group.label or "lit")}</span>'
-    return f'<div data-lit="{len(group.ids)}" style="{_BLOCK}">{swatch}{title}{names}</div>'
+    property: str
+    value: str
+    id: BodyId | None = None
+    """Of the body that the value is."""
 
 
-def _names(ids: Sequence[BodyId], bodies: Mapping[BodyId, Body]) -> str:
-    kinds = {id: bodies[id].label or local_name(bodies[id].cls) for id in ids if id in bodies}
-    if len(ids) <= _NAMED:
-        return ", ".join(f"{kinds[id]} {id}" if id in kinds else id for id in ids)
-    counts = Counter(kinds.values()).most_common()
-    named = ", ".join(f"{count} {kind}" for kind, count in counts[:_COUNTED])
-    return f"{named} … {len(ids)} in all" if len(counts) > _COUNTED else named
+class Kept(msgspec.Struct, frozen=True, kw_only=True):
+    """Where things of such a class are kept."""
+
+    place: str
+    """The class of the place."""
+    ids: tuple[BodyId, ...]
+    """The bodies that are such places."""
 
 
-def hint_html(text: str) -> str:
-    """Something that helps."""
-    return f'<div style="{_BLOCK}{_FAINT}">{escape(text)}</div>'
+class Details(msgspec.Struct, frozen=True, kw_only=True):
+    """What does not change while the physics goes on."""
+
+    id: BodyId
+    iri: Iri
+    label: str
+    cls: str
+    ancestors: tuple[str, ...]
+    size: Vector | None
+    mass: float | None
+    mobility: str | None
+    gravity: bool | None
+    overlap_events: bool | None
+    materials: tuple[MaterialDetails, ...]
+    hangs_on: BodyId | None
+    parts: tuple[BodyId, ...]
+    joints: tuple[JointDetails, ...]
+    tags: tuple[tuple[str, str, str], ...]
+    facts: tuple[FactLine, ...]
+    kept: tuple[Kept, ...]
+    form: str
+    """What its form is and why, where it has one."""
 
 
-def body_html(body: Body, *, ancestors: Sequence[Iri], pose: Array, hangs_on: BodyId | None = None) -> str:
-    """A body by name, and what there is to know about it.
+class Live(msgspec.Struct, frozen=True, kw_only=True):
+    """What changes all the time."""
+
+    id: BodyId
+    pose: Pose
+    joints: Mapping[BodyId, Mapping[str, float]]
+
+
+def details_of(
+    body: Body, world: World, *, ancestors: Sequence[Iri], joints: Iterable[Joint], kept: Iterable[Kept], form: str = ""
+) -> Details:
+    """What there is to know about a body.
 
     Args:
         body: as it is described.
+        world: that it is in.
         ancestors: of its class, nearest first.
-        pose: where it is now, seven numbers.
-        hangs_on: what it is attached to.
+        joints: that it is part of.
+        kept: where its kind is kept.
+        form: what its form is and why.
     """
-    above = ", ".join(local_name(cls) for cls in ancestors[:_ANCESTORS])
+    ids = {str(other.iri): other.id for other in world.bodies}
     physics = body.physics
-    x, y, z = pose[:3]
-    rows = {
-        "id": body.id,
-        "is a": f"{above} …" if len(ancestors) > _ANCESTORS else above,
-        "size": _metres(body.size) if body.size else "not told",
-        "mass": f"{physics.mass_kg:g} kg" if physics.mass_kg else "not told",
-        "mobility": physics.mobility.value if physics.mobility else "not told",
-        "position": f"{x:.3f}, {y:.3f}, {z:.3f} m",
-        "turned": _turned(pose),
-        "hangs on": hangs_on or "",
-    }
-    cells = "".join(
-        f'<tr><td style="{_FAINT}padding-right:0.8em;white-space:nowrap;vertical-align:top">{name}</td>'
-        f'<td style="overflow-wrap:anywhere">{escape(text)}</td></tr>'
-        for name, text in rows.items()
-        if text
+    return Details(
+        id=body.id,
+        iri=body.iri,
+        label=body.label or "",
+        cls=local_name(body.cls),
+        ancestors=tuple(map(local_name, ancestors)),
+        size=body.size,
+        mass=physics.mass_kg,
+        mobility=physics.mobility.value if physics.mobility else None,
+        gravity=physics.gravity,
+        overlap_events=physics.overlap_events,
+        materials=tuple(MaterialDetails(name=each.name, colour=_hex(each.colour)) for each in body.materials),
+        hangs_on=next((hold.parent for hold in world.attachments if hold.child == body.id), None),
+        parts=tuple(hold.child for hold in world.attachments if hold.parent == body.id),
+        joints=tuple(_joint(joint, body.id) for joint in joints),
+        tags=tuple((tag.type, tag.key, tag.value) for tag in body.tags),
+        facts=tuple(_line(fact, ids) for fact in body.facts[:_MOST_FACTS]),
+        kept=tuple(kept),
+        form=form,
     )
-    title = f'<div style="font-size:1.15em;font-weight:600">{escape(body.label or local_name(body.cls))}</div>'
-    table = f'<table style="border-spacing:0">{cells}</table>'
-    return f'<div data-body="{escape(body.id)}" style="{_BLOCK}">{title}{table}</div>'
 
 
-def _metres(size: Vector) -> str:
-    return " x ".join(f"{extent:.3g}" for extent in size) + " m"
+def live_of(id: BodyId, poses: Mapping[BodyId, Array], joints: Iterable[Joint]) -> Live:
+    """Where a body and its joints are, in digits that a person reads: what trembles less than that is not told.
+
+    Args:
+        id: the body.
+        poses: where all are, seven numbers each.
+        joints: that it is part of.
+    """
+    x, y, z, *turn = poses[id].tolist()
+    row = [round(number, _MILLIMETRE_TENTHS) + 0.0 for number in (x, y, z)]
+    row += [round(number, _TURN_DIGITS) + 0.0 for number in unit(turn).tolist()]
+    return Live(
+        id=id,
+        pose=pose_from(row),
+        joints={
+            joint.constraint.id: {
+                axis: round(value, _MILLIMETRE_TENTHS) + 0.0 for axis, value in joint.positions(poses).items()
+            }
+            for joint in joints
+        },
+    )
 
 
-def _turned(pose: Array) -> str:
-    """Roll, pitch and yaw (fixed axes x, y, z) as people say them."""
-    turn = rotation_matrix(unit(pose[3:]))
-    roll, yaw = np.arctan2(turn[2, 1], turn[2, 2]), np.arctan2(turn[1, 0], turn[0, 0])
-    pitch = np.arcsin(np.clip(-turn[2, 0], -1.0, 1.0))
-    degrees = [round(float(np.degrees(angle)), 1) + 0.0 for angle in (roll, pitch, yaw)]
-    return "roll {:g}°, pitch {:g}°, yaw {:g}°".format(*degrees)
+def _joint(joint: Joint, id: BodyId) -> JointDetails:
+    ends = (joint.constraint.parent, joint.constraint.child)
+    other = ends[1] if ends[0] == id else ends[0]
+    return JointDetails(id=joint.constraint.id, other=other, moving=joint.moving, axes=joint.axes)
+
+
+def _line(fact: Fact, ids: Mapping[str, BodyId]) -> FactLine:
+    property = local_name(fact.property)
+    match fact.value:
+        case Reference(iri):
+            return FactLine(property=property, value=ids.get(iri) or local_name(iri), id=ids.get(iri))
+        case Literal(text):
+            return FactLine(property=property, value=text)
+        case Anonymous(facts):
+            return FactLine(
+                property=property, value=", ".join(local_name(each.property) for each in facts) or "something"
+            )
+
+
+def _hex(colour: Colour | None) -> str | None:
+    return None if colour is None else hex_text(colour)

@@ -1,159 +1,189 @@
-"""Looks: how each body is drawn, decided from what it is and where it stands.
+"""Looks: how each body is drawn, decided from its form and from where it stands.
 
-A map knows boxes; drawn as boxes, a kitchen is a heap of blocks with everything inside them hidden. So what holds
-something is drawn open on the side from which one reaches in, what encloses the whole place only as an outline, and a
-wall or a ceiling only from inside the room, which leaves the view from outside free.
+What a thing looks like is its form's matter. Here it is decided what would stand in the way: what encloses the whole
+place is drawn only as an outline, and a wall or a ceiling only from inside the room, which leaves the view from
+outside free.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field
 from enum import Enum
+from functools import lru_cache
 
-import msgspec
 import numpy as np
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
-from mindstage.viewport.forms import Hole, Side
-from mindstage.viewport.palette import Paint, Surface, nouns, paint, surface
-from mindstage.world import Body, BodyId, Iri, ShapeKind, Vector, World
-from mindstage.world.geometry import Array, pose_array, rotation_matrix, unit
+from mindstage.knowledge.shaping import ShapeRule
+from mindstage.knowledge.shaping.words import singulars, words
+from mindstage.viewport.glb import mean_colour
+from mindstage.viewport.solids import ball, box, cylinder, smooth_normals
+from mindstage.world import (
+    Body,
+    BodyId,
+    Colour,
+    Form,
+    Glow,
+    Iri,
+    ShapeKind,
+    Skin,
+    Solid,
+    SolidKind,
+    Surface,
+    Vector,
+    World,
+)
+from mindstage.world.forms import NO_FORMS, Forms
+from mindstage.world.geometry import pose_array, rotate, rotation_matrix, unit, unit_pose
+from mindstage.world.hulls import hull_round
 
-__all__ = ["ASSUMED_SIZE_M", "Form", "Look", "decide_looks"]
+__all__ = ["ASSUMED_SIZE_M", "Look", "Part", "decide_looks"]
 
 ASSUMED_SIZE_M: Vector = (0.1, 0.1, 0.1)
 """How large a body is drawn whose size nobody told [m]."""
 _SPACE_M = 2.5
 """Nothing that one puts into a room is so large along all three axes."""
-_LID_SHARE = 0.5
-"""So much of the top a lid covers."""
-_DEPTH_COUNTS = 0.02
-"""Of two sides that a front is equally close to, it closes the one across which it is thin."""
-_TOUCH_M = 0.02
+_THIN = 0.35
+"""Of its next larger extent, at most, is the smallest of what hangs on a wall."""
 _BROAD_M = 0.15
-_SMALLEST_BOX_M = 0.08
-"""Nobody reaches into anything smaller."""
+_FACING = 0.9
+"""Cosine from which on a triangle looks towards a side."""
+_SOLID_OPACITY = 0.6
 
-_OPEN_AT_THE_TOP = {"basket", "bin", "breadbasket", "bucket", "crate", "drawer", "rack", "sink", "tray", "washbasin"}
-_FEET = {"bowl": 0.5, "cup": 0.75, "dish": 0.6, "mug": 0.95, "pan": 0.85, "plate": 0.6, "saucer": 0.6, "vase": 0.8}
-_VESSELS = {"casserole", "colander", "glass", "jug", "pitcher", "saucepan", "tumbler", "vessel"} | _FEET.keys()
-_ROUND = {"bottle", "can", "carafe", "column", "jar", "mill", "papertowel", "shaker", "tin"}
-_BALLS = {"apple", "ball", "egg", "lemon", "lettuce", "onion", "orange", "plant", "potato", "tomato"}
-_TELLING = _OPEN_AT_THE_TOP | _VESSELS | _ROUND | _BALLS
-_BUILDING = frozenset({Surface.WALL, Surface.FLOOR, Surface.CEILING})
+Side = tuple[int, int]
+"""A side of a box: the axis, and 1 or -1 for its direction."""
 
-_AROUND = frozenset({Surface.WALL, Surface.CEILING, Surface.GLASS, Surface.PAPER})
-"""What stands round a room or hangs on its walls, where it is thin and nobody can take it away."""
+_WALL, _FLOOR, _CEILING = ["wall", "pillar", "column", "building"], ["floor", "ground"], ["ceiling", "roof"]
+_HANGING = ["window", "pane", "poster", "picture", "curtain", "mirror", "blackboard", "whiteboard", "clock"]
+_SHAPES = {SolidKind.SPHERE: ShapeKind.SPHERE, SolidKind.CYLINDER: ShapeKind.CYLINDER}
 
 
-class Form(Enum):
-    """Which mesh a body gets."""
+class Part(Enum):
+    """How much of a body is drawn."""
 
-    BOX = "box"
-    OPEN_BOX = "open box"
-    CYLINDER = "cylinder"
-    VESSEL = "vessel"
-    BALL = "ball"
+    WHOLE = "whole"
     INSIDE = "inside"
-    """One side of a box, seen only from where that side faces."""
+    """What looks towards the room, and only seen from there."""
     OUTLINE = "outline"
 
 
-class Look(msgspec.Struct, frozen=True, kw_only=True):
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Look:
     """Everything that decides how a body is drawn, but not where."""
 
-    form: Form
+    key: str
+    """Looks of one key are the same."""
     size: Vector
-    paint: Paint
-    openings: tuple[Side, ...] = ()
-    """The sides without a wall; of `INSIDE`, the one side that is drawn."""
-    levels: tuple[float, ...] = ()
-    """Heights of shelves [m, from the centre]."""
-    holes: tuple[Hole, ...] = ()
-    """In the top."""
-    foot: float = 1.0
-    """Of a vessel: the radius at its foot against the one at its rim."""
+    part: Part = Part.WHOLE
     building: bool = False
     """Whether it belongs to the house rather than to what is in it or hangs on its walls."""
     floor: bool = False
+    skins: tuple[Skin, ...] = field(default=(), compare=False, repr=False)
+    glows: tuple[Glow, ...] = field(default=(), compare=False, repr=False)
+    colour: Colour = field(default=(0.8, 0.8, 0.8), compare=False)
+    """Of all of it, seen from far away."""
+    opaque: bool = field(default=True, compare=False)
 
 
 def decide_looks(
-    world: World, ancestors: Callable[[Iri], Iterable[Iri]], *, shells: Iterable[BodyId] = ()
+    world: World,
+    rule_of: Callable[[Iri], ShapeRule],
+    ancestors: Callable[[Iri], Iterable[Iri]] = lambda cls: (),
+    *,
+    forms: Forms = NO_FORMS,
+    shells: Iterable[BodyId] = (),
 ) -> dict[BodyId, Look]:
     """Decides for all bodies of a world, as it is described.
 
     Args:
         world: what is there.
+        rule_of: what is known of the form of a class's things.
         ancestors: of a class, nearest first.
+        forms: of the bodies; one without a form is its shape, in its size.
         shells: what the engine took for shells.
     """
-    return _Onlooker(world, ancestors, frozenset(shells)).looks()
+    return _Onlooker(world, rule_of, ancestors, forms, frozenset(shells)).looks()
 
 
 class _Onlooker:
     """One world, as arrays, while it is decided about."""
 
-    def __init__(self, world: World, ancestors: Callable[[Iri], Iterable[Iri]], shells: frozenset[BodyId]) -> None:
-        self.bodies = world.bodies
+    def __init__(
+        self,
+        world: World,
+        rule_of: Callable[[Iri], ShapeRule],
+        ancestors: Callable[[Iri], Iterable[Iri]],
+        forms: Forms,
+        shells: frozenset[BodyId],
+    ) -> None:
+        self.bodies, self.forms = world.bodies, forms
         self.rows = {body.id: row for row, body in enumerate(world.bodies)}
-        self.ancestors = {cls: tuple(ancestors(cls)) for cls in {body.cls for body in world.bodies}}
-        self.surfaces = [surface(body.cls, self.ancestors[body.cls]) for body in world.bodies]
+        classes = {body.cls for body in world.bodies}
+        self.rules = {cls: rule_of(cls) for cls in classes}
+        self.notions = {cls: frozenset(_nouns(cls, tuple(ancestors(cls)))) for cls in classes}
+        self.is_house = self._named(_WALL + _FLOOR + _CEILING)
+        self.is_wall, self.is_floor = self._named(_WALL), self._named(_FLOOR)
+        self.is_around = self._named(_WALL + _CEILING + _HANGING)
+        self.is_lamp = np.array([self.rules[body.cls].kind == "lamp" for body in world.bodies], dtype=bool)
         poses = pose_array(body.pose for body in world.bodies)
         self.centre, self.turn = poses[:, :3], rotation_matrix(unit(poses[:, 3:]))
         self.half = np.array([body.size or ASSUMED_SIZE_M for body in world.bodies], dtype=float).reshape(-1, 3) / 2
         self.volume = np.prod(2 * self.half, axis=1)
-        named = np.array([body.id in shells for body in world.bodies], dtype=bool)
-        self.is_shell = named | np.all(2 * self.half > _SPACE_M, axis=1)
-        self.is_thing = ~self.is_shell & np.array([made not in _BUILDING for made in self.surfaces], dtype=bool)
-        lamps = np.array([made is Surface.LAMP for made in self.surfaces], dtype=bool)
-        heights = self.centre[self.is_thing & ~lamps, 2]
+        told = np.array([body.id in shells or _is_shell(forms.get(body.id)) for body in world.bodies], dtype=bool)
+        self.is_shell = told | np.all(2 * self.half > _SPACE_M, axis=1)
+        self.is_thing = ~self.is_shell & ~self.is_house
+        heights = self.centre[self.is_thing & ~self.is_lamp, 2]
         self.overhead = float(np.quantile(heights, 0.9)) if heights.size else np.inf
         self.roots = self._roots({hold.child: hold.parent for hold in world.attachments})
-        self.fronts = self._fronts([(joint.parent, joint.child) for joint in world.constraints])
-        walls = {row for row, made in enumerate(self.surfaces) if made is Surface.WALL}
-        self.in_walls = {int(front[0]) for frame in walls for front in self.fronts.get(frame, ())}
-        self.is_loose = self._loose()
-        self.loose = np.flatnonzero(self.is_loose)
-        self.forms = [self._form(body) for body in world.bodies]
-        self.sunk = [row for row, form in enumerate(self.forms) if form is Form.OPEN_BOX and not self.is_loose[row]]
+        self.in_walls = set(self._doors_in_walls([(joint.parent, joint.child) for joint in world.constraints]))
 
     def looks(self) -> dict[BodyId, Look]:
         """Of all bodies, by id."""
         return {body.id: self._look(row, body) for row, body in enumerate(self.bodies)}
 
     def _look(self, row: int, body: Body) -> Look:
-        size, made_of, form = body.size or ASSUMED_SIZE_M, self.surfaces[row], self.forms[row]
-        painted = paint(body.cls, self.ancestors[body.cls], body.materials)
-        building = made_of in _BUILDING or self.roots[row] in self.in_walls
-        look = Look(form=form, size=size, paint=painted, building=building, floor=made_of is Surface.FLOOR)
+        building = bool(self.is_house[row]) or self.roots[row] in self.in_walls
+        floor, size = bool(self.is_floor[row]), body.size or ASSUMED_SIZE_M
         if self.is_shell[row]:
-            return replace(look, form=Form.OUTLINE, building=True)
+            return Look(key=f"outline of {size}", size=size, part=Part.OUTLINE, building=True, floor=floor)
+        base, skins, glows = self._skins(body, size)
+        part = Part.WHOLE
         if (side := self._only_side(row)) is not None:
-            return replace(look, form=Form.INSIDE, openings=(side,))
-        if form not in (Form.BOX, Form.OPEN_BOX):
-            return replace(look, foot=next((_FEET[noun] for noun in self._nouns(body) if noun in _FEET), 1.0))
-        openings, levels = self._openings(row)
-        form = Form.OPEN_BOX if openings else Form.BOX
-        holes = () if (2, 1) in openings else self._holes(row)
-        return replace(look, form=form, openings=openings, levels=levels, holes=holes)
+            base, skins, part = f"{base} from {side}", tuple(_facing(skins, side)), Part.INSIDE
+        return Look(
+            key=base,
+            size=size,
+            part=part,
+            building=building,
+            floor=floor,
+            skins=skins,
+            glows=glows,
+            colour=mean_colour(skins),
+            opaque=min((skin.surface.opacity for skin in skins), default=0.0) > _SOLID_OPACITY,
+        )
 
-    # -- what it is ------------------------------------------------------------------------------------------
+    def _skins(self, body: Body, size: Vector) -> tuple[str, tuple[Skin, ...], tuple[Glow, ...]]:
+        """What is seen of a body, under a name of its own: its form, painted as its materials say."""
+        form = self.forms.get(body.id)
+        colour = next((material.colour for material in body.materials if material.colour is not None), None)
+        if form is not None and form.skins:
+            tinted = form.skins if colour is None else _tinted(form.skins, colour)
+            return f"{form.key} {colour}", tinted, form.glows
+        surface = self.rules[body.cls].substance.surface
+        surface = surface if colour is None else replace(surface, colour=colour)
+        if form is not None and form.solids:
+            return f"{form.key} {surface}", tuple(_skin(solid, surface) for solid in form.solids), form.glows
+        kind = body.shape.kind if body.shape else ShapeKind.BOX
+        return f"{kind} {size} {surface}", (_plain(ShapeKind(kind), size, surface),), ()
 
-    def _nouns(self, body: Body) -> tuple[str, ...]:
-        return nouns(body.cls, self.ancestors[body.cls])
+    # -- what would stand in the way -----------------------------------------------------------------------------------
 
-    def _form(self, body: Body) -> Form:
-        kind = body.shape.kind if body.shape else None
-        noun = next((noun for noun in self._nouns(body) if noun in _TELLING), "")
-        if noun in _VESSELS and kind in (None, ShapeKind.CYLINDER):
-            return Form.VESSEL
-        if kind is ShapeKind.CYLINDER or (noun in _ROUND and kind is None):
-            return Form.CYLINDER
-        if kind is ShapeKind.SPHERE or (noun in _BALLS and kind is None):
-            return Form.BALL
-        return Form.OPEN_BOX if noun in _OPEN_AT_THE_TOP else Form.BOX
+    def _named(self, nouns: Iterable[str]) -> NDArray[np.bool_]:
+        """Of which bodies the class, or a class above it, has such a name."""
+        wanted = frozenset(nouns)
+        return np.array([bool(self.notions[body.cls] & wanted) for body in self.bodies], dtype=bool)
 
     def _only_side(self, row: int) -> Side | None:
         """The one side that is drawn of what would hide the room: walls and doors in them, ceilings, lamps there."""
@@ -161,12 +191,11 @@ class _Onlooker:
         if self.bodies[row].physics.simulates and not in_wall:
             return None
         thinnest, next_thinnest = np.sort(self.half[row])[:2]
-        is_thin = thinnest < 0.35 * next_thinnest and next_thinnest > _BROAD_M
-        if is_thin and (in_wall or self.surfaces[row] in _AROUND):
+        is_thin = thinnest < _THIN * next_thinnest and next_thinnest > _BROAD_M
+        if is_thin and (in_wall or self.is_around[row]):
             return self._side_to_the_room(row)
-        if self.surfaces[row] is Surface.LAMP and self.centre[row, 2] > self.overhead:
-            axis, direction = self._top(row)
-            return axis, -direction
+        if self.is_lamp[row] and self.centre[row, 2] > self.overhead:
+            return self._bottom(row)
         return None
 
     def _side_to_the_room(self, row: int) -> Side:
@@ -174,13 +203,11 @@ class _Onlooker:
         offsets = (self.centre[self.is_thing] - self.centre[row]) @ self.turn[row][:, axis]
         return axis, 1 if np.sum(np.sign(offsets)) >= 0 else -1
 
-    def _top(self, row: int) -> Side:
-        """The side of a box that looks up."""
+    def _bottom(self, row: int) -> Side:
+        """The side of a box that looks down."""
         up = self.turn[row][2]
         axis = int(np.argmax(np.abs(up)))
-        return axis, 1 if up[axis] > 0 else -1
-
-    # -- what hangs together ---------------------------------------------------------------------------------
+        return axis, -1 if up[axis] > 0 else 1
 
     def _roots(self, parents: dict[BodyId, BodyId]) -> list[int]:
         """Of each body, the body that it finally hangs on."""
@@ -193,92 +220,65 @@ class _Onlooker:
             roots.append(self.rows[top])
         return roots
 
-    def _fronts(self, joints: list[tuple[BodyId, BodyId]]) -> dict[int, list[NDArray[np.intp]]]:
-        """Of each assembly, what is hinged on it or slides in it, with all that hangs on that."""
-        groups: dict[int, list[int]] = {}
-        for row, root in enumerate(self.roots):
-            groups.setdefault(root, []).append(row)
-        fronts: dict[int, list[NDArray[np.intp]]] = {}
+    def _doors_in_walls(self, joints: list[tuple[BodyId, BodyId]]) -> Iterator[int]:
+        """What is hinged on a wall or slides in one."""
+        walls = set(np.flatnonzero(self.is_wall).tolist())
         for parent, child in joints:
             ends = {self.roots[self.rows[end]] for end in (parent, child) if end in self.rows}
             if len(ends) == 2:
                 front, frame = sorted(ends, key=lambda row: (not self.bodies[row].physics.simulates, self.volume[row]))
-                # The front itself comes first, what hangs on it after.
-                fronts.setdefault(frame, []).append(np.array(sorted(groups[front], key=lambda row: row != front)))
-        return fronts
+                if frame in walls:
+                    yield front
 
-    def _loose(self) -> NDArray[np.bool_]:
-        """What stands somewhere and could be taken away."""
-        loose = np.array([body.physics.simulates for body in self.bodies], dtype=bool)
-        for front in (front for fronts in self.fronts.values() for front in fronts):
-            loose[front] = False
-        return loose
 
-    # -- what is open ----------------------------------------------------------------------------------------
+def _is_shell(form: Form | None) -> bool:
+    return form is not None and form.kind == "shell"
 
-    def _openings(self, row: int) -> tuple[tuple[Side, ...], tuple[float, ...]]:
-        """The sides of a box that are drawn open, and the heights of the shelves in it."""
-        half, top = self.half[row], self._top(row)
-        if self.surfaces[row] in _BUILDING or self.surfaces[row] is Surface.GLASS or half.min() < 0.005:
-            return (), ()
-        if self.forms[row] is Form.OPEN_BOX:
-            return (top,), ()
-        if half.min() < _SMALLEST_BOX_M / 2:
-            return (), ()
-        closed = (self._closes(row, front, top) for front in self.fronts.get(self.roots[row], ()))
-        sides = tuple(sorted({side for side in closed if side is not None}))
-        low, high = self._within(row, self.loose)
-        inside = np.all(np.abs(low + high) / 2 < half, axis=1) & (self.volume[self.loose] < 0.5 * self.volume[row])
-        if not (sides or inside.any()):
-            return (), ()
-        levels = {round(float(level), 2) for level in low[inside, 2] if level > 0.06 - half[2]}
-        return sides or (top,), tuple(sorted(levels)) if sides and top == (2, 1) else ()
 
-    def _closes(self, row: int, front: NDArray[np.intp], top: Side) -> Side | None:
-        """Which side of a box a door or a drawer closes; None if it is elsewhere."""
-        half = self.half[row]
-        lows, highs = self._within(row, front)
-        handles = np.array([self.surfaces[other] is Surface.DARK_METAL for other in front], dtype=bool)
-        handles[0] = False
-        low, high = lows[~handles].min(axis=0), highs[~handles].max(axis=0)
-        if np.any(low > half + _TOUCH_M) or np.any(high < -half - _TOUCH_M):
-            return None
-        if handles.any():
-            # Where the handle sticks out is where one pulls.
-            out = ((lows + highs)[handles].mean(axis=0) - (lows + highs)[0]) / np.maximum((highs - lows)[0], 1e-6)
-            axis = int(np.argmax(np.abs(out)))
-            side = (axis, 1 if out[axis] > 0 else -1)
-        else:
-            side = self._nearest_side(row, low, high, top)
-        across = [axis for axis in range(3) if axis != side[0]]
-        return side if np.all(np.abs(low + high)[across] / 2 < half[across]) else None
+def _nouns(cls: Iri, ancestors: tuple[Iri, ...]) -> Iterator[str]:
+    """What things of a class are, in a word each: what its name, and those of the classes above, end with."""
+    for name in (cls, *ancestors):
+        parts = words(name)
+        # A WallOfAConstruction is a wall, a WallClock is none.
+        ends = parts[: parts.index("of")] if "of" in parts else parts
+        for word in ends[-1:]:
+            yield from singulars(word)
 
-    def _nearest_side(self, row: int, low: Array, high: Array, top: Side) -> Side:
-        """The side of a box to which something in its frame comes closest; the top only if it covers that."""
-        half = self.half[row]
-        gaps = {(axis, 1): float(half[axis] - high[axis]) for axis in range(3)}
-        gaps |= {(axis, -1): float(half[axis] + low[axis]) for axis in range(3)}
-        del gaps[top[0], -top[1]]
-        flat = [axis for axis in range(3) if axis != top[0]]
-        if np.prod((high - low)[flat]) < _LID_SHARE * np.prod(2 * half[flat]):
-            del gaps[top]
-        return min(gaps, key=lambda side: gaps[side] + _DEPTH_COUNTS * float((high - low)[side[0]]))
 
-    def _holes(self, row: int) -> tuple[Hole, ...]:
-        """Where sinks and the like are let into the top of a box."""
-        if self._top(row) != (2, 1) or self.is_loose[row]:
-            return ()
-        rows = np.array([other for other in self.sunk if other != row], dtype=np.intp)
-        low, high = self._within(row, rows)
-        half = self.half[row]
-        let_in = np.all((low[:, :2] > -half[:2]) & (high[:, :2] < half[:2]), axis=1)
-        let_in &= (low[:, 2] < half[2] - _TOUCH_M) & (high[:, 2] > half[2] - _TOUCH_M)
-        ranges = np.stack([low[let_in, :2], high[let_in, :2]], axis=2).reshape(-1, 4)
-        return tuple((a, b, c, d) for a, b, c, d in ranges.tolist())
+def _tinted(skins: Iterable[Skin], colour: Colour) -> tuple[Skin, ...]:
+    """The same in another colour, but for what one sees through and what has a picture on it."""
+    return tuple(
+        skin
+        if skin.image is not None or skin.surface.opacity <= _SOLID_OPACITY
+        else Skin(skin.points, skin.faces, replace(skin.surface, colour=colour), skin.normals)
+        for skin in skins
+    )
 
-    def _within(self, row: int, others: NDArray[np.intp]) -> tuple[Array, Array]:
-        """Lower and upper corners of other bodies, in the frame of one."""
-        turn = np.abs(self.turn[row].T @ self.turn[others])
-        reach = np.einsum("nij,nj->ni", turn, self.half[others])
-        middle = (self.centre[others] - self.centre[row]) @ self.turn[row]
-        return middle - reach, middle + reach
+
+def _facing(skins: Iterable[Skin], side: Side) -> Iterator[Skin]:
+    """The triangles that look towards a side; from behind, they are not there."""
+    axis, direction = side
+    for skin in skins:
+        first, second, third = (skin.points[skin.faces[:, corner]] for corner in range(3))
+        normal = np.cross(second - first, third - first)
+        towards = normal[:, axis] * direction > _FACING * np.linalg.norm(normal, axis=1)
+        if towards.any():
+            yield Skin(skin.points, skin.faces[towards], skin.surface, skin.normals, skin.uv, skin.image)
+
+
+def _skin(solid: Solid, surface: Surface) -> Skin:
+    """What can be touched, where nobody told what is seen."""
+    place = unit_pose(solid.pose)
+    if solid.kind is SolidKind.HULL and (hull := hull_round(np.array(solid.points))) is not None:
+        return Skin(rotate(place[3:], hull.points) + place[:3], hull.faces.astype(np.uint32), surface)
+    made = _plain(_SHAPES.get(solid.kind, ShapeKind.BOX), solid.size, surface)
+    assert made.normals is not None
+    return Skin(rotate(place[3:], made.points) + place[:3], made.faces, surface, rotate(place[3:], made.normals))
+
+
+@lru_cache(maxsize=4096)
+def _plain(kind: ShapeKind, size: Vector, surface: Surface) -> Skin:
+    """A body of which nothing is known but its shape, with edges slightly rounded."""
+    make = {ShapeKind.CYLINDER: cylinder, ShapeKind.SPHERE: ball}.get(kind, box)
+    mesh = make(size)
+    return Skin(mesh.vertices.astype(np.float64), mesh.faces, surface, smooth_normals(mesh))

@@ -5,7 +5,7 @@ Only one thread may call it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from urllib.parse import quote
 
 import numpy as np
@@ -14,8 +14,11 @@ from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from mindstage.stage import Marker, MarkerForm
-from mindstage.viewport.forms import Mesh, arrow, ball, box, cone, cylinder
-from mindstage.world import Vector
+from mindstage.viewport.glb import mesh_of
+from mindstage.viewport.looks import Look
+from mindstage.viewport.palette import linear
+from mindstage.viewport.solids import Mesh, arrow, ball, box, cone, cylinder
+from mindstage.world import BodyId, Vector
 from mindstage.world.geometry import Array, unit
 
 __all__ = ["MarkerScene"]
@@ -44,10 +47,22 @@ class MarkerScene:
         self._server = server
         self._shown: dict[str, Marker] = {}
         self._nodes: dict[str, Node] = {}
+        self._looks: Mapping[BodyId, Look] = {}
+        self._ghosts: dict[str, Look | None] = {}
+        """How the bodies looked of which ghosts are shown."""
 
-    def show(self, markers: Iterable[Marker]) -> None:
-        """Shows these and no others; what only moved is not drawn anew."""
+    def show(self, markers: Iterable[Marker], looks: Mapping[BodyId, Look]) -> None:
+        """Shows these and no others; what only moved is not drawn anew.
+
+        Args:
+            markers: which.
+            looks: of the bodies, for their ghosts.
+        """
         wanted = {marker.id: marker for marker in markers}
+        self._looks = looks
+        for id, marker in list(self._shown.items()):
+            if marker.form is MarkerForm.GHOST and self._look_of(marker) is not self._ghosts.get(id):
+                self._remove(id)
         with self._server.atomic():
             for id in self._shown.keys() - wanted.keys():
                 self._remove(id)
@@ -64,6 +79,7 @@ class MarkerScene:
 
     def _remove(self, id: str) -> None:
         self._shown.pop(id, None)
+        self._ghosts.pop(id, None)
         if (node := self._nodes.pop(id, None)) is not None:
             node.remove()
 
@@ -90,12 +106,11 @@ class MarkerScene:
             )
         elif marker.form in {MarkerForm.LINE, MarkerForm.LINES} and len(marker.points) >= 2:
             ends = _segments(marker)
-            points, colours = np.array(marker.points)[ends], _bytes(_linear(_colours(marker)))[ends]
+            points, colours = np.array(marker.points)[ends], _bytes(linear(_colours(marker)))[ends]
             self._nodes[marker.id] = scene.add_line_segments(
                 name, points, colours, thickness=size[0], thickness_units="world", position=position, wxyz=turn
             )
-        elif marker.form in _MESHES:
-            mesh = _MESHES[marker.form](size)
+        elif (mesh := self._mesh(marker, size)) is not None:
             self._nodes[marker.id] = scene.add_mesh_simple(
                 name,
                 mesh.vertices,
@@ -106,6 +121,15 @@ class MarkerScene:
                 position=position,
                 wxyz=turn,
             )
+
+    def _mesh(self, marker: Marker, size: Vector) -> Mesh | None:
+        if marker.form is MarkerForm.GHOST:
+            look = self._ghosts[marker.id] = self._look_of(marker)
+            return mesh_of(look.skins) if look is not None and look.skins else None
+        return _MESHES[marker.form](size) if marker.form in _MESHES else None
+
+    def _look_of(self, marker: Marker) -> Look | None:
+        return self._looks.get(BodyId(marker.body))
 
 
 def _place(marker: Marker) -> tuple[Array, Array]:
@@ -130,12 +154,6 @@ def _colours(marker: Marker) -> Array:
     """One for each point."""
     count = len(marker.points)
     return np.array(marker.colours if len(marker.colours) == count else (marker.colour,) * count)
-
-
-def _linear(colours: Array) -> Array:
-    """As light adds up (by sRGB's curve): the page takes the colours of lines so, and all others as they are."""
-    clipped = np.clip(colours, 0.0, 1.0)
-    return np.where(clipped <= 0.04045, clipped / 12.92, ((clipped + 0.055) / 1.055) ** 2.4)
 
 
 def _bytes(colours: Array) -> NDArray[np.uint8]:

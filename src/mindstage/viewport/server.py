@@ -1,4 +1,4 @@
-"""Server: the web server of the page, on a free port, without what only viser's own demos need."""
+"""Server: the web server of the page, on a free port: our page and its channel, and viser's view in it."""
 
 from __future__ import annotations
 
@@ -6,18 +6,20 @@ import errno
 import io
 import socket
 import threading
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager, redirect_stdout
 
 import viser
 
 from mindstage.errors import ViewportUnavailable
+from mindstage.viewport.channel import Channel
+from mindstage.viewport.gate import Gate, view_key
+from mindstage.viewport.sockets import Doors, doors_put_in
 
-__all__ = ["address", "serve", "shut_down"]
+__all__ = ["address", "key_of", "serve", "shut_down"]
 
 _TRIES = 200
 """So many ports are tried, one after the other."""
-_PANEL_WIDTH_PX = 320.0
 _hushing = threading.Lock()
 
 
@@ -27,19 +29,44 @@ class _Server(viser.ViserServer):
         return None
 
 
-def serve(host: str, port: int, *, title: str) -> viser.ViserServer:
+def serve(
+    host: str,
+    port: int,
+    *,
+    title: str,
+    channel: Channel,
+    token: str | None = None,
+    origins: Collection[str] = (),
+) -> viser.ViserServer:
     """Starts a server at the port, or at the next one that is free.
 
+    Args:
+        host: where to listen; others than this machine's own need a token.
+        port: where to listen; 0 lets the system choose.
+        title: of the page.
+        channel: keeps the visitors' websockets.
+        token: what visitors must know.
+        origins: addresses under which the page may be opened beside its own.
+
     Raises:
+        AccessRefused: others could reach it, and there is no token.
         ViewportUnavailable: the host is not this machine, or no port is free.
     """
+    doors = Doors(Gate(host=host, token=token, origins=origins), channel=channel.keep)
     free = _free_port(host, port)
-    with _hushed():
+    with _hushed(), doors_put_in(doors):
         server = _Server(host=host, port=free, label=title, verbose=False)
+    if not doors.put_in:
+        shut_down(server)
+        raise ViewportUnavailable(host, port, cause="this release of viser has no place for the gate before it")
     server.gui.configure_theme(show_logo=False, show_share_button=False, brand_color=(232, 93, 4))
-    server.gui.main_panel.dock_right()
-    server.gui.main_panel.set_width(_PANEL_WIDTH_PX)
     return server
+
+
+def key_of(client: viser.ClientHandle, server: viser.ViserServer) -> str | None:
+    """The key of the visitor in whose page a view is; None where somebody opened the view by itself."""
+    connection = server._websock_server._live_connections.get(client.client_id)
+    return view_key(connection.request.path) if connection is not None and connection.request is not None else None
 
 
 def shut_down(server: viser.ViserServer) -> None:

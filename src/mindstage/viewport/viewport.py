@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable
 from functools import wraps
 from typing import Any
 
@@ -14,20 +14,24 @@ import viser
 
 from mindstage.errors import MindstageError
 from mindstage.stage import Frame, NoteKind, Stage
-from mindstage.viewport.details import body_html
-from mindstage.viewport.framing import first_view, ground_height
+from mindstage.viewport.bodies import Clickable, Pick
+from mindstage.viewport.channel import Channel
+from mindstage.viewport.desks import Desks
+from mindstage.viewport.framing import first_outlook, ground_height
 from mindstage.viewport.hands import Hands
-from mindstage.viewport.looks import Form, decide_looks
+from mindstage.viewport.looks import Part, decide_looks
 from mindstage.viewport.markers import MarkerScene
-from mindstage.viewport.panel import Panel
+from mindstage.viewport.palette import local_name
+from mindstage.viewport.photograph import Photographer, Shot
 from mindstage.viewport.scene import Scene
 from mindstage.viewport.server import address, serve, shut_down
-from mindstage.world import Body, BodyId, World
+from mindstage.viewport.sights import Sights
+from mindstage.world import BodyId, Pose, World
 
 __all__ = ["Viewport"]
 
 _PERIOD_S = 1 / 30
-_WORDS_PERIOD_S = 0.2
+_WORDS_PERIOD_S = 0.1
 """Words change more slowly than things: nobody can read faster."""
 _RETRY_S = 1.0
 """After a fault the page waits so long before it tries again."""
@@ -43,30 +47,41 @@ class Viewport:
     that they pull, and the buttons they press, go to the stage like anybody's calls.
     """
 
-    def __init__(self, stage: Stage, *, host: str = "127.0.0.1", port: int = 8080) -> None:
+    def __init__(
+        self,
+        stage: Stage,
+        *,
+        host: str = "127.0.0.1",
+        port: int = 8080,
+        token: str | None = None,
+        origins: Collection[str] = (),
+    ) -> None:
         """Opens the page at once, whether or not the stage has a world yet.
 
         Args:
             stage: what is shown; not closed together with the viewport.
             host: 127.0.0.1 is this machine only. Whoever reaches the page may do all that it offers.
             port: where that one is taken, the next free one is used; 0 lets the system choose.
+            token: what visitors must know; others than this machine's own need one.
+            origins: addresses under which the page may be opened beside its own, such as `https://robot.example`.
 
         Raises:
+            AccessRefused: others could reach it, and there is no token.
             ViewportUnavailable: nothing can be served there.
         """
         self._stage = stage
-        self._server = serve(host, port, title="Mindstage")
+        self.channel = Channel()
+        """What the page and we tell one another."""
+        self._token = token
+        self._server = serve(host, port, title="Mindstage", channel=self.channel, token=token, origins=origins)
         self._hands = Hands(stage)
         self._scene = Scene(self._server, prepare=self._prepare)
+        self.sights = Sights(self._server, place=self._put)
+        """What each visitor sees, and wants to see."""
         self._markers = MarkerScene(self._server)
-        self._panel = Panel(self._server, stage, choose=self.select, show_shells=self._show_shells, guard=self._guarded)
+        self._desks = Desks(stage, self.channel, self.sights, self._server)
         self._frame: Frame | None = None
         self._described: World | None = None
-        self._bodies: dict[BodyId, Body] = {}
-        self._holders: dict[BodyId, BodyId] = {}
-        self._wanted: BodyId | None = None
-        self._selected: BodyId | None = None
-        self._shells_wanted = True
         self._framed = False
         self._words_due = 0.0
         self._reported: set[str] = set()
@@ -81,14 +96,23 @@ class Viewport:
         """What to type into a browser."""
         return address(self._server)
 
-    @property
-    def selected(self) -> BodyId | None:
-        """The body that is named in the panel."""
-        return self._selected
-
     def select(self, id: BodyId | None) -> None:
-        """Names a body in the panel and draws a frame round it; None selects nothing."""
-        self._wanted = id
+        """Draws a frame round a body for all visitors, also for those who come later; None round none.
+
+        Raises:
+            BodyUnknown: there is no such body.
+        """
+        self.sights.select(id)
+
+    def shot(self, shot: Shot | None = None) -> bytes:
+        """A picture of the page or of the world alone, as PNG: `viewport.shot(Shot(size=(800, 600), section=1.8))`.
+
+        Raises:
+            BrowserUnavailable: no browser is found here, or it does not start.
+            BrowserBroken: it ended, or the picture was not finished in time.
+            BodyUnknown: a body that shall be seen is not there.
+        """
+        return Photographer(self._server, self.sights, token=self._token).take(shot or Shot())
 
     def close(self) -> None:
         """Ends the page; any number of times. The stage lives on."""
@@ -98,6 +122,7 @@ class Viewport:
         self._thread.join()
         self._hands.let_go_of_all()
         shut_down(self._server)
+        self.channel.close()
 
     def __enter__(self) -> Viewport:
         return self
@@ -114,10 +139,10 @@ class Viewport:
             try:
                 self._follow()
             except Exception as error:  # whatever it is, the page goes on and says so
-                self._panel.show_fault(self._report(error))
+                self._desks.say_fault(self._report(error))
                 pause = _RETRY_S
             else:
-                self._panel.show_fault("")
+                self._desks.say_fault("")
                 took = time.monotonic() - start
                 # At least half of the time is left to the world's own thread, however much moves.
                 pause = max(_PERIOD_S - took, took)
@@ -127,88 +152,86 @@ class Viewport:
         if before is None or frame.edition != before.edition or frame.ids is not before.ids:
             self._rebuild(frame)
         elif frame is not before:
-            self._scene.move(frame.poses)
+            self._move(frame)
         if before is None or frame.highlights != before.highlights:
             self._scene.light_up(frame.highlights)
-        if before is None or frame.markers is not before.markers:
-            self._markers.show(frame.markers)
-        if before is None or frame.lit is not before.lit:
-            self._panel.show_lit(frame.lit)
+        if before is None or frame.markers is not before.markers or frame.edition != before.edition:
+            self._markers.show(frame.markers, self._scene.looks)
         self._frame = frame
-        self._mark()
+        self._scene.hide(self.sights.hidden)
+        self._scene.show_shells(self.sights.shells_shown)
+        self.sights.turn()
         if time.monotonic() >= self._words_due:
             self._words_due = time.monotonic() + _WORDS_PERIOD_S
-            self._tell(frame)
+            self._desks.tell(frame)
 
     def _rebuild(self, frame: Frame) -> None:
         """Something came, went or changed."""
         described = _as_described(self._stage.log(), self._stage.worlds)
         if described == self._described and self._frame is not None and frame.ids is self._frame.ids:
-            self._scene.move(frame.poses)
+            self._move(frame)
             return
         notes = [note for report in self._stage.reports for note in report.notes]
         shells = {BodyId(id) for note in notes if note.kind is NoteKind.SHELL for id in note.ids}
-        looks = decide_looks(described, self._stage.knowledge.ancestors, shells=shells)
+        knowledge = self._stage.knowledge
+        looks = decide_looks(
+            described, knowledge.shape_rule, knowledge.ancestors, forms=self._stage.forms, shells=shells
+        )
         # What came after this frame has no pose in it yet; the next frame will bring it.
         looks = {id: looks[id] for id in frame.ids if id in looks}
         self._hands.learn(described)
-        self._bodies = {body.id: body for body in described.bodies}
-        self._holders = {hold.child: hold.parent for hold in described.attachments}
-        self._panel.know(self._bodies, has_shells=any(look.form is Form.OUTLINE for look in looks.values()))
         self._scene.show(looks, frame.ids, frame.poses, holdable=self._hands.holdable)
         self._scene.lay_ground(ground_height(described, looks))
-        if looks and not self._framed:
-            self._scene.look_from(first_view(described, looks))
+        names = {body.id: body.label or local_name(body.cls) for body in described.bodies}
+        self.sights.know(looks, names, frame.ids, frame.poses)
+        self._desks.rebuilt(described, shells={id for id, look in looks.items() if look.part is Part.OUTLINE})
+        if looks and not (self._framed and self._described is not None and self._described.iri == described.iri):
+            outlook = first_outlook(described, looks)
+            self._scene.start_from(outlook.view())
+            self.sights.open_on(outlook)
             self._framed = True
         self._described = described
 
-    def _mark(self) -> None:
-        """What visitors want marked, done here because only this thread may touch the scene."""
-        wanted = self._wanted if self._wanted in self._bodies else None
-        if wanted != self._selected:
-            self._selected = wanted
-            self._words_due = 0.0
-        self._scene.select(self._selected)
-        self._scene.show_shells(self._shells_wanted)
-
-    def _tell(self, frame: Frame) -> None:
-        self._panel.show_frame(frame)
-        body = self._bodies.get(self._selected) if self._selected else None
-        if body is None or body.id not in frame.ids:
-            self._panel.show_body("")
-            return
-        ancestors = tuple(self._stage.knowledge.ancestors(body.cls))
-        pose = frame.poses[frame.ids.index(body.id)]
-        self._panel.show_body(body_html(body, ancestors=ancestors, pose=pose, hangs_on=self._holders.get(body.id)))
+    def _move(self, frame: Frame) -> None:
+        if len(self._scene.move(frame.poses)):
+            self.sights.follow(frame.poses)
 
     # -- following the visitors ------------------------------------------------------------------------------
 
-    def _prepare(self, id: BodyId, node: viser.MeshHandle, *, holdable: bool) -> None:
-        """Makes a body that was just drawn answer to the mouse."""
-        node.on_click(self._guarded(lambda _: self.select(None if self._wanted == id else id)))
+    def _prepare(self, node: Clickable, pick: Pick, *, holdable: bool) -> None:
+        """Makes a node that was just drawn answer to the mouse."""
+        node.on_click(self._guarded(lambda event: self._click(pick(event.instance_index), event.client_id)))
         if holdable:
-            drag = self._guarded(lambda event: self._drag(id, event))
+            drag = self._guarded(lambda event: self._drag(pick(event.instance_index), event))
 
             # viser keeps the order of what happened for coroutines only.
-            async def on_drag(event: viser.SceneNodeDragEvent[viser.MeshHandle]) -> None:
+            async def on_drag(event: viser.SceneNodeDragEvent[Any]) -> None:
                 drag(event)
 
             node.on_drag("left")(on_drag)
 
-    def _drag(self, id: BodyId, event: viser.SceneNodeDragEvent[viser.MeshHandle]) -> None:
+    def _click(self, id: BodyId | None, visitor: int) -> None:
+        """Who clicks on what is selected selects nothing."""
+        self.sights.select(None if self.sights.selected(visitor) == id else id, visitor=visitor)
+
+    def _put(self, visitor: int, id: BodyId, pose: Pose) -> None:
+        """A visitor has put a body somewhere."""
+        try:
+            self._stage.editing.move(id, pose)
+        except MindstageError as error:
+            self._desks.toast(visitor, str(error))
+
+    def _drag(self, id: BodyId | None, event: viser.SceneNodeDragEvent[Any]) -> None:
         match event.phase:
-            case "start":
+            case "start" if id is not None:
                 self._hands.take(event.client_id, id, event.start_position)
                 if not self._stage.frame.playing:
-                    _toast(event.client, "Paused", _PAUSED)
+                    self._desks.toast(event.client_id, _PAUSED, kind="info")
             case "update":
                 x, y, z = event.client.camera.position.tolist()
                 self._hands.pull(event.client_id, event.end_position, (x, y, z))
             case "end":
                 self._hands.let_go(event.client_id)
-
-    def _show_shells(self, shown: bool) -> None:
-        self._shells_wanted = shown
 
     def _guarded(self, react: Callable[..., None]) -> Callable[..., None]:
         """Tells the visitor why what they did did not work."""
@@ -224,7 +247,7 @@ class Viewport:
             else:
                 return
             if event.client is not None:
-                _toast(event.client, "That did not work", text)
+                self._desks.toast(event.client.client_id, text)
 
         return run
 
@@ -242,7 +265,3 @@ def _as_described(now: World, worlds: Iterable[World]) -> World:
     given = {body.id: body.pose for world in worlds for body in world.bodies}
     bodies = (msgspec.structs.replace(body, pose=given.get(body.id, body.pose)) for body in now.bodies)
     return msgspec.structs.replace(now, bodies=tuple(bodies))
-
-
-def _toast(client: viser.ClientHandle, title: str, text: str) -> None:
-    client.add_notification(title, text, auto_close_seconds=6.0)

@@ -1,0 +1,169 @@
+"""Answering: answers as tables for the page, in which each row knows its body."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+import msgspec
+
+from mindstage.knowledge import KnowledgeBase, Table, Term
+from mindstage.knowledge.names import local_name
+from mindstage.knowledge.questions import Answers, Question, about_column, cell_text
+from mindstage.knowledge.reasoning import NameKind
+from mindstage.knowledge.reasoning.namebook import shortened
+from mindstage.world import BodyId
+
+__all__ = ["MOST_ROWS", "AnswerTable", "Cell", "Declared", "Lack", "declared", "line_table", "query_table", "table_of"]
+
+MOST_ROWS = 500
+"""So many rows a page gets at once; how many there are it is told besides."""
+_ABOUT = "class of {}"
+
+
+class Cell(msgspec.Struct, frozen=True, omit_defaults=True):
+    """One value as people read it."""
+
+    text: str | int | float | None
+    iri: str = ""
+    """The whole name, where it is one."""
+    id: str = ""
+    """The body that it is in the world."""
+
+
+class Lack(msgspec.Struct, frozen=True, kw_only=True):
+    """What nobody has told yet, as a statement that waits for its other end."""
+
+    subject: str
+    property: str
+    value: str
+    why: str
+
+
+class AnswerTable(msgspec.Struct, frozen=True, kw_only=True):
+    """What a question or a query was answered with."""
+
+    key: int = 0
+    """Names these answers in what is asked about them."""
+    title: str
+    columns: tuple[str, ...]
+    rows: tuple[tuple[Cell, ...], ...]
+    ids: tuple[str, ...]
+    """Of each row, the body that it is about; empty where it has none."""
+    total: int
+    missing: tuple[Lack, ...] = ()
+    explains: bool = False
+    """Whether it can be asked why."""
+    truth: bool | None = None
+    """The answer of a query that asks for yes or no."""
+
+
+class _Parameter(msgspec.Struct, frozen=True):
+    name: str
+    kind: str
+    choices: tuple[str, ...]
+    completed: str
+    """The kind of name that can be completed; empty where it is none."""
+
+
+class Declared(msgspec.Struct, frozen=True, kw_only=True):
+    """A question as a form is made from it."""
+
+    name: str
+    text: str
+    arguments: tuple[_Parameter, ...]
+    live: bool
+    """Whether it is about how things are just now."""
+
+
+def declared(question: Question[Any]) -> Declared:
+    """A question, for a form."""
+    arguments = (
+        _Parameter(each.name, each.kind_text, each.choices, each.kind.name if isinstance(each.kind, NameKind) else "")
+        for each in question.arguments
+    )
+    return Declared(name=question.name, text=question.text, arguments=tuple(arguments), live=question.is_live)
+
+
+def table_of(kb: KnowledgeBase, answers: Answers[Any], bodies: Mapping[str, BodyId], *, title: str) -> AnswerTable:
+    """Answers as a table.
+
+    Args:
+        kb: tells the class of what was asked for: many individuals are called by a number.
+        answers: to a declared question.
+        bodies: of individuals, by IRI.
+        title: what was asked.
+    """
+    about = about_column(answers)
+    columns = _columns(kb, answers, about)
+    shown = answers[:MOST_ROWS]
+    rows = [[_cell(getattr(row, name), bodies) for name in columns] for row in shown]
+    if about and answers.question.columns[about] is NameKind.INDIVIDUAL and not {"cls", "classes"} & {*columns}:
+        for cells, row in zip(rows, shown, strict=True):
+            cells.insert(1, _cell(kb.index.class_of(getattr(row, about)), {}))
+        columns.insert(1, _ABOUT.format(about))
+    return AnswerTable(
+        title=title,
+        columns=tuple(columns),
+        rows=tuple(map(tuple, rows)),
+        ids=tuple(map(_row_id, rows)),
+        total=len(answers),
+        missing=tuple(
+            Lack(
+                subject="" if lack.as_value else shortened(lack.cls),
+                property=shortened(lack.property),
+                value=shortened(lack.cls) if lack.as_value else "",
+                why=lack.why,
+            )
+            for lack in answers.missing
+        ),
+        explains=answers.question.explains,
+    )
+
+
+def line_table(rows: Sequence[Mapping[str, Any]], bodies: Mapping[str, BodyId], *, title: str) -> AnswerTable:
+    """What makes a line in Prolog true, as a table of its variables; yes or no where it has none."""
+    columns = tuple(rows[0]) if rows else ()
+    cells = [tuple(_cell(row[name], bodies) for name in columns) for row in rows]
+    return AnswerTable(
+        title=title,
+        columns=columns,
+        rows=tuple(cells) if columns else (),
+        ids=tuple(map(_row_id, cells)) if columns else (),
+        total=len(rows),
+        truth=None if columns else bool(rows),
+    )
+
+
+def _columns(kb: KnowledgeBase, answers: Answers[Any], about: str | None) -> list[str]:
+    """What was asked for first; without what was given, and the map where there is only one: they are all the same."""
+    named = answers.question.columns
+    same = {*answers.args, *(name for name, kind in named.items() if kind is NameKind.MAP and len(kb.maps()) == 1)}
+    columns = [name for name in named if name != about and name not in same]
+    return [about, *columns] if about else columns or list(named)
+
+
+def query_table(found: Table, bodies: Mapping[str, BodyId], *, title: str) -> AnswerTable:
+    """What a SPARQL query found, as a table."""
+    rows = [tuple(_term_cell(term, bodies) for term in row) for row in found.rows[:MOST_ROWS]]
+    ids = tuple(map(_row_id, rows))
+    total = len(found.rows)
+    return AnswerTable(title=title, columns=found.columns, rows=tuple(rows), ids=ids, total=total, truth=found.truth)
+
+
+def _cell(value: object, bodies: Mapping[str, BodyId]) -> Cell:
+    if isinstance(value, str) and "://" in value:
+        return Cell(local_name(value), value, bodies.get(value, ""))
+    return Cell(cell_text(tuple(value) if isinstance(value, list) else value))
+
+
+def _term_cell(term: Term | None, bodies: Mapping[str, BodyId]) -> Cell:
+    if term is None:
+        return Cell(None)
+    if term.kind == "iri":
+        return Cell(local_name(term.value) or term.value, term.value, bodies.get(term.value, ""))
+    return Cell(f"_:{term.value}" if term.kind == "blank" else term.value)
+
+
+def _row_id(cells: Sequence[Cell] | Iterable[Cell]) -> str:
+    return next((cell.id for cell in cells if cell.id), "")

@@ -1,0 +1,93 @@
+"""Visitor: one page that somebody has open, and what waits to be sent to it."""
+
+from __future__ import annotations
+
+import asyncio
+from collections import deque
+from collections.abc import Callable, Hashable
+from typing import Any
+
+import msgspec
+
+from mindstage.viewport.sockets import ConnectionClosed, Socket
+
+__all__ = ["Visitor", "event"]
+
+_MOST_WAITING = 1000
+"""A page that has so many messages before it does not keep up, and is sent away; it comes back by itself."""
+
+
+def event(topic: str, value: object) -> bytes:
+    """A message that nobody asked for."""
+    return msgspec.json.encode({"topic": topic, "value": value})
+
+
+class Visitor:
+    """Whom the channel talks to; kept while the page is open, a new one when it comes back."""
+
+    def __init__(self, key: str, socket: Socket) -> None:
+        """Somebody who just came.
+
+        Args:
+            key: what the page calls itself; the view in it has the same.
+            socket: to it.
+        """
+        self.key = key
+        self.state: dict[Hashable, Any] = {}
+        """What whoever answers requests wants to remember of this visitor."""
+        self._socket = socket
+        self._loop = asyncio.get_running_loop()
+        self._waiting: deque[bytes] = deque()
+        self._latest: dict[str, bytes] = {}
+        self._seen: dict[str, bytes] = {}
+        self._something = asyncio.Event()
+
+    def tell(self, topic: str, value: object) -> None:
+        """Tells this visitor only of something that happened; from any thread."""
+        self.send(event(topic, value))
+
+    def let_see(self, topic: str, value: object) -> None:
+        """Tells this visitor only how something is now, unless that was told last; from any thread."""
+        text = event(topic, value)
+        if self._seen.get(topic) != text:
+            self._seen[topic] = text
+            self.show(topic, text)
+
+    def send(self, text: bytes) -> None:
+        """Sends a message; from any thread."""
+        self._soon(self.put, text)
+
+    def show(self, topic: str, text: bytes) -> None:
+        """Sends how something is now, in place of how it was where that is not on its way yet; from any thread."""
+        self._soon(self._put_latest, topic, text)
+
+    def _soon(self, function: Callable[..., None], *args: object) -> None:
+        try:
+            self._loop.call_soon_threadsafe(function, *args)
+        except RuntimeError:
+            return  # the server has just closed: nobody is there any more
+
+    # -- on the server's own loop --------------------------------------------------------------------------------------
+
+    def put(self, text: bytes) -> None:
+        """Queues a message."""
+        self._waiting.append(text)
+        self._something.set()
+
+    def _put_latest(self, topic: str, text: bytes) -> None:
+        self._latest[topic] = text
+        self._something.set()
+
+    async def deliver(self) -> None:
+        """Sends what waits, until the page is gone."""
+        try:
+            while await self._something.wait():
+                self._something.clear()
+                while self._waiting or self._latest:
+                    if len(self._waiting) > _MOST_WAITING:
+                        await self._socket.close(1013, "too slow: more is to be told than can be sent")
+                        return
+                    text = self._waiting.popleft() if self._waiting else self._latest.pop(next(iter(self._latest)))
+                    await self._socket.send(text, text=True)
+        except ConnectionClosed:
+            return

@@ -1,0 +1,70 @@
+"""Wishes: what a page may ask the Ask desk for, as it stands on the wire; what is not in here is refused."""
+
+from __future__ import annotations
+
+import msgspec
+
+__all__ = ["Ask", "Everything", "Line", "Names", "PutOut", "Query", "Show", "Tell", "Why"]
+
+
+class Ask(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """A declared question; what is left out of `args` is asked for."""
+
+    question: str
+    args: dict[str, str] = {}
+
+
+class Query(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """A query in SPARQL."""
+
+    query: str
+
+
+class Line(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Questions joined in Prolog."""
+
+    line: str
+
+
+class Names(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """The beginning of a name."""
+
+    start: str
+    kind: str = ""
+    """Such as CLASS; any if empty."""
+    most: int = 20
+
+
+class Show(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Answers that shall be lit up: all of them, or some rows."""
+
+    key: int
+    colour: str
+    rows: tuple[int, ...] | None = None
+    replace: bool = True
+
+
+class Why(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """An answer that shall be explained."""
+
+    key: int
+    row: int
+
+
+class Tell(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """A statement to be added, or taken back."""
+
+    subject: str
+    property: str
+    value: str
+    retract: bool = False
+
+
+class PutOut(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """What is lit for a reason; everything without one."""
+
+    label: str | None = None
+
+
+class Everything(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """All that there is."""

@@ -1,0 +1,35 @@
+"""A page that is none: it asks a channel's handlers as a socket would, and hears what all are told."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import msgspec
+
+from mindstage.viewport.channel import Channel, _Request
+
+
+class PretendedPage:
+    """One visitor without a browser."""
+
+    def __init__(self, channel: Channel) -> None:
+        self._channel = channel
+        self.visitor: Any = SimpleNamespace(key="pretended", state={})
+
+    def ask(self, do: str, **arguments: object) -> Any:
+        """What the server answers; an error's words are raised as a `Refused`."""
+        request = _Request(id=1, do=do, arguments=msgspec.Raw(msgspec.json.encode(arguments)))
+        reply = msgspec.json.decode(self._channel._carry_out(self.visitor, request))
+        if "error" in reply:
+            raise Refused(f"{reply['error']['kind']}: {reply['error']['text']}")
+        return reply["result"]
+
+    def sees(self, topic: str) -> Any:
+        """What a visitor who comes now is told about a topic; None if nothing."""
+        text = self._channel._states.get(topic)
+        return None if text is None else msgspec.json.decode(text)["value"]
+
+
+class Refused(Exception):
+    """The server said no."""

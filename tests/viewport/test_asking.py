@@ -1,0 +1,299 @@
+"""What visitors ask on the page: forms from declarations, tables, lights, reasons, and what they tell."""
+
+from __future__ import annotations
+
+import os
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from mindstage import KnowledgeBase, NullEngine, Stage
+from mindstage.knowledge import bundled_kitchen
+from mindstage.knowledge.questions import questions
+from mindstage.viewport.asking import AskDesk
+from mindstage.viewport.channel import Channel
+from mindstage.viewport.lines import has_prolog
+from tests.viewport.pretending import PretendedPage, Refused
+
+needs_prolog = pytest.mark.skipif(not has_prolog() and not os.environ.get("CI"), reason="Prolog is not installed")
+
+
+@pytest.fixture(scope="module")
+def knowledge() -> KnowledgeBase:
+    """The bundled kitchen; what a test tells it, it takes back."""
+    knowledge = KnowledgeBase()
+    knowledge.load(bundled_kitchen())
+    return knowledge
+
+
+@pytest.fixture
+def stage(knowledge: KnowledgeBase) -> Iterator[Stage]:
+    with Stage(knowledge, NullEngine(), shapes=False) as stage:
+        stage.spawn()
+        yield stage
+
+
+@pytest.fixture
+def channel() -> Iterator[Channel]:
+    channel = Channel()
+    yield channel
+    channel.close()
+
+
+@pytest.fixture
+def desk(stage: Stage, channel: Channel) -> AskDesk:
+    return AskDesk(stage, channel)
+
+
+@pytest.fixture
+def page(desk: AskDesk, channel: Channel) -> PretendedPage:
+    return PretendedPage(channel)
+
+
+def texts(table: dict, column: str) -> list[object]:
+    at = table["columns"].index(column)
+    return [row[at]["text"] for row in table["rows"]]
+
+
+# -- forms and names ---------------------------------------------------------------------------------------------------
+
+
+def test_every_declared_question_is_offered_with_its_arguments_and_words(page: PretendedPage) -> None:
+    offered = {each["name"]: each for each in page.ask("ask.questions")}
+    assert list(offered) == [question.name for question in questions()]
+    storage = offered["storage_place_in_environment"]
+    assert [argument["name"] for argument in storage["arguments"]] == [
+        argument.name for argument in next(q for q in questions() if q.name == storage["name"]).arguments
+    ]
+    assert {argument["completed"] for argument in storage["arguments"]} <= {"CLASS", "INDIVIDUAL", "MAP", ""}
+    assert storage["text"]
+    states = next(argument for argument in offered["openings"]["arguments"] if argument["choices"])
+    assert "open" in states["choices"]
+
+
+def test_names_are_completed_by_their_beginning_in_any_case(page: PretendedPage) -> None:
+    found = page.ask("ask.names", start="cowsm", kind="CLASS")
+    assert found[0]["name"] == "CowsMilk"
+    assert found[0]["iri"].endswith("#CowsMilk")
+    inside = [each["name"] for each in page.ask("ask.names", start="fridgerat", kind="CLASS")]
+    assert not inside
+    assert "Refrigerator" in [each["name"] for each in page.ask("ask.names", start="frigerat", kind="CLASS")]
+
+
+def test_individuals_are_completed_with_their_class(page: PretendedPage) -> None:
+    found = page.ask("ask.names", start="Fridge", kind="INDIVIDUAL")
+    assert {"name": "fridge", "about": "FridgeW60H140"}.items() <= found[0].items()
+
+
+def test_names_with_a_prefix_are_completed_too(page: PretendedPage) -> None:
+    assert "CowsMilk" in [each["name"] for each in page.ask("ask.names", start="knowrob:CowsM", kind="CLASS")]
+    assert page.ask("ask.names", start="dul:CowsM", kind="CLASS") == []
+
+
+def test_only_so_many_names_are_offered_whatever_a_page_wants(page: PretendedPage) -> None:
+    assert len(page.ask("ask.names", start="", kind="CLASS", most=3)) == 3
+    assert len(page.ask("ask.names", start="", kind="CLASS", most=100_000)) == 50
+    with pytest.raises(Refused, match="no kind of name; there is CLASS"):
+        page.ask("ask.names", start="x", kind="SECRET")
+
+
+# -- questions ---------------------------------------------------------------------------------------------------------
+
+
+def test_the_milks_place_is_found_as_a_body_that_can_be_selected(page: PretendedPage, stage: Stage) -> None:
+    table = page.ask("ask", question="storage_place_in_environment", args={"item": "CowsMilk"})
+    assert (table["total"], table["ids"]) == (1, ["fridge"])
+    assert "fridge" in stage.frame.ids
+    assert table["title"] == "storage_place_in_environment item=CowsMilk"
+
+
+def test_what_is_left_empty_is_asked_for(page: PretendedPage) -> None:
+    some = page.ask("ask", question="storage_place", args={"item": "CowsMilk", "place": " "})
+    assert "Refrigerator" in texts(some, "place")
+    assert page.ask("ask", question="storage_place", args={})["total"] > some["total"]
+
+
+def test_a_wrong_name_is_told_with_what_is_near(page: PretendedPage) -> None:
+    with pytest.raises(Refused, match=r"NameUnknown: .*CowsMilkk.*CowsMilk"):
+        page.ask("ask", question="storage_place", args={"item": "CowsMilkk"})
+    with pytest.raises(Refused, match="QuestionUnknown"):
+        page.ask("ask", question="storage_plase")
+    with pytest.raises(Refused, match=r"ArgumentRefused: .*has no argument 'thing'"):
+        page.ask("ask", question="storage_place", args={"thing": "x"})
+    with pytest.raises(Refused, match="no question is asked about that"):
+        page.ask("ask", question="storage_place", args={"self": "x"})
+
+
+def test_why_is_told_line_by_line(page: PretendedPage) -> None:
+    table = page.ask("ask", question="storage_place", args={"item": "CowsMilk"})
+    assert table["explains"]
+    lines = page.ask("ask.why", key=table["key"], row=0)
+    assert len(lines) >= 2
+    assert any("Refrigerator" in line for line in lines)
+
+
+def test_answers_of_long_ago_are_not_kept(page: PretendedPage) -> None:
+    first = page.ask("ask", question="storage_place", args={"item": "CowsMilk"})
+    for _ in range(8):
+        last = page.ask("ask", question="maps")
+    assert page.ask("ask.why", key=last["key"], row=0)
+    with pytest.raises(Refused, match="not kept any more; ask again"):
+        page.ask("ask.why", key=first["key"], row=0)
+    with pytest.raises(Refused, match="none with the number 99"):
+        page.ask("ask.why", key=last["key"], row=99)
+
+
+def test_a_visitor_sees_no_other_visitors_answers(page: PretendedPage, channel: Channel) -> None:
+    table = page.ask("ask", question="maps")
+    with pytest.raises(Refused, match="ask again"):
+        PretendedPage(channel).ask("ask.show", key=table["key"], colour="blue")
+
+
+# -- lights ------------------------------------------------------------------------------------------------------------
+
+
+def test_showing_answers_lights_only_them_and_tells_all_why(page: PretendedPage, desk: AskDesk, stage: Stage) -> None:
+    desk.tell(stage.frame)
+    assert page.sees("lit") == []
+    stage.highlight([stage.frame.ids[0]], (1.0, 0.0, 0.0))
+    table = page.ask("ask", question="storage_place_in_environment", args={"item": "CowsMilk"})
+    shown = page.ask("ask.show", key=table["key"], colour="#1f5fe0")
+    assert shown["lit"] == sorted(set(table["ids"]), key=table["ids"].index)
+    assert set(stage.frame.highlights) == set(table["ids"])
+    desk.tell(stage.frame)
+    (group,) = page.sees("lit")
+    assert (group["label"], group["colour"]) == (table["title"], "#1f5fe0")
+    assert set(group["ids"]) == set(table["ids"])
+
+
+def test_some_rows_alone_are_lit_beside_what_is_lit_already(page: PretendedPage, stage: Stage) -> None:
+    doors = page.ask("ask", question="individual_of_class", args={"cls": "Door"})
+    with_bodies = [row for row, id in enumerate(doors["ids"]) if id]
+    assert len(with_bodies) > 2
+    page.ask("ask.show", key=doors["key"], colour="green", rows=with_bodies[:1])
+    mugs = page.ask("ask", question="storage_place_in_environment", args={"item": "CowsMilk"})
+    page.ask("ask.show", key=mugs["key"], colour="blue", replace=False)
+    assert set(stage.frame.highlights) == {doors["ids"][with_bodies[0]], *mugs["ids"]}
+    page.ask("ask.put_out", label=mugs["title"])
+    assert set(stage.frame.highlights) == {doors["ids"][with_bodies[0]]}
+    page.ask("ask.put_out")
+    assert not stage.frame.highlights
+
+
+def test_what_has_no_body_is_told_with_the_reason(page: PretendedPage) -> None:
+    table = page.ask("ask", question="storage_place", args={"item": "CowsMilk"})
+    shown = page.ask("ask.show", key=table["key"], colour="blue")
+    assert shown["lit"] == []
+    assert "class" in shown["not_lit"][0]["reason"]
+    with pytest.raises(Refused, match="ColourUnknown"):
+        page.ask("ask.show", key=table["key"], colour="bluue")
+
+
+# -- queries -----------------------------------------------------------------------------------------------------------
+
+
+def test_a_query_is_answered_as_a_table_whose_rows_are_bodies(page: PretendedPage, stage: Stage) -> None:
+    found = page.ask("ask.query", query="SELECT ?x WHERE { ?x a ms:FridgeW60H140 }")
+    assert found["columns"] == ["x"]
+    assert found["ids"]
+    assert set(found["ids"]) <= set(stage.frame.ids)
+    page.ask("ask.show", key=found["key"], colour="yellow")
+    assert set(stage.frame.highlights) == set(found["ids"])
+    assert page.ask("ask.query", query="ASK { knowrob:Refrigerator a owl:Class }")["truth"] is True
+
+
+@pytest.mark.parametrize(
+    "query",
+    [
+        "INSERT DATA { <urn:a> <urn:b> <urn:c> }",
+        "LOAD <file:///etc/passwd>",
+        "SELECT * { SERVICE <http://127.0.0.1:1/> { ?s ?p ?o } }",
+        "SELEKT *",
+        "SELECT * FROM <file:///etc/passwd> { ?s ?p ?o",
+    ],
+)
+def test_a_query_cannot_write_nor_ask_elsewhere(page: PretendedPage, query: str) -> None:
+    with pytest.raises(Refused, match="QueryRefused"):
+        page.ask("ask.query", query=query)
+
+
+def test_a_query_that_names_a_file_reads_none(page: PretendedPage) -> None:
+    found = page.ask("ask.query", query='SELECT * FROM <file:///etc/passwd> { ?s ?p ?o FILTER(CONTAINS(?o, "root:")) }')
+    assert found["total"] == 0
+    with pytest.raises(Refused, match="more than 20000 letters"):
+        page.ask("ask.query", query="#" * 20_001)
+
+
+# -- lines in Prolog ---------------------------------------------------------------------------------------------------
+
+
+@needs_prolog
+def test_a_line_is_answered_as_a_table_of_its_variables(page: PretendedPage, stage: Stage) -> None:
+    assert page.ask("ask.ways") == {"prolog": True}
+    line = "storage_place_in_environment(Map, knowrob:'CowsMilk', Place), openings(Map, Place, State, Front)"
+    found = page.ask("ask.line", line=line)
+    assert found["columns"] == ["Map", "Place", "State", "Front"]
+    assert (found["ids"], texts(found, "Front"), texts(found, "State")) == (["fridge"], ["fridge_door"], ["closed"])
+    page.ask("ask.show", key=found["key"], colour="red")
+    assert set(stage.frame.highlights) == {"fridge"}
+    assert page.ask("ask.line", line="storage_place(knowrob:'CowsMilk', ms:'FridgeW60H140')")["truth"] is False
+    assert page.ask("ask.line", line="1 < 2")["truth"] is True
+
+
+@needs_prolog
+def test_a_line_cannot_run_anything(page: PretendedPage, tmp_path: Path) -> None:
+    mark = tmp_path / "mark"
+    with pytest.raises(Refused, match=r"GoalRefused: .*shell/1 cannot be asked here, only questions"):
+        page.ask("ask.line", line=f"storage_place(X, Y), shell('touch {mark}')")
+    assert not mark.exists()
+
+
+# -- telling -----------------------------------------------------------------------------------------------------------
+
+
+def test_what_is_missing_can_be_told_and_is_known_then(page: PretendedPage) -> None:
+    asked = {"question": "storage_place", "args": {"item": "Door"}}
+    before = page.ask("ask", **asked)
+    statement = {"subject": "ToolBox", "property": "typePrimaryFunction-containerFor", "value": "Door"}
+    assert before["rows"] == []
+    (lack,) = before["missing"]
+    assert (lack["subject"], lack["value"]) == ("", "knowrob:Door")
+    assert lack["property"] == "knowrob:typePrimaryFunction-containerFor"
+    assert "Door" in lack["why"]
+    assert page.ask("ask.tell", **statement) is True
+    try:
+        assert "ToolBox" in texts(page.ask("ask", **asked), "place")
+        assert page.ask("ask.tell", **statement) is False
+    finally:
+        assert page.ask("ask.tell", **statement, retract=True) is True
+    assert page.ask("ask", **asked)["rows"] == before["rows"]
+
+
+def test_a_statement_about_nothing_known_is_refused(page: PretendedPage) -> None:
+    with pytest.raises(Refused, match="NameUnknown"):
+        page.ask("ask.tell", subject="Nonsense", property="subClassOf", value="Mug")
+    with pytest.raises(Refused, match="RequestRefused"):
+        page.ask("ask.tell", subject="Mug")
+
+
+# -- patience ----------------------------------------------------------------------------------------------------------
+
+
+def test_a_question_that_takes_too_long_says_so_and_the_page_goes_on(
+    stage: Stage, channel: Channel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    AskDesk(stage, channel, timeout_s=0.2)
+    page, enough = PretendedPage(channel), threading.Event()
+    monkeypatch.setattr(stage, "ask", lambda *_, **__: enough.wait(60.0))
+    try:
+        for _ in range(4):
+            with pytest.raises(Refused, match=r"QuestionTimedOut: the question 'maps' was not answered within 0.2 s"):
+                page.ask("ask", question="maps")
+        with pytest.raises(Refused, match=r"TooManyQuestions: .*4 others come first"):
+            page.ask("ask", question="maps")
+        assert page.ask("ask.questions")
+        assert stage.ping() < 10.0
+    finally:
+        enough.set()

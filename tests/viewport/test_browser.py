@@ -1,0 +1,77 @@
+"""The browser that takes pictures: what becomes of it where none is installed, or it breaks."""
+
+from __future__ import annotations
+
+import os
+import time
+from pathlib import Path
+
+import pytest
+
+from mindstage.errors import BrowserBroken, BrowserUnavailable
+from mindstage.viewport.browser import Browser, find_browser
+
+
+def program(folder: Path, *lines: str) -> Path:
+    """An executable that is no browser."""
+    path = folder / "no-browser"
+    path.write_text("\n".join(["#!/bin/sh", *lines, ""]))
+    path.chmod(0o755)
+    return path
+
+
+def test_a_page_is_opened_asked_and_photographed(chromium: Path) -> None:
+    with Browser(chromium, size=(200, 100), timeout_s=120.0) as browser:
+        browser.go("data:text/html,<title>Here</title><body style='background:red'>")
+        assert browser.evaluate("document.title") == "Here"
+        assert browser.evaluate("[innerWidth, innerHeight]") == [200, 100]
+        picture = browser.picture()
+        assert picture.startswith(b"\x89PNG")
+        assert int.from_bytes(picture[16:20], "big") == 200
+        with pytest.raises(BrowserBroken, match=r"the page has a fault: .*nothing is not defined"):
+            browser.evaluate("nothing.at.all")
+        with pytest.raises(BrowserBroken, match=r"refuses Page.fly"):
+            browser._ask("Page.fly")
+        with pytest.raises(BrowserBroken, match="cannot open the page"):
+            browser.go("http://127.0.0.1:1/")
+        folder = browser._folder
+    browser.close()
+    assert not folder.exists()
+    with pytest.raises(BrowserBroken, match="it was closed"):
+        browser.picture()
+
+
+def test_without_a_browser_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("PATH", str(tmp_path))
+    monkeypatch.setattr("mindstage.viewport.browser.BROWSERS", ("chromium", "google-chrome"))
+    with pytest.raises(BrowserUnavailable, match=r"install Chromium or Chrome.*looked for chromium, google-chrome"):
+        find_browser()
+    with pytest.raises(BrowserUnavailable, match="there is no program 'netscape'"):
+        find_browser("netscape")
+
+
+def test_a_program_that_ends_at_once_is_told_with_its_last_words(tmp_path: Path) -> None:
+    sulking = program(tmp_path, "echo cannot open display >&2", "exit 3")
+    with pytest.raises(BrowserUnavailable, match=r"does not start: .*it has ended: cannot open display"):
+        Browser(sulking, timeout_s=20.0)
+    with pytest.raises(BrowserUnavailable, match="does not start"):
+        Browser(tmp_path / "none", timeout_s=20.0)
+
+
+def test_a_program_that_never_answers_is_ended(tmp_path: Path) -> None:
+    mute = program(tmp_path, f"echo $$ > {tmp_path / 'pid'}", "exec sleep 600")
+    with pytest.raises(BrowserUnavailable, match=r"did not answer Target.createTarget within 1 s"):
+        Browser(mute, timeout_s=1.0)
+    pid = int((tmp_path / "pid").read_text())
+    end = time.monotonic() + 20.0
+    while is_running(pid):
+        assert time.monotonic() < end, "it still runs"
+        time.sleep(0.05)
+
+
+def is_running(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    return True

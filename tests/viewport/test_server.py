@@ -1,0 +1,226 @@
+"""The port that our page and viser's view share, with real sockets."""
+
+from __future__ import annotations
+
+import http.client
+import json
+import socket
+from collections.abc import Iterator
+from contextlib import closing
+
+import msgspec
+import pytest
+import viser
+from viser.infra import _infra
+from websockets.exceptions import ConnectionClosed, InvalidStatus
+from websockets.sync.client import connect
+
+from mindstage.errors import AccessRefused, ViewportUnavailable
+from mindstage.viewport import sockets
+from mindstage.viewport.channel import Channel, Limits
+from mindstage.viewport.files import page_files
+from mindstage.viewport.server import address, key_of, serve, shut_down
+from mindstage.viewport.visitor import Visitor
+from tests.viewport.guest import No, guest_at
+from tests.viewport.waiting import PATIENCE_S, wait_until
+
+KEY = "0123456789abcdef"
+
+
+class Echo(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    text: str
+
+
+@pytest.fixture
+def channel() -> Channel:
+    channel = Channel(Limits(message_bytes=10_000, visitors=2))
+    channel.offer("echo", Echo, lambda _, wish: wish.text)
+    return channel
+
+
+@pytest.fixture
+def server(channel: Channel) -> Iterator[viser.ViserServer]:
+    server = serve("127.0.0.1", 0, title="T", channel=channel)
+    yield server
+    shut_down(server)
+    channel.close()
+
+
+def get(server: viser.ViserServer, path: str, **headers: str) -> tuple[int, http.client.HTTPMessage, bytes]:
+    connection = http.client.HTTPConnection("127.0.0.1", server.get_port(), timeout=PATIENCE_S)
+    with closing(connection):
+        connection.request("GET", path, headers=headers)
+        response = connection.getresponse()
+        return response.status, response.headers, response.read()
+
+
+# -- pages -------------------------------------------------------------------------------------------------------------
+
+
+def test_our_page_is_at_the_top_and_the_view_below(server: viser.ViserServer) -> None:
+    status, headers, page = get(server, "/")
+    assert (status, headers["Content-Type"]) == (200, "text/html; charset=utf-8")
+    assert page == page_files()["index.html"].content
+    status, headers, view = get(server, f"/view/{KEY}/")
+    assert status == 200
+    assert b"/mindstage/view.css" in view
+    assert len(view) > 100_000
+    assert "frame-ancestors 'self'" in headers["Content-Security-Policy"]
+    _, headers, small = get(server, f"/view/{KEY}/", **{"Accept-Encoding": "gzip"})
+    assert headers["Content-Encoding"] == "gzip"
+    assert len(small) < len(view)
+    status, _, nothing = get(server, f"/view/{KEY}/", **{"If-None-Match": headers["ETag"]})
+    assert (status, nothing) == (304, b"")
+
+
+def test_every_file_that_the_page_names_is_there(server: viser.ViserServer) -> None:
+    named = {
+        word.strip("'\";()")
+        for file in page_files().values()
+        for word in file.content.decode().split('"')
+        if word.startswith(("./", "/mindstage/")) and word.endswith((".js", ".css", ".svg"))
+    }
+    assert {"./channel.js", "/mindstage/style.css"} <= named
+    for name in named:
+        status, headers, _ = get(server, f"/mindstage/{name.rpartition('/')[2]}")
+        assert status == 200, name
+        assert headers["X-Content-Type-Options"] == "nosniff"
+
+
+def test_paths_lead_nowhere_else(server: viser.ViserServer) -> None:
+    for path in (
+        "/mindstage/../gate.py",
+        "/mindstage/%2e%2e/gate.py",
+        "/view/../../../etc/passwd",
+        "/client/index.html",
+    ):
+        status, _, body = get(server, path)
+        assert status == 404, path
+        assert b"root:" not in body
+
+
+def test_a_rebinding_name_a_foreign_origin_and_garbage_get_nothing(server: viser.ViserServer) -> None:
+    assert get(server, "/", Host="evil.example")[0] == 421
+    for path in ("/mindstage/channel", f"/view/{KEY}", "/"):
+        with (
+            pytest.raises(InvalidStatus) as refused,
+            connect(f"ws://127.0.0.1:{server.get_port()}{path}", origin="http://evil.example"),
+        ):  # type: ignore[arg-type]
+            pass
+        assert refused.value.response.status_code == 403
+    with socket.create_connection(("127.0.0.1", server.get_port()), timeout=PATIENCE_S) as raw:
+        raw.sendall(b"\x16\x03\x01 this is no request\r\n\r\n")
+        assert b"200" not in raw.recv(1000)
+    assert get(server, "/")[0] == 200, "the server lives on"
+
+
+def test_the_gate_stands_before_whatever_viser_serves(server: viser.ViserServer) -> None:
+    assert _infra.websockets.asyncio.server.serve is sockets._serve, "viser's module is as it was"
+    for path in ("/", "/index.html"):
+        assert b"Viser client" not in get(server, path)[2]
+
+
+def test_a_viser_that_has_no_place_for_the_gate_is_not_served(
+    channel: Channel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sockets, "_infra", type("Elsewhere", (), {"websockets": _infra.websockets}))
+    with pytest.raises(ViewportUnavailable, match="gate"):
+        serve("127.0.0.1", 0, title="T", channel=channel)
+
+
+# -- tokens ------------------------------------------------------------------------------------------------------------
+
+
+def test_a_page_for_others_needs_a_token_and_gives_a_cookie_for_it(channel: Channel) -> None:
+    with pytest.raises(AccessRefused):
+        serve("0.0.0.0", 0, title="T", channel=channel)
+    server = serve("0.0.0.0", 0, title="T", channel=channel, token="sesame")
+    try:
+        assert get(server, "/")[0] == 401
+        assert get(server, "/mindstage/main.js")[0] == 401
+        assert get(server, f"/view/{KEY}/")[0] == 401
+        with pytest.raises(InvalidStatus) as refused, guest_at(address(server)):
+            pass
+        assert refused.value.response.status_code == 401
+        status, headers, _ = get(server, "/?token=sesame")
+        assert (status, headers["Location"]) == (303, "/")
+        cookie = headers["Set-Cookie"].partition(";")[0]
+        assert get(server, "/", Cookie=cookie)[0] == 200
+        with guest_at(address(server), headers={"Cookie": cookie}) as guest:
+            assert guest.ask("echo", text="hi") == "hi"
+    finally:
+        shut_down(server)
+
+
+# -- the channel -------------------------------------------------------------------------------------------------------
+
+
+def test_a_request_is_answered_and_a_bad_one_says_why(server: viser.ViserServer) -> None:
+    with guest_at(address(server)) as guest:
+        assert guest.ask("echo", text="grüß \N{SNOWMAN}") == "grüß ☃"
+        with pytest.raises(No, match=r"RequestRefused: 'echo' .*`\$\.text`"):
+            guest.ask("echo", text=5)
+        with pytest.raises(No, match="unknown field `more`"):
+            guest.ask("echo", text="", more=1)
+        with pytest.raises(No, match="nobody answers that; near: 'echo'"):
+            guest.ask("ecko")
+
+
+def test_garbage_is_told_and_ends_nothing(server: viser.ViserServer) -> None:
+    with guest_at(address(server)) as guest:
+        for garbage in (
+            "",
+            "[]",
+            "null",
+            "{",
+            '{"id": "x", "do": "echo"}',
+            "[" * 5000,
+            b"\xff\x00",
+            '{"id":1}',
+            '{"id":1,"do":"echo","extra":1}',
+        ):
+            guest.socket.send(garbage)
+            reply = json.loads(guest.socket.recv(timeout=PATIENCE_S))
+            assert reply["error"]["kind"] == "RequestRefused", garbage
+        assert guest.ask("echo", text="still there") == "still there"
+
+
+def test_what_is_too_large_is_not_taken_in(server: viser.ViserServer) -> None:
+    with guest_at(address(server)) as guest:
+        guest.socket.send(json.dumps({"id": 1, "do": "echo", "with": {"text": "x" * 20_000}}))
+        with pytest.raises(ConnectionClosed) as closed:
+            guest.socket.recv(timeout=PATIENCE_S)
+        assert closed.value.rcvd is not None
+        assert closed.value.rcvd.code == 1009
+
+
+def test_there_is_room_for_so_many_visitors(server: viser.ViserServer, channel: Channel) -> None:
+    with guest_at(address(server)), guest_at(address(server)):
+        wait_until(lambda: len(channel.visitors) == 2, "two are there")
+        with guest_at(address(server)) as third, pytest.raises(ConnectionClosed) as closed:
+            third.socket.recv(timeout=PATIENCE_S)
+        assert closed.value.rcvd is not None
+        assert "too many" in closed.value.rcvd.reason
+    wait_until(lambda: not channel.visitors, "they have left")
+
+
+def test_a_visitor_who_comes_back_is_the_same(server: viser.ViserServer, channel: Channel) -> None:
+    left: list[Visitor] = []
+    channel.on_leave(left.append)
+    with guest_at(address(server), key=KEY):
+        wait_until(lambda: channel.visitor(KEY), "it is there")
+        first = channel.visitor(KEY)
+        with guest_at(address(server), key=KEY) as again:
+            wait_until(lambda: channel.visitor(KEY) is not first, "the new socket counts")
+            assert again.ask("echo", text="hi") == "hi"
+    wait_until(lambda: len(left) == 2 and not channel.visitors, "both sockets are gone")
+
+
+def test_a_view_belongs_to_the_visitor_whose_key_it_has(server: viser.ViserServer) -> None:
+    connections = server._websock_server._live_connections
+    protocol = f"viser-v{viser.__version__}"
+    with connect(f"ws://127.0.0.1:{server.get_port()}/view/{KEY}", subprotocols=[protocol]):  # type: ignore[list-item]
+        wait_until(lambda: connections, "viser has taken it in")
+        client = type("Client", (), {"client_id": next(iter(connections))})
+        assert key_of(client, server) == KEY  # type: ignore[arg-type]
+    assert key_of(type("Client", (), {"client_id": 99}), server) is None  # type: ignore[arg-type]
