@@ -82,7 +82,7 @@ def test_a_map_of_another_name(run: Run, write_map: WriteMap) -> None:
     assert "Room" in error_line(result.stderr)
 
 
-@pytest.mark.parametrize("engine", ["godot", "warp"])
+@pytest.mark.parametrize("engine", ["unity", "warp"])
 def test_an_engine_that_is_not_there(engine: str, run: Run, write_map: WriteMap) -> None:
     result = run("check", write_map(), "--engine", engine, "--json")
     assert result.exit_code == 2

@@ -62,11 +62,11 @@ def test_what_cannot_be_spawned_ends_with_one(run: Run, write_map: WriteMap, mon
     import msgspec
 
     from mindstage.engines import Failure, NullEngine, SpawnReport
-    from mindstage.world import World
+    from mindstage.world import NO_FORMS, Forms, World
 
     class Picky(NullEngine):
-        def spawn(self, world: World) -> SpawnReport:
-            report = super().spawn(world)
+        def spawn(self, world: World, *, forms: Forms = NO_FORMS) -> SpawnReport:
+            report = super().spawn(world, forms=forms)
             return msgspec.structs.replace(report, failed_bodies=(Failure("Mug1", "no room left"),))
 
     monkeypatch.setattr("mindstage.engines.NullEngine", Picky)

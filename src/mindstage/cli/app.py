@@ -20,11 +20,13 @@ from mindstage.cli.check import check
 from mindstage.cli.compare import compare
 from mindstage.cli.convert import convert
 from mindstage.cli.demo import demo
+from mindstage.cli.furnish import furnish
 from mindstage.cli.log import log
 from mindstage.cli.outcome import Outcome, verb
 from mindstage.cli.prolog import prolog
 from mindstage.cli.questions import questions
 from mindstage.cli.serve import serve
+from mindstage.cli.shot import shot
 from mindstage.cli.sparql import sparql
 from mindstage.cli.spawn import spawn
 from mindstage.cli.tell import tell
@@ -45,6 +47,7 @@ app = typer.Typer(
 for function in (
     demo,
     spawn,
+    shot,
     analyse,
     validate,
     compare,
@@ -52,6 +55,7 @@ for function in (
     log,
     serve,
     convert,
+    furnish,
     ask,
     questions,
     prolog,

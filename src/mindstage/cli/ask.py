@@ -44,7 +44,7 @@ if TYPE_CHECKING:
     from mindstage.knowledge import KnowledgeBase
     from mindstage.knowledge.questions import Answers, Question
 
-__all__ = ["ask"]
+__all__ = ["ask", "named_args"]
 
 _FREE = "_"
 """Leaves an argument out that others follow."""
@@ -106,7 +106,7 @@ def ask(
 
     # First, so that a mistyped word is told before a long map is read.
     asked = question_named(question)
-    named = _named(asked, args or [])
+    named = named_args(asked, args or [])
     if highlight is None:
         _only_with_highlight(context)
         show = None
@@ -165,7 +165,7 @@ def _only_with_highlight(context: typer.Context) -> None:
         raise ArgumentRefused(option, cause="it says how answers are shown", remedy="give --highlight COLOUR too")
 
 
-def _named(question: Question[Any], args: list[str]) -> dict[str, str]:
+def named_args(question: Question[Any], args: list[str]) -> dict[str, str]:
     """What was typed, by the question's names for it.
 
     Raises:

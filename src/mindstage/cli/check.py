@@ -12,6 +12,7 @@ from mindstage.cli.engine import alone_in, make_engine
 from mindstage.cli.numbers import Numbers
 from mindstage.cli.options import (
     AsJson,
+    AssetFolders,
     Bundled,
     Delta,
     EngineName,
@@ -19,6 +20,7 @@ from mindstage.cli.options import (
     MapName,
     Maps,
     Ontologies,
+    PlainBoxes,
     QuaternionOrders,
     Robots,
     Strict,
@@ -30,6 +32,7 @@ from mindstage.cli.output import findings_json, print_findings, print_json, prin
 from mindstage.cli.reading import print_reading, reading_json
 from mindstage.cli.report import everything_stands, print_report, report_json
 from mindstage.cli.sources import findings_about, knowledge_base
+from mindstage.cli.staging import stage_for
 from mindstage.cli.stopwatch import Stopwatch
 from mindstage.cli.verdict import difference_json, losses_json, print_difference, print_losses
 
@@ -54,6 +57,8 @@ def check(
     frame: FrameNames = None,
     quaternion: QuaternionOrders = None,
     strict: Strict = False,
+    assets: AssetFolders = None,
+    plain_boxes: PlainBoxes = False,
     engine: EngineName = "mujoco",
     delta: Delta = 0.0,
     verbose: Verbose = False,
@@ -64,8 +69,6 @@ def check(
     The world goes the whole way round: map, engine, logger, OWL file in the map's own dialect, map. Compared are the
     two worlds, and every statement of the map.
     """
-    from mindstage.stage import Stage
-
     running = make_engine(engine)  # first: a wrong name is told before a long map is read
     watch = Stopwatch()
     with working("reading"), watch.measure("load"):
@@ -74,7 +77,7 @@ def check(
         )
         world = knowledge.world(map_name)
     findings = findings_about(world, knowledge, strict=strict)
-    with Stage(knowledge, running) as stage, alone_in(stage):
+    with stage_for(knowledge, running, assets=assets, plain_boxes=plain_boxes) as stage, alone_in(stage):
         name = stage.engine_name
         with working("spawning"), watch.measure("spawn"):
             report = stage.spawn(world)

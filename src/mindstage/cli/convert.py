@@ -10,11 +10,13 @@ import typer
 from mindstage.cli.numbers import Numbers
 from mindstage.cli.options import (
     AsJson,
+    AssetFolders,
     Bundled,
     FrameNames,
     MapName,
     OneMap,
     Ontologies,
+    PlainBoxes,
     QuaternionOrders,
     Robots,
     Strict,
@@ -36,7 +38,7 @@ def convert(
         typer.Argument(
             metavar="OUT",
             help="Where to. The suffix says how: .owl or .rdf (RDF/XML), .ttl (Turtle), .mjcf or .xml (MuJoCo), "
-            ".glb (glTF).",
+            ".glb (glTF), .tscn (a scene of Godot's, which has to be installed).",
             show_default=False,
         ),
     ],
@@ -62,6 +64,8 @@ def convert(
     frame: FrameNames = None,
     quaternion: QuaternionOrders = None,
     strict: Strict = False,
+    assets: AssetFolders = None,
+    plain_boxes: PlainBoxes = False,
     as_json: AsJson = False,
 ) -> Outcome:
     """Read a map and write it again: nothing is lost between dialects, and what another format cannot hold is said."""
@@ -72,7 +76,7 @@ def convert(
         )
         world = knowledge.world(map_name)
         findings = findings_about(world, knowledge, strict=strict)
-        notes = save_world(world, knowledge, out, kind, chosen)
+        notes = save_world(world, knowledge, out, kind, chosen, assets=assets, plain_boxes=plain_boxes)
     words = words_of(world, knowledge, kind, chosen)
     if as_json:
         told = {"map": world.iri, "out": str(out), "bodies": len(world.bodies), "constraints": len(world.constraints)}

@@ -7,12 +7,13 @@ from typing import Annotated
 import typer
 
 from mindstage.cli.engine import make_engine
-from mindstage.cli.options import EngineName, Port, finite
+from mindstage.cli.options import EngineName, PageHost, PageToken, Port, finite
 from mindstage.cli.outcome import Outcome
 from mindstage.cli.output import print_findings, say, working
-from mindstage.cli.page import open_page, show_page
+from mindstage.cli.page import LOOPBACK, open_page, refuse_open_doors, show_page
 from mindstage.cli.report import print_report
 from mindstage.cli.sources import BUNDLED_KITCHEN, knowledge_base
+from mindstage.cli.staging import stage_for
 
 __all__ = ["demo"]
 
@@ -21,6 +22,8 @@ def demo(
     *,
     engine: EngineName = "mujoco",
     port: Port = 8080,
+    host: PageHost = LOOPBACK,
+    token: PageToken = None,
     open_browser: Annotated[
         bool | None,
         typer.Option("--open/--no-open", help="Whether to open the page; by default where there is a screen."),
@@ -33,12 +36,11 @@ def demo(
     ] = None,
 ) -> Outcome:
     """Show the bundled kitchen in the browser: pull its doors and drawers open."""
-    from mindstage.stage import Stage
-
+    refuse_open_doors(host, token)
     with working("furnishing the kitchen"):
         knowledge = knowledge_base([BUNDLED_KITCHEN], ontologies=None, bundled=True)
         world = knowledge.world()
-        stage = Stage(knowledge, make_engine(engine))
+        stage = stage_for(knowledge, make_engine(engine))
     with stage:
         with working("spawning"):
             report = stage.spawn(world)
@@ -49,5 +51,5 @@ def demo(
             say(f"The kitchen is open at {url}")
             open_page(url, wanted=open_browser)
 
-        show_page(stage, port=port, duration_s=seconds, announce=announce)
+        show_page(stage, port=port, duration_s=seconds, announce=announce, host=host, token=token)
     return Outcome.DONE

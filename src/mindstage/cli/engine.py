@@ -11,20 +11,20 @@ from mindstage.cli.outcome import at_end
 from mindstage.errors import EngineUnavailable, MindstageError
 
 if TYPE_CHECKING:
-    from mindstage.engines import Engine
+    from mindstage.engines import Engine, GodotEngine
     from mindstage.stage import Stage
 
-__all__ = ["alone_in", "is_far", "make_engine"]
+__all__ = ["alone_in", "godot_engine", "is_far", "make_engine"]
 
 _FAR = "ros://"
-_KNOWN = f"choose mujoco, null, or {_FAR}HOST:PORT/NAMESPACE"
+_KNOWN = f"choose mujoco, godot, godot:window, null, or {_FAR}HOST:PORT/NAMESPACE"
 
 
 def make_engine(name: str) -> Engine:
-    """The engine of that name; one that is far away is let go of when the verb ends.
+    """The engine of that name; one that is far away is let go of when the verb ends, a Godot of our own is ended.
 
     Raises:
-        EngineUnavailable: there is no such engine, it comes in a later version, it cannot be loaded here, or reached.
+        EngineUnavailable: there is no such engine, it cannot be loaded or started here, or reached.
     """
     from mindstage import engines
 
@@ -38,14 +38,27 @@ def make_engine(name: str) -> Engine:
                 return engines.MujocoEngine()
             except ImportError as error:
                 raise EngineUnavailable(name, cause=str(error), remedy="reinstall mindstage, or use null") from error
-        case "godot":
-            raise EngineUnavailable(name, cause="it comes in a later version", remedy=_KNOWN)
+        case "godot" | "godot:window":
+            return godot_engine(window=name != "godot")
         case _ if is_far(name):
             far = engines.RemoteEngine.connect(name)
             at_end(far.close)
             return far
         case _:
             raise EngineUnavailable(name, cause="there is no engine of that name", remedy=_KNOWN)
+
+
+def godot_engine(*, window: bool = False) -> GodotEngine:
+    """A Godot of our own, ended with the verb; the environment's `GODOT` says which.
+
+    Raises:
+        EngineUnavailable: there is none, it is too old, or it does not start.
+    """
+    from mindstage import engines
+
+    godot = engines.GodotEngine(os.environ.get("GODOT") or None, window=window)
+    at_end(godot.close)
+    return godot
 
 
 def is_far(name: str) -> bool:

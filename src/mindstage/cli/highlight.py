@@ -11,6 +11,7 @@ from mindstage.cli.output import say, warn, working
 from mindstage.cli.page import show_page
 from mindstage.cli.passing import let_pass
 from mindstage.cli.report import report_json, warn_of_failures
+from mindstage.cli.staging import stage_for
 
 if TYPE_CHECKING:
     from mindstage.engines import Engine
@@ -57,9 +58,7 @@ class Highlight:
             map_name: which map is spawned; by default the one that the question is asked about, or the only one.
             tell: prints the answers, and for programs what there is to add.
         """
-        from mindstage.stage import Stage
-
-        with Stage(knowledge, self.engine) as stage:
+        with stage_for(knowledge, self.engine) as stage:
             with working("spawning"):
                 report = stage.spawn(map_name or _asked_about(knowledge, question, args))
                 answers = stage.ask(question, **args)

@@ -11,11 +11,13 @@ from mindstage.cli.engine import is_far, make_engine
 from mindstage.cli.numbers import Numbers
 from mindstage.cli.options import (
     AsJson,
+    AssetFolders,
     Bundled,
     EngineName,
     FrameNames,
     MapName,
     Ontologies,
+    PlainBoxes,
     QuaternionOrders,
     Robots,
     Strict,
@@ -28,6 +30,7 @@ from mindstage.cli.passing import let_pass
 from mindstage.cli.reading import print_reading, reading_json
 from mindstage.cli.report import everything_stands, print_report, report_json
 from mindstage.cli.sources import findings_about, knowledge_base
+from mindstage.cli.staging import stage_for
 from mindstage.errors import ArgumentRefused
 
 if TYPE_CHECKING:
@@ -64,6 +67,8 @@ def log(
     frame: FrameNames = None,
     quaternion: QuaternionOrders = None,
     strict: Strict = False,
+    assets: AssetFolders = None,
+    plain_boxes: PlainBoxes = False,
     engine: EngineName = "mujoco",
     seconds: Annotated[
         float,
@@ -75,8 +80,6 @@ def log(
 
     Without a map, the world that runs in a far engine is logged.
     """
-    from mindstage.stage import Stage
-
     running = make_engine(engine)  # first: a wrong name is told before a long map is read
     if not maps:
         return _log_as_it_is(running, out, seconds=seconds, as_json=as_json)
@@ -86,7 +89,7 @@ def log(
         )
         world = knowledge.world(map_name)
     findings = findings_about(world, knowledge, strict=strict)
-    with Stage(knowledge, running) as stage:
+    with stage_for(knowledge, running, assets=assets, plain_boxes=plain_boxes) as stage:
         with working("spawning"):
             report = stage.spawn(world)
         told = _write(stage, out, seconds=seconds)

@@ -11,6 +11,7 @@ import typer
 
 __all__ = [
     "AsJson",
+    "AssetFolders",
     "Bundled",
     "Closure",
     "Delta",
@@ -22,6 +23,9 @@ __all__ = [
     "Maps",
     "OneMap",
     "Ontologies",
+    "PageHost",
+    "PageToken",
+    "PlainBoxes",
     "Port",
     "QuaternionOrders",
     "Robots",
@@ -101,6 +105,38 @@ Bundled = Annotated[
     ),
 ]
 
+AssetFolders = Annotated[
+    list[Path] | None,
+    typer.Option(
+        "--assets",
+        metavar="DIR",
+        help="A folder of mesh files (.glb, .gltf, .obj, .dae, .stl), found by path, name or class; may be repeated.",
+        show_default=False,
+    ),
+]
+
+PageHost = Annotated[
+    str, typer.Option("--host", metavar="HOST", help="Where the page listens; others than this machine need a token.")
+]
+
+PageToken = Annotated[
+    str | None,
+    typer.Option(
+        "--token",
+        metavar="TOKEN",
+        envvar="MINDSTAGE_TOKEN",
+        help="What visitors of the page must know.",
+        show_default=False,
+    ),
+]
+
+PlainBoxes = Annotated[
+    bool,
+    typer.Option(
+        "--plain-boxes", help="Every body is just the box that the map says, without the shapes that knowledge gives."
+    ),
+]
+
 _PER_MAP = "MAP= before it, with a map's file name, says it of that one only; may be repeated."
 
 UnitNames = Annotated[
@@ -152,7 +188,8 @@ EngineName = Annotated[
     typer.Option(
         "--engine",
         metavar="ENGINE",
-        help="mujoco (physics), null (everything stands still), or ros://HOST:PORT/NAMESPACE (one far away).",
+        help="mujoco (physics), godot (physics, in a Godot that is started for it; godot:window shows it), "
+        "null (everything stands still), or ros://HOST:PORT/NAMESPACE (one far away).",
     ),
 ]
 

@@ -5,30 +5,56 @@ from __future__ import annotations
 import os
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Mapping
 from typing import TYPE_CHECKING
 
-from mindstage.cli.output import say, warn
+from mindstage.cli.output import print_json, say, warn
+from mindstage.errors import ArgumentRefused
 
 if TYPE_CHECKING:
     from mindstage.stage import Stage
     from mindstage.viewport import Viewport
 
-__all__ = ["keep_alive", "open_page", "open_viewport", "show_page"]
+__all__ = ["LOOPBACK", "keep_alive", "open_page", "open_viewport", "refuse_open_doors", "show_page", "show_told"]
+
+LOOPBACK = "127.0.0.1"
 
 _LOOK_S = 0.2
 """How often it is looked whether time is up, or the world came to a stop [s]."""
 
 
-def open_viewport(stage: Stage, *, port: int) -> Viewport:
-    """Serves the page on this machine only."""
+def open_viewport(
+    stage: Stage, *, port: int, host: str = LOOPBACK, token: str | None = None, origins: Collection[str] = ()
+) -> Viewport:
+    """Serves the page, on this machine only unless another host is named, which takes a token."""
     from mindstage.viewport import Viewport
 
-    return Viewport(stage, host="127.0.0.1", port=port)
+    return Viewport(stage, host=host, port=port, token=token or None, origins=origins)
+
+
+def refuse_open_doors(host: str, token: str | None) -> None:
+    """Looks at what was typed before a long map is read.
+
+    Raises:
+        ArgumentRefused: anybody could come to the page.
+    """
+    if host != LOOPBACK and not token:
+        from mindstage.bridge.access import is_loopback
+
+        if not is_loopback(host):
+            remedy = "give --token TOKEN too, or leave it out"
+            raise ArgumentRefused("--host", cause="everyone in the network could change the world", remedy=remedy)
 
 
 def show_page(
-    stage: Stage, *, port: int, duration_s: float | None, announce: Callable[[str], None], quiet: bool = False
+    stage: Stage,
+    *,
+    port: int,
+    duration_s: float | None,
+    announce: Callable[[str], None],
+    quiet: bool = False,
+    host: str = LOOPBACK,
+    token: str | None = None,
 ) -> None:
     """Serves the page and keeps the world alive on it.
 
@@ -38,13 +64,36 @@ def show_page(
         duration_s: how long [s]; for ever without.
         announce: told the address once the page is there.
         quiet: whether to keep to oneself how it ends.
+        host: where to listen; others than this machine need a token.
+        token: what visitors must know.
     """
-    viewport = open_viewport(stage, port=port)
+    viewport = open_viewport(stage, port=port, host=host, token=token)
     try:
         announce(viewport.url)
         keep_alive(stage, duration_s=duration_s, quiet=quiet)
     finally:
         viewport.close()
+
+
+def show_told(
+    stage: Stage,
+    told: Mapping[str, object],
+    *,
+    port: int,
+    host: str = LOOPBACK,
+    token: str | None = None,
+    duration_s: float | None,
+    as_json: bool,
+) -> None:
+    """Serves the page, and says where: as JSON together with what there is to tell, which so waits for nobody."""
+
+    def announce(url: str) -> None:
+        if as_json:
+            print_json({**told, "url": url})
+        else:
+            say(f"The world is open at {url}")
+
+    show_page(stage, port=port, host=host, token=token, duration_s=duration_s, announce=announce, quiet=as_json)
 
 
 def open_page(url: str, *, wanted: bool | None) -> None:

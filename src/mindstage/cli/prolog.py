@@ -17,6 +17,7 @@ from mindstage.cli.outcome import Outcome
 from mindstage.cli.output import findings_json, print_findings, print_json, say, working
 from mindstage.cli.page import open_viewport
 from mindstage.cli.sources import knowledge_base
+from mindstage.cli.staging import stage_for
 
 if TYPE_CHECKING:
     from mindstage.knowledge import Finding
@@ -74,7 +75,6 @@ def prolog(
 ) -> Outcome:
     """Ask in Prolog: SWI-Prolog's own toplevel, with every question as a predicate."""
     from mindstage.prolog import PrologConsole, load_library
-    from mindstage.stage import Stage
 
     if as_json and goal is None:
         raise typer.BadParameter("it goes with --goal", param_hint="--json")
@@ -86,7 +86,7 @@ def prolog(
         print_findings(knowledge.findings())
     with ExitStack() as closing:
         closing.callback(knowledge.close)
-        stage = closing.enter_context(Stage(knowledge, running))
+        stage = closing.enter_context(stage_for(knowledge, running))
         console = closing.enter_context(PrologConsole(stage, at_halt=closing.close))
         if with_viewport:
             _show(stage, closing, port=port)

@@ -6,10 +6,12 @@ from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from mindstage.cli.staging import assets_in, stage_for
 from mindstage.errors import ArgumentRefused, MapUnwritable
 
 if TYPE_CHECKING:
     from mindstage.knowledge import KnowledgeBase, Origin
+    from mindstage.shapes import Fitted
     from mindstage.world import World
 
 __all__ = ["FileDialect", "FileFormat", "format_of", "save_world", "words_of"]
@@ -22,6 +24,7 @@ class FileFormat(StrEnum):
     TURTLE = "ttl"
     MJCF = "mjcf"
     GLTF = "glb"
+    GODOT = "tscn"
 
     @property
     def is_map(self) -> bool:
@@ -45,6 +48,7 @@ _SUFFIXES = {
     ".mjcf": FileFormat.MJCF,
     ".xml": FileFormat.MJCF,
     ".glb": FileFormat.GLTF,
+    ".tscn": FileFormat.GODOT,
 }
 
 
@@ -90,7 +94,14 @@ def _origin_of(world: World, knowledge: KnowledgeBase, dialect: FileDialect) -> 
 
 
 def save_world(
-    world: World, knowledge: KnowledgeBase, path: Path, format: FileFormat, dialect: FileDialect
+    world: World,
+    knowledge: KnowledgeBase,
+    path: Path,
+    format: FileFormat,
+    dialect: FileDialect,
+    *,
+    assets: list[Path] | None = None,
+    plain_boxes: bool = False,
 ) -> tuple[str, ...]:
     """Writes a world, and says in sentences what such a file has no place for.
 
@@ -100,29 +111,61 @@ def save_world(
         path: where to.
         format: how.
         dialect: in whose words, where the format is one for maps.
+        assets: folders of meshes; they and the next count where the format is one for what a place looks like.
+        plain_boxes: whether bodies shall be no more than the boxes that the map says.
 
     Raises:
         MapUnwritable: the world holds something that the format cannot, or the disk refuses.
         ArgumentRefused: the map shall become what it was converted from, and was not.
+        EngineUnavailable: it is a scene for Godot, and there is no Godot to make it.
     """
     from mindstage.knowledge import MapDialect, MapFormat, save_map
     from mindstage.knowledge.writers.whole_files import save_whole
 
-    if format is FileFormat.MJCF:
-        from mindstage.engines.mujoco import mjcf
+    if format is FileFormat.GODOT:
+        return _save_scene(world, knowledge, path, assets=assets, plain_boxes=plain_boxes)
+    if format in (FileFormat.MJCF, FileFormat.GLTF):
+        fitted = _fitted(world, knowledge, assets=assets, plain_boxes=plain_boxes)
+        if format is FileFormat.MJCF:
+            from mindstage.engines.mujoco import mjcf
 
-        text, notes = mjcf(world, find_mesh=knowledge.find_file)
-        save_whole(path, text.encode())
-        return notes
-    if format is FileFormat.GLTF:
-        from mindstage.assets import Assets
-        from mindstage.exports import glb
+            text, notes = mjcf(world, forms=fitted.forms, find_mesh=knowledge.find_file)
+            save_whole(path, text.encode())
+        else:
+            from mindstage.exports import glb
 
-        forms, fitted = Assets(find_file=knowledge.find_file).forms(world.bodies)
-        data, notes = glb(world, forms=forms)
-        save_whole(path, data)
-        return (*fitted, *notes)
+            data, notes = glb(world, forms=fitted.forms)
+            save_whole(path, data)
+        return (*(note.text for note in fitted.notes), *notes)
     syntax = MapFormat.RDF_XML if format is FileFormat.OWL else MapFormat.TURTLE
     if dialect in (FileDialect.SAME, FileDialect.GIVEN):
         return save_map(world, path, format=syntax, origin=_origin_of(world, knowledge, dialect))
     return save_map(world, path, format=syntax, dialect=MapDialect(dialect.value))
+
+
+def _fitted(world: World, knowledge: KnowledgeBase, *, assets: list[Path] | None, plain_boxes: bool) -> Fitted:
+    """What its bodies are made of."""
+    from mindstage.shapes import Fitted, forms_for
+    from mindstage.world import NO_FORMS
+
+    return Fitted(NO_FORMS) if plain_boxes else forms_for(world, knowledge, meshes=assets_in(assets, knowledge))
+
+
+def _save_scene(
+    world: World, knowledge: KnowledgeBase, path: Path, *, assets: list[Path] | None, plain_boxes: bool
+) -> tuple[str, ...]:
+    """Has a Godot make its own scene of what it was told to spawn."""
+    from tempfile import TemporaryDirectory
+
+    from mindstage.cli.engine import godot_engine
+    from mindstage.knowledge.writers.whole_files import save_whole
+
+    godot = godot_engine()
+    staged = stage_for(knowledge, godot, assets=assets, plain_boxes=plain_boxes)
+    with TemporaryDirectory(prefix="mindstage-") as folder, staged as stage:
+        report = stage.spawn(world)
+        scene = Path(folder, "scene.tscn")
+        stage.call(lambda engine: godot.save_scene(scene), what="save scene", timeout_s=60.0 + 0.05 * report.bodies)
+        save_whole(path, scene.read_bytes())
+    failed = (*report.failed_bodies, *report.failed_constraints, *report.failed_attachments)
+    return tuple(f"{each.id} is not in it: {each.reason}" for each in failed)

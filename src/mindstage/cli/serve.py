@@ -14,10 +14,12 @@ import typer
 from mindstage.cli.engine import make_engine
 from mindstage.cli.options import (
     AsJson,
+    AssetFolders,
     Bundled,
     EngineName,
     MapName,
     Ontologies,
+    PlainBoxes,
     Robots,
     finite,
     typed,
@@ -27,6 +29,7 @@ from mindstage.cli.output import findings_json, print_findings, print_json, say,
 from mindstage.cli.page import open_viewport
 from mindstage.cli.report import everything_stands, print_report, report_json
 from mindstage.cli.sources import findings_about, knowledge_base
+from mindstage.cli.staging import stage_for
 from mindstage.errors import ArgumentRefused
 
 if TYPE_CHECKING:
@@ -117,6 +120,8 @@ def serve(
     ontologies: Ontologies = None,
     bundled: Bundled = True,
     robots: Robots = None,
+    assets: AssetFolders = None,
+    plain_boxes: PlainBoxes = False,
     engine: EngineName = "mujoco",
     paused: Paused = False,
     with_viewport: WithPage = False,
@@ -127,14 +132,13 @@ def serve(
     """Serve a stage to a robot's programs over rosbridge, under the names that Unreal's plugin has."""
     from mindstage.bridge.messages import Ros
     from mindstage.ros import RosFace
-    from mindstage.stage import Stage
 
     _refuse_what_makes_no_sense(context, connect=connect, namespace=namespace, worlds=worlds)
     running = make_engine(engine)
     knowledge, world = _known(maps, map_name, ontologies=ontologies, bundled=bundled, robots=robots)
     quitting = threading.Event()
     with ExitStack() as open_things:
-        stage = open_things.enter_context(Stage(knowledge, running))
+        stage = open_things.enter_context(stage_for(knowledge, running, assets=assets, plain_boxes=plain_boxes))
         participant, url = (
             _join(open_things, connect, token) if connect else _listen(open_things, host, port, token, origins or [])
         )
@@ -144,7 +148,10 @@ def serve(
         face = RosFace(stage, participant, namespace=namespace, ros=ros, folder=worlds, on_quit=quitting.set)
         open_things.callback(face.close)
         if with_viewport:
-            viewport = open_viewport(stage, port=page_port)
+            if connect:  # the host and the token are those of the rosbridge there
+                viewport = open_viewport(stage, port=page_port)
+            else:
+                viewport = open_viewport(stage, port=page_port, host=host, token=token, origins=origins or [])
             open_things.callback(viewport.close)
             told["page"] = viewport.url
         _announce(told, joined=connect is not None, seconds=seconds, as_json=as_json)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -17,8 +16,6 @@ if TYPE_CHECKING:
     from mindstage.knowledge import Endpoint
 
 __all__ = ["tell"]
-
-_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 
 
 def tell(
@@ -60,13 +57,14 @@ def tell(
     and an individual by type: mindstage tell ms:MilkRack subClassOf Refrigerator -o told.ttl
     """
     from mindstage.knowledge import ToldFile
+    from mindstage.knowledge.teaching import typed_value
 
     where = _only_place(store, endpoint, output)
     with working("telling"):
         at = _endpoint(endpoint, update_endpoint)
         knowledge = knowledge_base(maps or [], ontologies=ontologies, bundled=bundled, store=store, endpoint=at)
         told = ToldFile(output, knowledge) if output else knowledge
-        done = (told.retract if retract else told.tell)(subject, property, _meant(value))
+        done = (told.retract if retract else told.tell)(subject, property, typed_value(value))
     findings = knowledge.findings()
     if as_json:
         statement = {"subject": subject, "property": property, "value": value}
@@ -96,16 +94,6 @@ def _endpoint(url: str | None, update_url: str | None) -> Endpoint | None:
     from mindstage.knowledge import Endpoint
 
     return None if url is None else Endpoint(url, update_url=update_url)
-
-
-def _meant(value: str) -> str | bool | int | float:
-    if len(value) > 1 and value[0] == value[-1] == '"':
-        return value[1:-1]
-    if value in {"true", "false"}:
-        return value == "true"
-    if number := _NUMBER.fullmatch(value):
-        return int(value) if number[1].isdecimal() and not number[2] else float(value)
-    return value
 
 
 def _sentence(statement: str, where: str, *, retract: bool, done: bool) -> str:

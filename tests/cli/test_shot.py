@@ -1,0 +1,77 @@
+"""Pictures of maps, typed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from tests.cli.typed import Run, WriteMap, told
+
+
+def test_a_map_is_photographed_with_its_answers_lit(
+    run: Run, write_map: WriteMap, tmp_path: Path, chromium: Path
+) -> None:
+    picture = tmp_path / "new" / "mugs.png"
+    typed = ("shot", write_map("mugs.owl", mugs={"X": "0 0 0", "Y": "0.3 0 0"}), "-o", picture, "--size", "240x160")
+    typed += (
+        "--highlight",
+        "individual_of_class cls=Mug",
+        "--highlight",
+        "Y",
+        "--colour",
+        "#00ff00",
+        "--colour",
+        "red",
+    )
+    result = run(*typed, "--engine", "null", "--browser", chromium, "--timeout", 300, "--json")
+    assert result.exit_code == 0, result.output
+    answer = told(result)
+    assert (answer["picture"], answer["size"], answer["spawn"]["ok"]) == (str(picture), [240, 160], True)
+    assert [group["lit"] for group in answer["highlights"]] == [["X", "Y"], ["Y"]]
+    pixels = np.asarray(Image.open(picture).convert("RGB")).astype(int)
+    red, green, _ = np.moveaxis(pixels, -1, 0)
+    assert pixels.shape == (160, 240, 3)
+    assert np.count_nonzero(green > red + 60) > 100
+    assert np.count_nonzero(red > green + 60) > 100
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        (("--size", "big"), "'big' is no size; give width and height, such as 1280x800"),
+        (("--size", "0x100"), "0 x 100 cannot be drawn"),
+        (("--from", "1,2"), "'1,2' is no point; give three numbers"),
+        (("--from", "1,2,nan"), "is no point"),
+        (("--from", "1,2,3", "--to", "fridge"), "'fridge' is no point"),
+        (("--from", "1,2,3", "--to", "1,2,3"), "from and to one point"),
+        (("--top", "--to", "1,2,3"), "it says by itself where the eye is"),
+        (("--labels", "some"), "there is none, selected, class, all"),
+        (("--colour", "red"), "there are 1 for 0 --highlight"),
+        (("--highlight", "Mug", "--colour", "redd"), "no colour 'redd'; near: 'red'"),
+        (("--highlight", "'Mug"), "cannot be read: No closing quotation"),
+        (("--highlight", " "), "it says nothing"),
+        (("--browser", "netscape"), "there is no program 'netscape'"),
+    ],
+)
+def test_what_makes_no_sense_is_told_before_anything_is_read(
+    run: Run, tmp_path: Path, wrong: tuple[str, ...], said: str
+) -> None:
+    result = run("shot", tmp_path / "none.owl", "-o", tmp_path / "x.png", *wrong)
+    assert result.exit_code == 2
+    assert said in result.stderr
+    assert not (tmp_path / "x.png").exists()
+
+
+def test_what_is_not_there_cannot_be_lit_or_opened(
+    run: Run, write_map: WriteMap, tmp_path: Path, chromium: Path
+) -> None:
+    typed = ("shot", write_map("mugs.owl", mugs={"X": "0 0 0"}), "-o", tmp_path / "x.png", "--engine", "null")
+    result = run(*typed, "--highlight", "Mugg")
+    assert result.exit_code == 2
+    assert "no question, body or class 'Mugg' is known; near: 'Mug'" in result.stderr
+    result = run(*typed, "--open", "Door")
+    assert result.exit_code == 1
+    assert "no body 'Door'" in result.stderr
