@@ -29,8 +29,16 @@ def test_the_wheel_holds_every_file_of_the_package(wheel: zipfile.ZipFile) -> No
         if path.is_file() and "__pycache__" not in path.parts
     }
     held = {name for name in wheel.namelist() if name.startswith("mindstage/")}
-    assert held == files
+    of_godot = {name for name in held if name.startswith("mindstage/godot_project/")}
+    assert held - of_godot == files
     assert {"mindstage/py.typed", "mindstage/knowledge/bundled/kitchen.owl"} <= held
+
+
+def test_the_wheel_holds_what_godot_runs(wheel: zipfile.ZipFile) -> None:
+    project = ROOT / "godot"
+    scripts = {f"addons/{path.relative_to(project / 'addons')}" for path in (project / "addons").rglob("*.gd")}
+    wanted = {f"mindstage/godot_project/{name}" for name in scripts | {"main.gd", "main.tscn", "project.godot"}}
+    assert wanted <= set(wheel.namelist())
 
 
 def test_the_wheel_says_its_licence(wheel: zipfile.ZipFile) -> None:

@@ -79,7 +79,10 @@ def test_a_map_that_cannot_be_read_leaves_the_far_world_alone(far: str, run: Run
     [
         ("ros://127.0.0.1:1/lab?token=secret", "no connection"),
         ("ros://127.0.0.1:x/lab?token=secret", "it is no address"),
-        ("ros:/127.0.0.1", "there is no engine of that name; choose mujoco, null, or ros://HOST:PORT/NAMESPACE"),
+        (
+            "ros:/127.0.0.1",
+            "there is no engine of that name; choose mujoco, godot, godot:window, null, or ros://HOST:PORT/",
+        ),
     ],
 )
 def test_a_far_engine_that_cannot_be_reached_is_trouble_in_one_line(

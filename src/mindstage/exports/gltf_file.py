@@ -19,7 +19,7 @@ __all__ = ["GltfFile"]
 
 _FLOAT, _INDEX = 5126, 5125
 _VERTICES, _ELEMENTS = 34962, 34963
-_LIGHTS = "KHR_lights_punctual"
+_LIGHTS, _STRENGTH = "KHR_lights_punctual", "KHR_materials_emissive_strength"
 _SEE_THROUGH = 0.999
 _TYPES = {2: "VEC2", 3: "VEC3"}
 
@@ -33,6 +33,7 @@ class GltfFile:
         self._name = name
         self._lists: dict[str, list[dict[str, Any]]] = {}
         self._lights: list[dict[str, Any]] = []
+        self._extensions: set[str] = set()
         self._binary = bytearray()
         self._kept: dict[object, Any] = {}
 
@@ -46,8 +47,10 @@ class GltfFile:
         } | self._lists
         if self._binary:
             told["buffers"] = [{"byteLength": len(self._binary)}]
+        if self._extensions:
+            told["extensionsUsed"] = sorted(self._extensions)
         if self._lights:
-            told |= {"extensionsUsed": [_LIGHTS], "extensions": {_LIGHTS: {"lights": self._lights}}}
+            told["extensions"] = {_LIGHTS: {"lights": self._lights}}
         text = msgspec.json.encode(told)
         chunks = _chunk(b"JSON", text + b" " * (-len(text) % 4))
         if self._binary:
@@ -63,11 +66,10 @@ class GltfFile:
     def skin(self, skin: Skin) -> dict[str, Any]:
         """A primitive with a surface of its own."""
         primitive = self.triangles(Triangles(skin.points, skin.faces, skin.normals))
-        image = None
-        if skin.uv is not None and skin.image is not None:
+        if skin.uv is not None:
             # glTF counts from the upper edge of an image.
             primitive["attributes"]["TEXCOORD_0"] = self._rows(np.column_stack([skin.uv[:, 0], 1.0 - skin.uv[:, 1]]))
-            image = self._image(skin.image)
+        image = None if skin.uv is None or skin.image is None else skin.image
         return primitive | {"material": self.material(skin.surface, image=image)}
 
     def triangles(self, triangles: Triangles) -> dict[str, Any]:
@@ -79,8 +81,9 @@ class GltfFile:
         indices = {"bufferView": view, "componentType": _INDEX, "type": "SCALAR", "count": triangles.faces.size}
         return {"attributes": attributes, "indices": self._add("accessors", indices)}
 
-    def material(self, surface: Surface, *, image: int | None = None, name: str = "") -> int:
+    def material(self, surface: Surface, *, image: NDArray[np.uint8] | None = None, name: str = "") -> int:
         """The number of a material."""
+        texture = None if image is None else self._texture(image)
 
         def make() -> int:
             pbr: dict[str, Any] = {
@@ -88,24 +91,28 @@ class GltfFile:
                 "metallicFactor": surface.metalness,
                 "roughnessFactor": surface.roughness,
             }
-            if image is not None:
-                pbr["baseColorTexture"] = {"index": image}
+            if texture is not None:
+                pbr["baseColorTexture"] = {"index": texture}
             material: dict[str, Any] = {"pbrMetallicRoughness": pbr}
             if title := name or surface.material:
                 material["name"] = title
-            if surface.opacity < _SEE_THROUGH:
-                material |= {"alphaMode": "BLEND", "doubleSided": True}
+            if surface.opacity < _SEE_THROUGH or (image is not None and image[..., 3].min() < 255):
+                material["alphaMode"] = "BLEND"
             if surface.glow > 0.0:
                 material["emissiveFactor"] = [_linear(part) * min(surface.glow, 1.0) for part in surface.colour]
+            if surface.glow > 1.0:
+                self._extensions.add(_STRENGTH)
+                material["extensions"] = {_STRENGTH: {"emissiveStrength": surface.glow}}
             return self._add("materials", material)
 
-        return int(self._once(("material", surface, image, name), make))
+        return int(self._once(("material", surface, texture, name), make))
 
     def light(self, kind: LightKind, colour: Colour, intensity: float, *, name: str) -> dict[str, Any]:
         """What a node gets to shine."""
         told: dict[str, Any] = {"type": kind.value, "color": colour, "intensity": intensity, "name": name}
         if kind is LightKind.SPOT:
             told["spot"] = {}
+        self._extensions.add(_LIGHTS)
         self._lights.append(told)
         return {"extensions": {_LIGHTS: {"light": len(self._lights) - 1}}}
 
@@ -116,7 +123,7 @@ class GltfFile:
             self._kept[key] = make()
         return self._kept[key]
 
-    def _image(self, pixels: NDArray[np.uint8]) -> int:
+    def _texture(self, pixels: NDArray[np.uint8]) -> int:
         def make() -> int:
             from PIL import Image
 
@@ -127,7 +134,7 @@ class GltfFile:
             image = self._add("images", {"bufferView": view, "mimeType": "image/png"})
             return self._add("textures", {"source": image})
 
-        return int(self._once(("image", pixels.shape, pixels.tobytes()), make))
+        return int(self._once(("texture", pixels.shape, pixels.tobytes()), make))
 
     def _rows(self, rows: Array, *, bounds: bool = False) -> int:
         numbers = rows.astype("<f4")
