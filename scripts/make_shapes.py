@@ -115,7 +115,7 @@ A shape fits the size of its body exactly. Its skins are closed and look outward
 convex parts (boxes, cylinders, hulls) that leave free what is hollow, so that a mug stands in a drawer. Front, top and
 openings follow from the map: where doors and drawers are, and where joints let them go. A body that is too small for
 its parts becomes a plain box, and its form says so; so does a class that no ontology knows, after its name was searched
-for a word that one does.
+for a word that one does. [furnishing.md](furnishing.md) says more, and how new things are put into a place.
 
 In Python, a shape without a map:
 

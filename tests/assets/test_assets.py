@@ -230,6 +230,8 @@ def test_an_open_box_is_made_of_convex_pieces_with_room_inside(folder: Path, cac
         for solid in form.solids
     ]
     assert not any(inside), "something stands where the tray is empty"
+    corners = np.array([np.add(point, solid.pose.position) for solid in form.solids for point in solid.points])
+    assert np.abs(corners).max(axis=0) == pytest.approx((0.2, 0.2, 0.1)), "no piece stands out of the tray"
 
 
 def test_a_hull_has_the_extents_of_its_mesh(folder: Path, cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -5,15 +5,8 @@ from pathlib import Path
 from mindstage.knowledge import KnowledgeBase
 from tests.cli.typed import Run, told
 
-ITEMS = """\
-@prefix : <http://example.org/shopping#> .
-@prefix knowrob: <http://knowrob.org/kb/knowrob.owl#> .
-@prefix ms: <http://mindstage.org/ontology#> .
-@prefix rdfs: <http://www.w3.org/2000/01/rdf-schema#> .
-:milk a knowrob:CowsMilk ; rdfs:label "tomorrow's milk" ; :expires "2027-01-01" .
-:plates a knowrob:DinnerPlate ; ms:count 2 ; ms:putOn "table" .
-:parcel a knowrob:HumanScaleObject ; ms:typicalSize "0.2 0.15 0.1" ; ms:putInto "drawer_middle_1" .
-"""
+GUIDE = (Path(__file__).resolve().parents[2] / "docs" / "furnishing.md").read_text(encoding="utf-8")
+ITEMS = GUIDE.split("```turtle\n")[2].split("```")[0]
 
 
 def test_things_go_where_they_belong_and_into_the_map(run: Run, tmp_path: Path) -> None:

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import os
+import signal
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +13,7 @@ import pytest
 from PIL import Image
 
 from tests.cli.typed import Run, WriteMap, told
+from tests.viewport.waiting import PATIENCE_S, wait_until
 
 
 def test_a_map_is_photographed_with_its_answers_lit(
@@ -75,3 +80,29 @@ def test_what_is_not_there_cannot_be_lit_or_opened(
     result = run(*typed, "--open", "Door")
     assert result.exit_code == 1
     assert "no body 'Door'" in result.stderr
+
+
+def test_a_folder_of_meshes_that_is_not_there_is_told(
+    run: Run, write_map: WriteMap, tmp_path: Path, chromium: Path
+) -> None:
+    typed = ("shot", write_map("mugs.owl", mugs={"X": "0 0 0"}), "-o", tmp_path / "x.png", "--browser", chromium)
+    result = run(*typed, "--engine", "null", "--assets", tmp_path / "meshes")
+    assert result.exit_code == 2
+    assert "there is no such folder; --assets takes folders of mesh files" in " ".join(result.stderr.split())
+
+
+def test_who_is_told_to_end_leaves_no_browser_behind(write_map: WriteMap, tmp_path: Path, chromium: Path) -> None:
+    folder = tmp_path / "temporary"
+    folder.mkdir()
+    map_file = write_map("mugs.owl", mugs={"X": "0 0 0"})
+    command = ["shot", map_file, "-o", tmp_path / "x.png", "--engine", "null", "--browser", chromium]
+    with subprocess.Popen(
+        [sys.executable, "-m", "mindstage", *map(str, command)],
+        env=os.environ | {"TMPDIR": str(folder)},
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    ) as process:
+        wait_until(lambda: list(folder.glob("mindstage-browser-*/*")), "the browser has started")
+        process.send_signal(signal.SIGTERM)
+        assert process.wait(PATIENCE_S) == 128 + signal.SIGTERM
+    assert list(folder.glob("mindstage-browser-*")) == []

@@ -34,6 +34,14 @@ def test_a_drawer_is_five_boards_round_a_hollow_that_is_open_to_the_top() -> Non
     assert place.centre[2] == pytest.approx(-0.086)
 
 
+@pytest.mark.parametrize("kind", ["tub", "basket"])
+def test_what_is_carried_about_stands_on_its_floor_and_not_on_the_edges_of_its_walls(kind: str) -> None:
+    form = build(design_of(kind), (0.4, 0.3, 0.2))
+    lowest = [solid for solid in form.solids if solid.pose.position[2] - solid.size[2] / 2 < -0.1 + 1e-4]
+    assert len(form.solids) == 5
+    assert [solid.size[:2] for solid in lowest] == [pytest.approx((0.4, 0.3))]
+
+
 def test_things_stand_in_a_drawer_where_it_is_told() -> None:
     form = build(design_of("drawer", {"level": -0.05}), (0.5, 0.6, 0.2))
     assert form.places[0].centre[2] == -0.05

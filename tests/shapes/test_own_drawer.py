@@ -26,17 +26,8 @@ from mindstage.world import (
 from tests.kitchenette import KNOWROB
 
 MY = "http://example.org/my#"
-TEN_LINES = """
-@prefix ms: <http://mindstage.org/ontology#> .
-@prefix my: <http://example.org/my#> .
-@prefix owl: <http://www.w3.org/2002/07/owl#> .
-@prefix rdfs: <http://www.w3.org/2000/01/rdf-schema#> .
-
-my:Pullout a owl:Class ; rdfs:label "pullout"@en ;
-    ms:shapedAs ms:DrawerForm ;
-    ms:madeOf ms:SteelMaterial ;
-    ms:wall 0.01 .
-"""
+GUIDE = Path(__file__).resolve().parents[2] / "docs" / "furnishing.md"
+TEN_LINES = GUIDE.read_text(encoding="utf-8").split("```turtle\n")[1].split("```")[0]
 
 
 @pytest.fixture

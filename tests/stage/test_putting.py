@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 
+from mindstage.assets import Assets
 from mindstage.engines import MujocoEngine
 from mindstage.errors import ArgumentRefused, BodyUnknown, SpotMissing
 from mindstage.knowledge import KnowledgeBase, bundled_kitchen
 from mindstage.stage import Stage
-from mindstage.world import Body, BodyId, Iri, Mobility, Physics, Pose, Vector
+from mindstage.world import Body, BodyId, Iri, Mobility, Physics, Pose, Vector, World
 
 
 @pytest.fixture(scope="module")
@@ -81,3 +84,27 @@ def test_what_makes_no_sense_is_refused(kitchen: Stage) -> None:
     with pytest.raises(ArgumentRefused, match="nobody told how large such a thing is"):
         kitchen.put("HumanScaleObject", on="table")
     assert kitchen.thing("HumanScaleObject", size=(0.1, 0.1, 0.1)).size == (0.1, 0.1, 0.1)
+
+
+def test_on_a_bench_of_a_mesh_a_cup_stands_on_the_seat_and_not_at_the_height_of_its_back(tmp_path: Path) -> None:
+    pytest.importorskip("coacd")
+    boards = [((-0.5, -0.25, 0.0), (0.5, 0.25, 0.45)), ((-0.5, 0.2, 0.45), (0.5, 0.25, 0.9))]
+    mesh = trimesh.util.concatenate([trimesh.creation.box(bounds=np.array(board)) for board in boards])
+    (tmp_path / "assets").mkdir()
+    mesh.export(tmp_path / "assets" / "bench.obj")
+    iri = Iri("http://example.org/things#Bench")
+    bench = Body(id=BodyId("bench"), iri=iri, cls=iri, pose=Pose((0, 0, 0.45)), size=(1.0, 0.5, 0.9), mesh="bench.obj")
+    meshes = Assets([tmp_path / "assets"], cache=tmp_path)
+    with Stage(KnowledgeBase(), MujocoEngine(), timeout_s=60.0, meshes=meshes) as stage:
+        stage.spawn(World(iri=Iri("http://example.org/hall"), name="hall", bodies=(bench,)))
+        assert stage.forms[BodyId("bench")].kind == "mesh"
+        stage.put(thing("cup", (0.08, 0.08, 0.1)), on="bench")
+        assert where(stage, "cup")[2] == pytest.approx(0.5, abs=0.015)
+
+
+def test_the_python_of_the_guide_runs_and_prints_what_it_says(capsys: pytest.CaptureFixture[str]) -> None:
+    guide = Path(__file__).resolve().parents[2] / "docs" / "furnishing.md"
+    code = guide.read_text(encoding="utf-8").split("```python\n")[1].split("```")[0]
+    exec(compile(code, guide.name, "exec"), {})
+    promised = [line.rpartition("# ")[2] for line in code.splitlines() if "print(" in line]
+    assert capsys.readouterr().out.splitlines() == promised

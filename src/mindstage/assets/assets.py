@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mindstage.assets.catalogue import Catalogue, Found
+from mindstage.assets.levels import levels_of
 from mindstage.assets.reading import MeshFile, read_meshes
 from mindstage.world import Body, BodyId, Form, FormSource, Pose, Skin, Solid, SolidKind, Vector
 from mindstage.world.geometry import Array, fitting_scale
@@ -89,13 +90,17 @@ def _fitted(mesh: MeshFile, hit: Found, size: Vector | None) -> tuple[Form, str]
     # A body's origin is the middle of its size; without one, the mesh's own origin is all there is to go by.
     middle = (low + high) / 2 if size is not None else np.zeros(3)
     digest = hashlib.sha256(repr((mesh.digest, turn.tolist(), scale.tolist(), middle.tolist())).encode())
+    skins = tuple(_skin(skin, turn, scale, middle) for skin in mesh.skins)
+    # Pieces are cut out of a grid, and may stand out of the mesh by a part of a cell.
+    solids = tuple(_solid((np.clip(piece @ turn.T, low, high) - middle) * scale) for piece in mesh.pieces)
     form = Form(
         key=digest.hexdigest()[:32],
-        skins=tuple(_skin(skin, turn, scale, middle) for skin in mesh.skins),
-        solids=tuple(_solid((piece @ turn.T - middle) * scale) for piece in mesh.pieces),
+        skins=skins,
+        solids=solids,
         source=FormSource.MESH,
         why=f"the mesh {hit.path.name}, found by its {hit.by}",
         kind="mesh",
+        places=levels_of(skins, solids),
     )
     return form, _changes(mesh, turn, scale, np.abs(middle) / np.where(extents > 0.0, extents, 1.0))
 

@@ -16,13 +16,25 @@ import typer
 
 from mindstage.cli.engine import alone_in, make_engine
 from mindstage.cli.opening import open_up
-from mindstage.cli.options import AsJson, Bundled, EngineName, MapName, Maps, Ontologies, Robots, finite
+from mindstage.cli.options import (
+    AsJson,
+    AssetFolders,
+    Bundled,
+    EngineName,
+    MapName,
+    Maps,
+    Ontologies,
+    PlainBoxes,
+    Robots,
+    finite,
+)
 from mindstage.cli.outcome import Outcome
 from mindstage.cli.output import print_json, say, warn, working
 from mindstage.cli.passing import let_pass
 from mindstage.cli.pointing import Pointer
 from mindstage.cli.report import report_json, warn_of_failures
 from mindstage.cli.sources import knowledge_base
+from mindstage.cli.staging import stage_for
 from mindstage.errors import ArgumentRefused
 
 if TYPE_CHECKING:
@@ -139,11 +151,12 @@ def shot(
     ontologies: Ontologies = None,
     bundled: Bundled = True,
     robots: Robots = None,
+    assets: AssetFolders = None,
+    plain_boxes: PlainBoxes = False,
     engine: EngineName = "mujoco",
     as_json: AsJson = False,
 ) -> Outcome:
     """Take a picture of a map's world, without a screen or a GPU, by a browser that is installed here."""
-    from mindstage.stage import Stage
     from mindstage.viewport import Shot
     from mindstage.viewport.browser import find_browser
 
@@ -163,7 +176,7 @@ def shot(
     with working("reading"):
         knowledge = knowledge_base(maps, ontologies=ontologies, bundled=bundled, robots=robots)
         world = knowledge.world(map_name)
-    with Stage(knowledge, running) as stage, alone_in(stage):
+    with stage_for(knowledge, running, assets=assets, plain_boxes=plain_boxes) as stage, alone_in(stage):
         with working("spawning"):
             report = stage.spawn(world)
         warn_of_failures(report)

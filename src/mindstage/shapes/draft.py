@@ -12,6 +12,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from mindstage.shapes.holes import Hole, cells, without_slivers
 from mindstage.shapes.meshes import Mesh, boxes, joined, lathe, loft, pierced, stretched, sweep
 from mindstage.shapes.sides import Gap, Side, Turn
 from mindstage.shapes.touchables import Touchable, ring, strips
@@ -168,10 +169,12 @@ class Draft:
         thin: int,
         rounding: float = _BEVEL_M,
         solid: bool = True,
+        least: float = 0.0,
     ) -> list[tuple[Array, Array]]:
         """A box with holes along its thin axis (0, 1, 2), where gaps take up half of its thickness or more.
 
-        What is left of it is given back as boxes, each by its two corners.
+        What is left of it is given back as boxes, each by its two corners; strips between holes that are narrower than
+        `least` are left out.
         """
         lower, upper = np.asarray(low, dtype=np.float64), np.asarray(high, dtype=np.float64)
         if (upper - lower).min() <= _TIP:
@@ -181,7 +184,9 @@ class Draft:
             self.box(role, lower, upper, rounding=rounding, solid=solid)
             return [(lower, upper)]
         axes = [(thin + 1) % 3, (thin + 2) % 3]
-        cuts, kept = _cells(lower[axes], upper[axes], holes)
+        if least:
+            holes = without_slivers(lower[axes], upper[axes], holes, least)
+        cuts, kept = cells(lower[axes], upper[axes], holes)
         if not kept.any():
             return []
         return self.sheet(role, cuts, kept, (float(lower[thin]), float(upper[thin])), thin=thin, solid=solid)
@@ -312,7 +317,7 @@ class Draft:
             found.setdefault((role, True), []).append(boxes(low, high, rounding, steps=steps))
         return {key: joined(meshes) for key, meshes in sorted(found.items())}
 
-    def _hole(self, gap: Gap, low: Array, high: Array, thin: int) -> tuple[Array, Array] | None:
+    def _hole(self, gap: Gap, low: Array, high: Array, thin: int) -> Hole | None:
         """Where a gap is in a plate, across it; None where it takes up less than half of its thickness."""
         start, end = self.turn.drawn_gap(gap)
         if min(end[thin], high[thin]) - max(start[thin], low[thin]) < 0.5 * (high[thin] - low[thin]):
@@ -320,20 +325,3 @@ class Draft:
         axes = [(thin + 1) % 3, (thin + 2) % 3]
         start, end = np.maximum(start, low)[axes], np.minimum(end, high)[axes]
         return (start, end) if (end - start).min() > 1e-4 else None
-
-
-def _cells(
-    low: Array, high: Array, holes: Sequence[tuple[Array, Array]]
-) -> tuple[tuple[Array, Array], NDArray[np.bool_]]:
-    """A plate divided where its holes begin and end, and which cells are left of it."""
-    cuts = []
-    for axis in range(2):
-        marks = np.unique([low[axis], high[axis], *(corner[axis] for hole in holes for corner in hole)])
-        inner = marks[(marks > low[axis] + 1e-4) & (marks < high[axis] - 1e-4)]
-        inner = inner[np.diff(inner, prepend=-np.inf) > 1e-6]
-        cuts.append(np.array([low[axis], *inner, high[axis]]))
-    x, y = ((cut[:-1] + cut[1:]) / 2 for cut in cuts)
-    kept = np.ones((len(x), len(y)), dtype=bool)
-    for start, end in holes:
-        kept &= ~(((x > start[0]) & (x < end[0]))[:, None] & ((y > start[1]) & (y < end[1]))[None])
-    return (cuts[0], cuts[1]), kept

@@ -1,59 +1,34 @@
 """Build: a blueprint becomes a compiled MuJoCo model.
 
-The blueprint is all that was decided before (who hangs on whom, what collides, which masses); nothing is decided
-here. Every body becomes one MuJoCo body, except scenery: what never moves and has nothing to do with anything that
+Every body becomes one MuJoCo body, except scenery: what never moves and has nothing to do with anything that
 does becomes geometry of MuJoCo's world, because adding a body costs MuJoCo a walk over all bodies so far.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable
 from typing import Any
 
 import mujoco
 import numpy as np
 
-from mindstage.engines.forest import Assembly, Branch, Forest
+from mindstage.engines.forest import Assembly, Branch
 from mindstage.engines.joints import Axis, axes_of, is_ball
+from mindstage.engines.mujoco.blueprint import Blueprint
 from mindstage.engines.mujoco.live import Joint, Live
+from mindstage.engines.mujoco.reach import beyond_reach
 from mindstage.engines.mujoco.shapes import add_geom, inertia_frame, touch_of, unit_inertias
 from mindstage.engines.mujoco.tuning import add_friction, soften
-from mindstage.engines.planning import Planner
 from mindstage.errors import EngineUnavailable
-from mindstage.world import Body, BodyId, Mobility, Motion, Solid, SolidKind, Vector
+from mindstage.world import BodyId, Mobility, Motion, Solid, SolidKind, Vector
+from mindstage.world.boxes import Boxes
 from mindstage.world.geometry import Array, compose, invert
 
-__all__ = ["Blueprint", "build"]
+__all__ = ["build"]
 
 _STIFF_LIMIT = (0.005, 1.0)
 """Time constant [s] and damping ratio of a hard limit: a strong arm presses a drawer less than 1 mm past it."""
 _HERE = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
-_FIXED = (Mobility.STATIC, Mobility.STATIONARY)
-
-
-@dataclass(slots=True)
-class Blueprint:
-    """All that a model is made from; rows of arrays go with `rows`."""
-
-    planner: Planner
-    where: Array
-    """Where the bodies stand, n x 7, unit quaternions."""
-    timestep_s: float
-    bodies: Mapping[BodyId, Body]
-    rows: dict[BodyId, int]
-    sizes: Array
-    masses: dict[BodyId, float]
-    forest: Forest
-    apart: set[tuple[BodyId, BodyId]]
-
-    @classmethod
-    def of(cls, planner: Planner, where: Array, timestep_s: float) -> Blueprint:
-        """What a planner decided about bodies that stand somewhere."""
-        ids = planner.inventory.ids
-        rows = {id: row for row, id in enumerate(ids)}
-        sizes, masses, bodies = planner.matter.sizes(ids), planner.masses(), planner.inventory.bodies
-        return cls(planner, where, timestep_s, bodies, rows, sizes, masses, planner.forest, planner.apart())
 
 
 class _Builder:
@@ -65,6 +40,8 @@ class _Builder:
         self.inertias = unit_inertias(blueprint.bodies.values(), blueprint.sizes)
         self.meshes: dict[tuple[Vector, ...], str] = {}
         """By the points of hulls."""
+        self.standing = Boxes.of(np.zeros((0, 7)), np.zeros((0, 3)))
+        """Round each part of the scenery."""
         self.made: dict[BodyId, Any] = {}
         self.free: dict[BodyId, Any] = {}
         self.jointed: dict[BodyId, tuple[Branch, tuple[Axis, ...], bool, list[Any], Any]] = {}
@@ -86,7 +63,7 @@ class _Builder:
             top = self._body(self.spec.worldbody, assembly.top, plan.where[plan.rows[assembly.top]])
             if assembly.simulates:
                 self.free[assembly.top] = top.add_freejoint()
-            elif assembly.mobility is Mobility.KINEMATIC:
+            elif not plan.stands(assembly):
                 top.mocap = True
         else:
             self._branch(assembly, branch)
@@ -143,15 +120,18 @@ class _Builder:
         busy |= {end for constraint in constraints for end in (constraint.parent, constraint.child)}
         scenery: list[BodyId] = []
         for assembly in plan.forest.assemblies.values():
-            if assembly.mobility in _FIXED and busy.isdisjoint(assembly.bodies):
+            if plan.stands(assembly) and busy.isdisjoint(assembly.bodies):
                 scenery += assembly.bodies
         made = [plan.planner.solids(id) for id in scenery]
         counts = [len(solids) for solids, _ in made]
         standing = np.repeat(plan.where[[plan.rows[id] for id in scenery]], counts, axis=0)
         local = [_HERE[None] if places is None else places for _, places in made]
-        places = iter(compose(standing, np.concatenate([np.zeros((0, 7)), *local])))
+        places = compose(standing, np.concatenate([np.zeros((0, 7)), *local]))
+        extents = np.array([solid.size for solids, _ in made for solid in solids]).reshape(-1, 3)
+        self.standing = Boxes.of(places, extents)
+        each = iter(places)
         for id, (solids, _) in zip(scenery, made, strict=True):
-            self._geometry(self.spec.worldbody, id, zip(solids, places, strict=False))
+            self._geometry(self.spec.worldbody, id, zip(solids, each, strict=False))
         return scenery
 
     def _body(self, parent: Any, id: BodyId, place: Array) -> Any:
@@ -198,6 +178,9 @@ class _Builder:
         for a, b in sorted(self.blueprint.apart):
             if a in self.made and b in self.made:
                 self.spec.add_exclude(bodyname1=_name(a), bodyname2=_name(b))
+        axes = {id: axes for id, (_, axes, _, _, _) in self.jointed.items()}
+        for id in beyond_reach(self.blueprint, axes, self.standing):
+            self.spec.add_exclude(bodyname1="world", bodyname2=_name(id))
 
     def loop(self, branch: Branch) -> None:
         """A constraint that closes a loop.
@@ -259,7 +242,7 @@ class _Builder:
         mocap = {
             top: int(model.body_mocapid[numbers[top]])
             for top, assembly in plan.forest.assemblies.items()
-            if assembly.mobility is Mobility.KINEMATIC
+            if plan.driven and assembly.mobility is Mobility.KINEMATIC
         }
         order = np.fromiter((numbers.get(id, 0) for id in plan.rows), dtype=np.intp, count=len(plan.rows))
         rows = np.array([plan.rows[id] for id in scenery], dtype=np.intp)

@@ -1,8 +1,8 @@
 """MujocoEngine: a world in MuJoCo.
 
-Static bodies are fixed to the world, kinematic ones are mocap bodies, dynamic ones move freely, and constraints make
-kinematic trees of them. An edit only marks the model as stale; the next call that needs physics builds it once, and
-what was running goes on (see `carry`).
+Static bodies are fixed to the world, and so are kinematic ones until one of them is moved; then they are mocap bodies.
+Dynamic ones move freely, and constraints make kinematic trees of them. An edit only marks the model as stale; the next
+call that needs physics builds it once, and what was running goes on (see `carry`).
 """
 
 from __future__ import annotations
@@ -189,6 +189,7 @@ class MujocoEngine:
 
     def _move_in_place(self, keeper: SceneKeeper, id: BodyId, target: Array) -> bool:
         """Moves what needs no new model: what is free, kinematic, or on a joint. False for the rest."""
+        keeper.drive(id)
         live = keeper.live()
         moving = keeper.planner.reach(id)
         if id in live.free:

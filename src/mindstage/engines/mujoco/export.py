@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 from xml.etree import ElementTree
@@ -68,7 +69,7 @@ def mjcf(world: World, *, forms: Forms = NO_FORMS, find_mesh: Callable[[str], Pa
     keeper = SceneKeeper(0.002)
     report = keeper.add(world, forms=forms)
     failures = (*report.failed_bodies, *report.failed_constraints, *report.failed_attachments)
-    document = _Document(world, build(keeper.blueprint(), scenery=False), find_mesh, forms)
+    document = _Document(world, build(replace(keeper.blueprint(), driven=True), scenery=False), find_mesh, forms)
     document.write()
     notes = [f"{failure.id} is not in it: {failure.reason}" for failure in failures]
     notes += [note.text for note in report.notes if note.kind is NoteKind.CONSTRAINT]

@@ -15,11 +15,12 @@ from numpy.typing import NDArray
 from mindstage.engines.contract import Note, SpawnReport
 from mindstage.engines.forest import Forest
 from mindstage.engines.inventory import Inventory
-from mindstage.engines.mujoco.build import Blueprint, build
+from mindstage.engines.mujoco.blueprint import Blueprint
+from mindstage.engines.mujoco.build import build
 from mindstage.engines.mujoco.carry import carry
 from mindstage.engines.mujoco.live import Live
 from mindstage.engines.planning import Planner
-from mindstage.world import NO_FORMS, BodyId, Forms, Physics, World
+from mindstage.world import NO_FORMS, BodyId, Forms, Mobility, Physics, World
 from mindstage.world.boxes import Boxes
 from mindstage.world.geometry import Array, compose, invert, pose_array, unit
 
@@ -38,6 +39,7 @@ class SceneKeeper:
         self._placed: dict[BodyId, Array] = {}
         """Poses that the model does not have yet."""
         self._at_rest: set[BodyId] = set()
+        self._driven = False
         self._disturbed: list[Array] = []
 
     def copy(self) -> SceneKeeper:
@@ -48,7 +50,7 @@ class SceneKeeper:
             twin._live = copy.copy(self._live)
             twin._live.data = copy.copy(self._live.data)
         twin._placed, twin._at_rest = dict(self._placed), set(self._at_rest)
-        twin._disturbed = list(self._disturbed)
+        twin._disturbed, twin._driven = list(self._disturbed), self._driven
         return twin
 
     # -- what there is -----------------------------------------------------------------------------------------
@@ -119,7 +121,8 @@ class SceneKeeper:
         Args:
             where: all poses, if they are at hand.
         """
-        return Blueprint.of(self.planner, self.where() if where is None else where, self._timestep_s)
+        where = self.where() if where is None else where
+        return Blueprint.of(self.planner, where, self._timestep_s, driven=self._driven)
 
     # -- edits -------------------------------------------------------------------------------------------------
 
@@ -177,6 +180,12 @@ class SceneKeeper:
         self._at_rest.update(moving)
         self._disturbed.append(self.bounds(moving))
         self.stale = True
+
+    def drive(self, id: BodyId) -> None:
+        """Makes kinematic bodies such that they can be moved in place, if this is one and the first that is."""
+        assembly = self.forest.assemblies.get(id)
+        if not self._driven and assembly is not None and assembly.mobility is Mobility.KINEMATIC:
+            self._driven = self.stale = True
 
     def _rebuild(self) -> None:
         where = self.where()

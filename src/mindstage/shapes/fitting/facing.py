@@ -177,7 +177,7 @@ class Faces:
             if side is not None:
                 covers = float(np.prod(np.delete(self._extents(row, closer), side.axis)))
                 area[side] = area.get(side, 0.0) + covers
-                names.setdefault(side, self._setting.bodies[closer].id)
+                names.setdefault(side, self._setting.named(closer))
         upright = sorted((side for side in area if side.axis != up.axis), key=lambda side: -area[side])
         if upright:
             lids = [side for side in area if side == up]
@@ -240,7 +240,7 @@ class Faces:
         best = int(np.argmax(np.abs(out)))
         direction[best] = np.sign(out[best])
         front = setting.side_towards(row, setting.boxes.rotation[on] @ direction)
-        return Facing(_apart(up, front), front, why=f"away from {setting.bodies[on].id}")
+        return Facing(_apart(up, front), front, why=f"away from {setting.named(on)}")
 
     def _tap(self, row: int, up: Side) -> Facing:
         """Of a tap: to where the nearest sink is."""

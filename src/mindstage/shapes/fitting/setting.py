@@ -76,6 +76,10 @@ class Setting:
         """For each body, whether it is of one of these kinds."""
         return np.isin(self.kinds.astype(str), kinds)
 
+    def named(self, row: int) -> str:
+        """A body in a report: "the drawer X"."""
+        return f"the {self.kinds[row]} {self.bodies[row].id}"
+
     # -- directions ----------------------------------------------------------------------------------------------------
 
     def up(self, row: int) -> Side:

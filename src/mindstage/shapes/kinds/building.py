@@ -16,6 +16,9 @@ from mindstage.world.geometry import Array
 
 __all__ = ["Door", "Frame", "Picture", "Shell", "Wall", "Window"]
 
+_SLIVER_M = 0.05
+"""What is left of a room's wall between two things that stand in it is at least so wide, else it is left out."""
+
 
 def _frame(draft: Draft, role: str, width: float, x: tuple[float, float], *, rounding: float = 0.003) -> None:
     """A frame round the y and z extents, between two depths; it is seen only."""
@@ -181,7 +184,7 @@ class Shell(Design, frozen=True, kw_only=True):
             else:
                 end[side.axis] = low[side.axis] = start[side.axis] + wall
             role = "floor" if side is Side.BOTTOM else "body"
-            parts = draft.plate(role, start, end, self.free, thin=side.axis, rounding=0.0)
+            parts = draft.plate(role, start, end, self.free, thin=side.axis, rounding=0.0, least=_SLIVER_M)
             if side is Side.BOTTOM:
                 floors = parts
         height = float(draft.high[2] - wall * (1 + self.ceiling) - draft.low[2])

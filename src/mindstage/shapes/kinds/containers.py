@@ -27,12 +27,17 @@ def _walled(draft: Draft, role: str, wall: float, floor: float, level: float | N
     low, high = draft.low, draft.high
     wall = min(wall, 0.15 * float(draft.size[:2].min()))
     floor = floor_thickness(draft, min(floor, 0.25 * float(draft.size[2])), level)
-    draft.box(role, [low[0] + wall, low[1] + wall, low[2]], [*(high[:2] - wall), low[2] + floor], rounding=0.0)
+    level = low[2] + floor
+    draft.box(role, [*(low[:2] + wall), low[2]], [*(high[:2] - wall), level], rounding=0.0, solid=False)
+    draft.touch_box(low, [*high[:2], level])  # it stands on its floor alone: walls beside it would only add contacts
     for sign in (-1, 1):
         edge = sorted((sign * high[0], sign * (high[0] - wall)))
-        draft.box(role, [edge[0], low[1], low[2]], [edge[1], high[1], high[2]], rounding=0.003)
+        draft.box(role, [edge[0], low[1], low[2]], [edge[1], high[1], high[2]], rounding=0.003, solid=False)
+        draft.touch_box([edge[0], low[1], level], [edge[1], high[1], high[2]])
         edge = sorted((sign * high[1], sign * (high[1] - wall)))
-        draft.box(role, [low[0] + wall, edge[0], low[2]], [high[0] - wall, edge[1], high[2]], rounding=0.003)
+        start, end = [low[0] + wall, edge[0]], [high[0] - wall, edge[1]]
+        draft.box(role, [*start, low[2]], [*end, high[2]], rounding=0.003, solid=False)
+        draft.touch_box([*start, level], [*end, high[2]])
     inside = float(draft.size[2]) - floor
     draft.place(low[:2] + wall, high[:2] - wall, float(low[2]) + floor, height=inside, inside=True)
 

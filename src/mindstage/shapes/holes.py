@@ -1,0 +1,78 @@
+"""Holes: what is left of a plate where there are openings in it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mindstage.world.geometry import Array
+
+__all__ = ["Hole", "cells", "without_slivers"]
+
+Hole = tuple[Array, Array]
+"""Its lower and its upper corner, across the plate."""
+
+_FILLS = 0.6
+"""So much of the rectangle round two holes that meet they must fill to become one."""
+
+
+def cells(low: Array, high: Array, holes: Sequence[Hole]) -> tuple[tuple[Array, Array], NDArray[np.bool_]]:
+    """A plate divided where its holes begin and end, and which cells are left of it."""
+    cuts = []
+    for axis in range(2):
+        marks = np.unique([low[axis], high[axis], *(corner[axis] for hole in holes for corner in hole)])
+        inner = marks[(marks > low[axis] + 1e-4) & (marks < high[axis] - 1e-4)]
+        inner = inner[np.diff(inner, prepend=-np.inf) > 1e-6]
+        cuts.append(np.array([low[axis], *inner, high[axis]]))
+    x, y = ((cut[:-1] + cut[1:]) / 2 for cut in cuts)
+    kept = np.ones((len(x), len(y)), dtype=bool)
+    for start, end in holes:
+        kept &= ~(((x > start[0]) & (x < end[0]))[:, None] & ((y > start[1]) & (y < end[1]))[None])
+    return (cuts[0], cuts[1]), kept
+
+
+def without_slivers(low: Array, high: Array, holes: Sequence[Hole], least: float) -> list[Hole]:
+    """Holes that are widened so that hardly any strip between their edges is narrower than asked.
+
+    Nothing can stand on such strips, none is worth a look, and every one costs an engine a part to look at.
+
+    Args:
+        low: the plate's lower corner, across it [m].
+        high: its upper corner.
+        holes: what is free.
+        least: how wide strips should be [m].
+    """
+    starts, ends = (np.array([hole[end] for hole in holes]).reshape(-1, 2) for end in (0, 1))
+    for axis in range(2):
+        marks = np.unique([low[axis], high[axis], *starts[:, axis], *ends[:, axis]])
+        first, last = _groups(marks, least)
+        starts[:, axis] = first[np.searchsorted(marks, starts[:, axis])]
+        ends[:, axis] = last[np.searchsorted(marks, ends[:, axis])]
+    return _joined(list(zip(starts, ends, strict=True)))
+
+
+def _groups(marks: Array, least: float) -> tuple[Array, Array]:
+    """For each mark the first and the last of those so near each other that they are taken as one."""
+    first, last = marks.copy(), marks.copy()
+    begin = 0
+    for index in range(1, len(marks) + 1):
+        if index == len(marks) or marks[index] - marks[begin] >= least:
+            first[begin:index], last[begin:index] = marks[begin], marks[index - 1]
+            begin = index
+    return first, last
+
+
+def _joined(holes: list[Hole]) -> list[Hole]:
+    """The same holes, those that meet as one where they fill most of the rectangle round them."""
+    for one, other in combinations(range(len(holes)), 2):
+        (low_a, high_a), (low_b, high_b) = holes[one], holes[other]
+        common = np.minimum(high_a, high_b) - np.maximum(low_a, low_b)
+        low, high = np.minimum(low_a, low_b), np.maximum(high_a, high_b)
+        fills = np.prod(high_a - low_a) + np.prod(high_b - low_b) - np.prod(np.maximum(common, 0.0))
+        if common.min() >= 0.0 and fills >= _FILLS * np.prod(high - low):
+            rest = [hole for number, hole in enumerate(holes) if number not in (one, other)]
+            return _joined([*rest, (low, high)])
+    return holes

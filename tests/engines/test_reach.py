@@ -1,0 +1,118 @@
+"""What MuJoCo need not look at: drawers that get to no wall, and kinematic bodies that nobody moves."""
+
+from __future__ import annotations
+
+import mujoco
+import pytest
+
+from mindstage.engines import MujocoEngine
+from mindstage.engines.joints import axes_of
+from mindstage.engines.mujoco.reach import beyond_reach
+from mindstage.engines.mujoco.scene import SceneKeeper
+from mindstage.world import BodyId, Pose, World
+from mindstage.world.boxes import Boxes
+from mindstage.world.geometry import pose_array
+
+from .contract import pose_of, pull
+from .scenes import FLOOR, body, hinge, slide, world
+
+
+def with_wall(x: float, *, y: float = 0.0) -> World:
+    """A drawer that comes out by 0.45 m, to x = 0.75 m; a door that turns about (0, 2.3), and a wall."""
+    return world(
+        FLOOR,
+        body("wall", (x, y, 1.0), (0.1, 0.5, 2.0)),
+        body("cabinet", (0, 0, 0.5), (0.6, 0.6, 1.0)),
+        body("drawer", (0, 0, 0.3), (0.6, 0.55, 0.2), "dynamic", 5.0),
+        slide("drawer_slide", "cabinet", "drawer", (0, 0, 0.3)),
+        body("fridge", (0, 2, 0.9), (0.6, 0.6, 1.7)),
+        body("door", (0.322, 2, 0.9), (0.04, 0.6, 1.7), "dynamic", 8.0),
+        hinge("door_hinge", "fridge", "door", (0.302, 2.3, 0.9)),
+    )
+
+
+def unreached(place: World) -> set[str]:
+    """The bodies that get to no scenery, asked of the very plan that a model is built from."""
+    keeper = SceneKeeper(0.002)
+    keeper.add(place)
+    plan = keeper.blueprint()
+    fixed = [found for found in place.bodies if found.id in {"floor", "wall"}]
+    scenery = Boxes.of(pose_array(found.pose for found in fixed), plan.sizes[[plan.rows[found.id] for found in fixed]])
+    axes = {constraint.id: axes_of(constraint) for constraint in place.constraints}
+    return set(beyond_reach(plan, axes, scenery))
+
+
+@pytest.mark.parametrize(("x", "far"), [(2.0, True), (0.9, True), (0.79, False), (0.6, False), (-0.9, True)])
+def test_a_drawer_gets_as_far_as_its_limit_and_a_little_farther(x: float, *, far: bool) -> None:
+    assert ("drawer" in unreached(with_wall(x))) is far
+
+
+@pytest.mark.parametrize(("x", "far"), [(2.0, True), (1.05, True), (0.9, False)])
+def test_a_door_is_taken_to_turn_all_the_way_round(x: float, *, far: bool) -> None:
+    assert ("door" in unreached(with_wall(x, y=2.3))) is far
+
+
+def test_a_drawer_that_is_open_has_all_of_its_way_back_before_it() -> None:
+    engine = MujocoEngine()
+    engine.spawn(with_wall(-0.65))
+    engine.set_pose(BodyId("drawer"), Pose((0.3, 0, 0.3)))
+    engine.spawn(world(body("lamp", (5, 5, 1), (0.1, 0.1, 0.1))))  # so that there is a new model
+    pull(engine, "drawer", (-20.0, 0.0, 0.0), 2.0)
+    assert pose_of(engine, "drawer")[0] == pytest.approx(-0.3, abs=0.005)
+
+
+def test_a_wall_in_the_way_still_stops_a_drawer() -> None:
+    engine = MujocoEngine()
+    engine.spawn(with_wall(0.6))
+    pull(engine, "drawer", (20.0, 0.0, 0.0), 2.0)
+    assert pose_of(engine, "drawer")[0] == pytest.approx(0.6 - 0.05 - 0.3, abs=0.005)
+
+
+def test_a_wall_that_is_put_in_the_way_later_stops_a_drawer() -> None:
+    engine = MujocoEngine()
+    engine.spawn(with_wall(2.0))
+    engine.step(0.01)
+    engine.set_pose(BodyId("wall"), Pose((0.6, 0, 1.0)))
+    pull(engine, "drawer", (20.0, 0.0, 0.0), 2.0)
+    assert pose_of(engine, "drawer")[0] == pytest.approx(0.25, abs=0.005)
+
+
+def test_a_kinematic_body_is_part_of_the_scenery_until_it_is_moved_and_then_moves_without_a_new_model() -> None:
+    engine = MujocoEngine()
+    engine.spawn(
+        world(FLOOR, body("one", (0, 0, 1), (1, 1, 0.1), "kinematic"), body("two", (3, 0, 1), (1, 1, 1), "kinematic"))
+    )
+    engine.step(0.01)
+    assert not engine._keeper.live().mocap
+    engine.set_pose(BodyId("one"), Pose((0, 0, 2)))
+    model = engine._keeper.live().model
+    engine.set_pose(BodyId("two"), Pose((3, 0, 2)))
+    engine.set_pose(BodyId("one"), Pose((0, 0, 3)))
+    assert engine._keeper.live().model is model
+    assert model.nmocap == 2
+    assert [pose_of(engine, id)[2] for id in ("one", "two")] == [3.0, 2.0]
+
+
+def test_what_stands_on_a_kinematic_body_is_carried_off_by_its_first_move() -> None:
+    engine = MujocoEngine()
+    engine.spawn(
+        world(
+            FLOOR,
+            body("tray", (0, 0, 1), (1, 1, 0.1), "kinematic"),
+            body("cup", (0, 0, 1.1), (0.1,) * 3, "dynamic", 0.3),
+        )
+    )
+    engine.step(2.0)  # the cup sleeps
+    engine.set_pose(BodyId("tray"), Pose((5, 0, 1)))
+    engine.step(1.5)
+    assert pose_of(engine, "cup")[2] == pytest.approx(0.05, abs=0.01)
+
+
+def test_scenery_beyond_reach_is_told_to_mujoco() -> None:
+    engine = MujocoEngine()
+    engine.spawn(with_wall(2.0))
+    live = engine._keeper.live()
+    pairs = {(int(each) >> 16, int(each) & 0xFFFF) for each in live.model.exclude_signature}
+    assert (0, live.numbers[BodyId("drawer")]) in pairs
+    mujoco.mj_forward(live.model, live.data)
+    assert live.data.ncon == 0
