@@ -5,7 +5,7 @@ extends Node3D
 ## which it ends as soon as nobody is there any more; `--mindstage-talk` prints each call and how long it took. A token
 ## is read from MINDSTAGE_TOKEN.
 
-const _WAIT_S: float = 10.0
+const _WAIT_S: float = 60.0
 const _BAD_ARGUMENTS: int = 2
 
 var _client: MindstageClient = MindstageClient.new()

@@ -11,7 +11,7 @@ set -euo pipefail
 
 readonly packages=(godot libgl1-mesa-dri libglx-mesa0 libegl1 libegl-mesa0 libgl1 libxcursor1 libxinerama1 libxi6
     libxrandr2 libxrender1 libxkbcommon0 libfontconfig1 libdbus-1-3)
-readonly tries=4
+readonly tries=4 etc=/etc/apt
 
 mkdir -p "${1:-build/godot}"
 folder=$(cd "${1:-build/godot}" && pwd)
@@ -37,14 +37,24 @@ again() {  # mirrors fail for a moment now and then
 
 works() { [[ -x $program ]] && timeout 60 "$program" --headless --version 2>/dev/null | grep -q '^4\.'; }
 
-own_archive() {  # the address of the archive that this machine's own sources name
-    local sources=()
-    mapfile -t sources < <(find /etc/apt/sources.list /etc/apt/sources.list.d -type f 2>/dev/null)
+own_archive() {  # where this machine's own sources get Debian's own release from
+    local sources=() release
+    release=$(. /etc/os-release && echo "${VERSION_CODENAME:-stable}")
+    mapfile -t sources < <(find "$etc" -type f \( -name '*.list' -o -name '*.sources' \) 2>/dev/null | sort)
     [[ ${#sources[@]} -gt 0 ]] || return 0
-    awk '
-        FILENAME ~ /\.sources$/ && tolower($1) == "uris:" { for (i = 2; i <= NF; i++) print $i }
-        $1 == "deb" { i = 2; if ($2 ~ /^\[/) { while ($i !~ /\]$/) i++; i++ } print $i }
-    ' "${sources[@]}" | sed 's|/*$||' | grep -E '/debian$' | head -n 1 || true
+    awk -v release="$release" '
+        function tell(   i) {
+            if (suites ~ " " release " " && components ~ / main / && enabled) for (i = 1; i <= count; i++) print uris[i]
+            count = 0; suites = components = " "; enabled = 1
+        }
+        FNR == 1 || /^[ \t]*$/ { tell() }
+        tolower($1) == "uris:" { for (i = 2; i <= NF; i++) uris[++count] = $i }
+        tolower($1) == "suites:" { for (i = 2; i <= NF; i++) suites = suites $i " " }
+        tolower($1) == "components:" { for (i = 2; i <= NF; i++) components = components $i " " }
+        tolower($1) == "enabled:" && tolower($2) == "no" { enabled = 0 }
+        $1 == "deb" { i = 2; if ($2 ~ /^\[/) { while ($i !~ /\]$/) i++; i++ } if ($(i + 1) == release && $0 ~ / main/) print $i }
+        END { tell() }
+    ' "${sources[@]}" | sed 's|/*$||' | head -n 1 || true
 }
 
 own_apt() {  # apt's options for folders of our own
@@ -63,9 +73,11 @@ Dir::Cache "$apt/cache";
 Debug::NoLocking "true";
 APT::Sandbox::User "";
 APT::Install-Recommends "false";
+APT::Update::Error-Mode "any";
 APT::Update::Post-Invoke "";
 APT::Update::Post-Invoke-Success "";
 Acquire::Languages "none";
+Acquire::Retries "2";
 CONF
     printf '#clear APT::Update::Post-Invoke;\n#clear APT::Update::Post-Invoke-Success;\n' >>"$apt/apt.conf"
     export APT_CONFIG=$apt/apt.conf DEBIAN_FRONTEND=noninteractive
@@ -113,8 +125,9 @@ readonly keyring archive
 
 say "fetching Godot into $folder"
 own_apt
-again apt-get update -qq
-again apt-get install -qq --yes --download-only --no-install-recommends "${packages[@]}" >/dev/null
+again apt-get update -qq || die "the list of packages cannot be had from $archive"
+again apt-get install -qq --yes --download-only --no-install-recommends "${packages[@]}" >/dev/null ||
+    die "the packages cannot be had from $archive"
 unpack
 write_program
 works || die "what was fetched does not start: $("$program" --headless --version 2>&1 | tail -n 1)"

@@ -58,6 +58,13 @@ func test_poses_come_packed_and_ids_only_to_whom_they_are_new() -> void:
 	await drop(stage)
 
 
+func test_an_arrow_points_along_x_from_where_it_is() -> void:
+	var box: AABB = MindstageMarkers._mesh(MindstageMarkers.Kind.ARROW, 2.0).get_aabb()
+	near(box.position.z, -2.0, 1e-4, "its tip")
+	near(box.end.z, 0.0, 1e-4, "its end")
+	check(box.size.x < 0.5 and box.size.y < 0.5, "it is thin")
+
+
 func test_markers_come_are_replaced_and_go() -> void:
 	var stage: MindstageStage = new_stage()
 	var services: MindstageServices = MindstageServices.new(stage)

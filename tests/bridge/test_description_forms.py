@@ -14,6 +14,7 @@ from mindstage.bridge.description import (
     PlanChange,
     forms_from_json,
     forms_to_json,
+    from_json,
     mesh_name,
     plan_to_json,
 )
@@ -31,6 +32,7 @@ from mindstage.world import (
     SolidKind,
     Surface,
 )
+from tests.bridge.golden import cases
 
 KEY = "0123456789abcdef"
 SKIN = Skin(
@@ -142,3 +144,13 @@ def test_a_plan_says_only_what_is_not_usual() -> None:
         "poses": {"cup": turned},
     }
     assert plan_to_json(PlanChange()) == "{}"
+
+
+def test_the_golden_forms_and_plans_are_what_is_read_and_written() -> None:
+    told = {case.values[0]["name"]: case.values[0]["json"] for case in cases()}
+    golden = told["a world with forms and a plan"]
+    assert forms_from_json(golden["forms"])[BodyId("drawer")].kind == "drawer"
+    for text in (golden["plan"], told["a handle on a drawer, as it was decided"]["plan"]):
+        change = from_json(text, PlanChange)
+        assert change.bodies
+        assert from_json(plan_to_json(change), PlanChange) == change

@@ -21,6 +21,8 @@ from mindstage.errors import EngineUnavailable, WorldError
 from mindstage.exports import shelf_folder
 from mindstage.world import BodyId, Form, Pose, Skin, Solid, Surface, difference
 
+from .contract import pose_of
+from .formed import bin_form
 from .scenes import FLOOR, body, room, world
 
 TURNED = (0.9659258262890683, 0.0, 0.0, 0.25881904510252074)
@@ -112,3 +114,16 @@ def _met(address: str, process: GodotProcess) -> RemoteEngine:
             if time.monotonic() > until_s or not process.runs:
                 raise
             time.sleep(0.1)
+
+
+def test_what_has_thin_walls_stands_still_and_thin_things_do_not_fall_through_each_other(engine: GodotEngine) -> None:
+    size, thin = (0.08, 0.08, 0.1), (0.2, 0.2, 0.003)
+    shelf = body("shelf", (0, 0, 0.5), (1.5, 1.5, 0.003))
+    cups = [body("standing", (1, 0, 0.05), size, "dynamic", 0.3), body("falling", (0, 0, 3.0), size, "dynamic", 0.3)]
+    tray = body("tray", (0.4, 0.4, 4.0), thin, "dynamic", 0.3)
+    cup = bin_form(size, wall=0.003)
+    assert engine.spawn(world(FLOOR, shelf, *cups, tray), forms={each.id: cup for each in cups}).ok
+    engine.step(5.0)
+    assert pose_of(engine, "standing") == pytest.approx((1, 0, 0.05, 1, 0, 0, 0), abs=1e-4)
+    for fallen in ("falling", "tray"):
+        assert pose_of(engine, fallen)[2] > 0.5

@@ -117,6 +117,22 @@ def test_the_project_is_copied_once_and_anew_when_it_or_godot_changes(
     assert first.is_dir()
 
 
+def test_copies_of_the_project_that_nobody_starts_any_more_are_removed(make_program: Make, tmp_path: Path) -> None:
+    path = make_program()
+    copies = [project.ready_project(Godot(path, f"4.4.{number}")) for number in range(5)]
+    long_ago_s = time.time() - 30 * 24 * 3600
+    for age, copy in enumerate(copies):
+        os.utime(copy, (long_ago_s - age, long_ago_s - age))
+    abandoned = copies[0].parent / ".making-by-somebody-who-was-killed"
+    abandoned.mkdir()
+    os.utime(abandoned, (0, 0))
+    project.homes()
+    assert project.ready_project(Godot(path, "4.4.3")) == copies[3]  # it is used, and so it is young
+    newest = project.ready_project(Godot(path, "4.5"))
+    left = {each.name for each in newest.parent.iterdir()}
+    assert left == {newest.name, copies[3].name, copies[0].name, "home"}
+
+
 def test_a_project_that_cannot_be_prepared_leaves_nothing_half_done(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

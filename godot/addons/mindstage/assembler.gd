@@ -212,6 +212,8 @@ func _keep_apart(pairs: Array, together: Array, dirty: Dictionary[String, bool])
 		_partners(pair[0]).erase(pair[1])
 		_partners(pair[1]).erase(pair[0])
 		except(pair)
+	if apart.is_empty():
+		return
 	for id: String in dirty:
 		if carriers.has(id):
 			for body: MindstageBody in carriers[id].members:

@@ -102,5 +102,5 @@ func _set_pace() -> void:
 
 
 func _keep_still(still: bool) -> void:
-	if not Engine.is_editor_hint():
+	if not Engine.is_editor_hint() and is_inside_tree():
 		PhysicsServer3D.space_set_active(get_viewport().find_world_3d().space, not still)

@@ -15,9 +15,10 @@ func _init(its_assembler: MindstageAssembler) -> void:
 ## Takes in what changed, and joins anew what hangs on carriers that were made anew.
 func change(changes: Dictionary, dirty: Dictionary[String, bool]) -> void:
 	var again: Dictionary[String, bool] = {}
-	for carrier: String in dirty:
-		for id: String in _joints_of(carrier):
-			again[id] = true
+	if not _joins.is_empty():
+		for carrier: String in dirty:
+			for id: String in _joints_of(carrier):
+				again[id] = true
 	for id: String in changes:
 		if changes[id] == null:
 			remove([id])

@@ -73,16 +73,35 @@ static func _mesh(kind: int, scale_m: float) -> Mesh:
 			var box: BoxMesh = BoxMesh.new()
 			box.size = Vector3.ONE * scale_m
 			return box
-		Kind.CYLINDER, Kind.CONE, Kind.ARROW:
-			var cone: CylinderMesh = CylinderMesh.new()
-			cone.height = scale_m
-			cone.bottom_radius = scale_m / (8.0 if kind == Kind.ARROW else 2.0)
-			cone.top_radius = cone.bottom_radius if kind == Kind.CYLINDER else 0.0
-			return cone
+		Kind.CYLINDER:
+			return _round(scale_m, scale_m / 2.0, scale_m / 2.0)
+		Kind.CONE:
+			return _round(scale_m, scale_m / 2.0, 0.0)
+		Kind.ARROW:
+			return _arrow(scale_m)
 	var ball: SphereMesh = SphereMesh.new()
 	ball.radius = _POINT_M / 2.0 if kind == Kind.POINT else scale_m / 2.0
 	ball.height = 2.0 * ball.radius
 	return ball
+
+
+static func _round(height_m: float, bottom_m: float, top_m: float) -> CylinderMesh:
+	var made: CylinderMesh = CylinderMesh.new()
+	made.height = height_m
+	made.bottom_radius = bottom_m
+	made.top_radius = top_m
+	return made
+
+
+## An arrow from where it is along ROS's x axis, as in every other view.
+static func _arrow(length_m: float) -> Mesh:
+	var forward: Basis = Basis(Vector3.RIGHT, -PI / 2.0)
+	var shaft: Mesh = _round(0.75 * length_m, length_m / 24.0, length_m / 24.0)
+	var head: Mesh = _round(0.25 * length_m, length_m / 10.0, 0.0)
+	var both: SurfaceTool = SurfaceTool.new()
+	both.append_from(shaft, 0, Transform3D(forward, Vector3.FORWARD * 0.375 * length_m))
+	both.append_from(head, 0, Transform3D(forward, Vector3.FORWARD * 0.875 * length_m))
+	return both.commit()
 
 
 static func _paint(colour: Color) -> StandardMaterial3D:

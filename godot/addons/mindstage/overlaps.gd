@@ -11,10 +11,13 @@ var body_id: String
 
 ## Begins to watch a body that asks for it, or ceases to.
 static func watch(its_stage: MindstageStage, body: MindstageBody) -> void:
+	var asks: bool = body.physics().get("overlap_events") == true
+	if not asks and body.node.get_child_count() == 0:
+		return
 	for child: Node in body.node.get_children():
 		if child is MindstageOverlaps:
 			MindstageAssembler.discard(child)
-	if body.physics().get("overlap_events") != true:
+	if not asks:
 		return
 	var area: MindstageOverlaps = MindstageOverlaps.new()
 	area.stage = its_stage

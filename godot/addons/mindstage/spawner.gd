@@ -35,7 +35,9 @@ static func build(carrier: MindstageCarrier, stage: Node3D, place: Transform3D) 
 static func _new_node(mobility: String) -> CollisionObject3D:
 	match mobility:
 		"dynamic":
-			return RigidBody3D.new()
+			var moving: RigidBody3D = RigidBody3D.new()
+			moving.continuous_cd = true  # walls and shelves are thin
+			return moving
 		"kinematic":
 			var moved: AnimatableBody3D = AnimatableBody3D.new()
 			moved.sync_to_physics = false

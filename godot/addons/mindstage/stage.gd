@@ -151,7 +151,10 @@ func set_pose(id: String, pose: Dictionary, plan: String) -> Dictionary:
 
 
 func set_physics(id: String, physics: String, plan: String) -> Dictionary:
-	return _replace(id, "physics", physics, plan)
+	var refusal: Dictionary = _replace(id, "physics", physics, plan)
+	if not refusal:
+		MindstageOverlaps.watch(self, inventory.bodies[id])
+	return refusal
 
 
 func set_materials(id: String, materials: String) -> Dictionary:

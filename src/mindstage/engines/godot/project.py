@@ -11,7 +11,9 @@ import os
 import shutil
 import subprocess
 import tempfile
+import time
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 
 from mindstage.assets import cache_folder
@@ -21,8 +23,12 @@ from mindstage.errors import EngineUnavailable
 __all__ = ["homes", "ready_project", "shipped_project"]
 
 _PREPARING_S = 180.0
-_LEFT_OUT = shutil.ignore_patterns(".godot", "tests", "*.uid~")
+_LEFT_OUT = shutil.ignore_patterns(".godot", "tests", "*.uid")
 _SIGN = "project.godot"
+_HOME = "home"
+_KEPT = 2
+"""So many copies are kept beside the one that is used, however old they are."""
+_UNUSED_S = 24 * 3600.0
 
 
 def shipped_project() -> Path:
@@ -49,6 +55,8 @@ def ready_project(godot: Godot) -> Path:
     shipped = shipped_project()
     ready = cache_folder("godot") / _digest(shipped, godot)
     if ready.is_dir():
+        with suppress(OSError):
+            os.utime(ready)  # so that it is seen when it was used last
         return ready
     try:
         with tempfile.TemporaryDirectory(dir=ready.parent, prefix=".making-", ignore_cleanup_errors=True) as folder:
@@ -60,12 +68,13 @@ def ready_project(godot: Godot) -> Path:
         if not ready.is_dir():  # somebody else was quicker with the same
             cause = f"its project cannot be copied to {ready}: {error.strerror or error}"
             raise EngineUnavailable("godot", cause=cause, remedy="make room, or name another XDG_CACHE_HOME") from error
+    _forget_old(ready)
     return ready
 
 
 def homes() -> dict[str, str]:
     """What to tell a Godot by its environment, so that it writes nothing into its user's home."""
-    folder = cache_folder("godot/home")
+    folder = cache_folder(f"godot/{_HOME}")
     return {"XDG_DATA_HOME": str(folder), "XDG_CONFIG_HOME": str(folder), "XDG_CACHE_HOME": str(folder)}
 
 
@@ -85,6 +94,15 @@ def _prepare(godot: Godot, project: Path) -> None:
         raise EngineUnavailable("godot", cause=f"it cannot prepare its project (exit code {done.returncode}): {said}")
 
 
+def _forget_old(ready: Path) -> None:
+    """Removes copies that nobody has started for a day, but for the latest. One that still runs has read all of its."""
+    others = [each for each in ready.parent.iterdir() if each not in {ready, ready.parent / _HOME}]
+    used_s = {each: each.stat().st_mtime for each in others if each.exists()}
+    for old in sorted(used_s, key=lambda each: used_s[each], reverse=True)[_KEPT:]:
+        if time.time() - used_s[old] > _UNUSED_S:
+            shutil.rmtree(old, ignore_errors=True)
+
+
 def _digest(project: Path, godot: Godot) -> str:
     """A name for what the project and Godot are."""
     digest = hashlib.sha256(f"{godot.path}\0{godot.version}".encode())
@@ -96,5 +114,5 @@ def _digest(project: Path, godot: Godot) -> str:
 def _files(project: Path) -> Iterator[Path]:
     for path in sorted(project.rglob("*")):
         parts = path.relative_to(project).parts
-        if path.is_file() and not {".godot", "tests"}.intersection(parts):
+        if path.is_file() and path.suffix != ".uid" and not {".godot", "tests"}.intersection(parts):
             yield path
