@@ -10,7 +10,7 @@ python := .venv/bin/python
 pytest_options ?= -ra -n auto --dist worksteal
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test check bench kitchen pin clean
+.PHONY: help demo test check bench kitchen pictures pin clean
 .DELETE_ON_ERROR:
 
 help:  ## what can be made
@@ -25,12 +25,13 @@ test: .venv/dev.stamp  ## all tests; `make test pytest_options="-k word"` for so
 	@scripts/install_godot.sh || test -z "$$CI"
 	@$(python) -m pytest $(pytest_options)
 
-check: .venv/dev.stamp  ## style, types, rooms, and that the bundled kitchen is what its script makes
+check: .venv/dev.stamp  ## style, types, rooms, and that the bundled kitchen and docs/shapes.md are what their scripts make
 	@$(python) -m ruff check .
 	@$(python) -m ruff format --check .
 	@$(python) -m mypy
 	@cd godot && ../.venv/bin/gdformat --check --line-length 120 . && ../.venv/bin/gdlint .
 	@$(python) scripts/make_kitchen.py --check
+	@$(python) scripts/make_shapes.py --check
 	@$(python) -m pytest -q tests/test_project.py
 
 bench: .venv/dev.stamp  ## every benchmark, as ratios against a named peer
@@ -39,6 +40,10 @@ bench: .venv/dev.stamp  ## every benchmark, as ratios against a named peer
 
 kitchen: .venv/dev.stamp  ## writes the bundled kitchen anew
 	@$(python) scripts/make_kitchen.py
+
+pictures: .venv/run.stamp  ## takes the docs' pictures of the page anew
+	@scripts/install_system.sh chromium:chromium
+	@scripts/photograph_page.sh
 
 pin:  ## pins the newest versions that pyproject.toml allows
 	@scripts/pin.sh

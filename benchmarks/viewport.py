@@ -6,6 +6,7 @@ benchmarks.viewport URL COUNT` is such a process, which prints how many bytes it
 
 from __future__ import annotations
 
+import json
 import shutil
 import subprocess
 import sys
@@ -13,26 +14,29 @@ import tempfile
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stdout, suppress
+from io import StringIO
 from pathlib import Path
 from statistics import median
 
 import numpy as np
 import viser
 from websockets.exceptions import ConnectionClosed
-from websockets.sync.client import connect
+from websockets.sync.client import ClientConnection, connect
 from websockets.typing import Subprotocol
 
 from benchmarks import Measure, median_runs
 from mindstage import KnowledgeBase, MujocoEngine, NullEngine, Stage
 from mindstage.knowledge import bundled_kitchen
 from mindstage.viewport import Viewport
+from mindstage.viewport.browser import Browser
 from mindstage.world import Body, BodyId, Iri, Mobility, Physics, Pose, World
 
 UPDATES = 30
 """A second of them."""
 FEW = 5
 VISITORS = 10
+EDITS = 12
 STEPPED_S = 4.0
 """So much of the world's time is stepped at once."""
 _CLASSES = ("Cup", "Bowl", "DinnerPlate", "Box", "Table-PieceOfFurniture")
@@ -43,6 +47,7 @@ def measure() -> Iterator[Measure]:
         for count in (136, 500, 5000):
             yield from _updates(count, alike=alike, what=f"{count:,} bodies {of_what}")
     yield from _drawing(5000)
+    yield _edit_seen_by_another()
     yield _cost_of_visitors()
     yield _first_picture()
 
@@ -93,6 +98,42 @@ def _drawing(count: int) -> Iterator[Measure]:
                 yield Measure(what="the whole of it on the wire", ours=taken.settled() / 1e6, unit="MB")
 
 
+def _edit_seen_by_another() -> Measure:
+    """From one visitor's edit of the kitchen until another one is told, while time passes."""
+    knowledge = KnowledgeBase()
+    knowledge.load([bundled_kitchen()])
+    with Stage(knowledge, MujocoEngine()) as stage, Viewport(stage, port=0) as viewport:
+        mug = next(body.id for body in stage.knowledge.world().bodies if "mug" in body.id)
+        stage.spawn()
+        stage.play()
+        with _guest(viewport.url, 1) as one, _guest(viewport.url, 2) as other:
+            times = []
+            for turn in range(EDITS + 1):
+                _hear(other)
+                request = {"id": turn, "do": "physics", "with": {"id": mug, "mass_kg": 0.3 + 0.01 * turn}}
+                start = time.perf_counter()
+                one.send(json.dumps(request))
+                while '"described"' not in other.recv(timeout=60.0, decode=True):
+                    pass
+                times.append(time.perf_counter() - start)
+    return Measure(
+        what="one visitor's edit until another is told", ours=1000 * median(times[1:]), unit="ms", at_most=200.0
+    )
+
+
+def _guest(url: str, number: int) -> ClientConnection:
+    address = f"{url.replace('http', 'ws', 1)}/mindstage/channel?visitor=benchmark{number:04}"
+    return connect(address, max_size=None)
+
+
+def _hear(guest: ClientConnection) -> None:
+    """Takes all that has come so far, until nothing but the clock ticks."""
+    end = time.monotonic() + 0.5
+    while time.monotonic() < end:
+        with suppress(TimeoutError):
+            guest.recv(timeout=0.05)
+
+
 def _cost_of_visitors() -> Measure:
     """How much longer the kitchen's world takes to be stepped while ten watch."""
     knowledge = KnowledgeBase()
@@ -136,7 +177,29 @@ def _first_picture() -> Measure:
     with tempfile.TemporaryDirectory() as folder:
         command = [sys.executable, "-m", "mindstage", "shot", bundled_kitchen(), "-o", Path(folder) / "kitchen.png"]
         (taken,) = median_runs(list(map(str, command)), repeats=3)
-    return Measure(what="from the command to a picture of the kitchen", ours=taken.seconds, memory_mb=taken.memory_mb)
+    return Measure(
+        what="from the command to a picture of the kitchen",
+        ours=taken.seconds,
+        peer="the same browser's picture of viser's page with nothing in it",
+        theirs=median(_empty_picture() for _ in range(3)),
+        memory_mb=taken.memory_mb,
+    )
+
+
+def _empty_picture() -> float:
+    """From starting a server and a browser to a picture of an empty scene [s]."""
+    start = time.perf_counter()
+    with redirect_stdout(StringIO()):
+        server = viser.ViserServer(port=0, verbose=False)
+    try:
+        with Browser(size=(1280, 800)) as browser:
+            browser.go(f"http://127.0.0.1:{server.get_port()}/?fixedDpr=1")
+            _wait_until(server.get_clients)
+            browser.picture()
+    finally:
+        with redirect_stdout(StringIO()):
+            server.stop()
+    return time.perf_counter() - start
 
 
 def _field(count: int, *, alike: bool) -> World:

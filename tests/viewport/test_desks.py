@@ -64,6 +64,16 @@ def test_a_page_is_told_of_the_world_its_time_and_what_can_be_undone(guest: Gues
     assert guest.sees("world")["engine"] == "mujoco"
 
 
+def test_all_are_told_to_look_again_even_where_the_outline_stays_the_same(page: Viewport, guest: Guest) -> None:
+    with guest_at(page.url) as other:
+        wait_until(lambda: other.sees("described"), "the other one is there")
+        world, before = other.told["world"], other.told["described"]
+        guest.ask("physics", id="Mug", mass_kg=1.5)
+        eventually(other, "described", lambda now: now > before, "the other one is told that something has changed")
+        assert other.told["world"] == world
+        assert other.ask("details", id="Mug")["mass"] == 1.5
+
+
 def test_time_is_played_paused_stepped_and_reset(alive: Stage, guest: Guest) -> None:
     guest.ask("play", speed=2.0)
     eventually(guest, "clock", lambda clock: clock["playing"] and clock["speed"] == 2.0, "time passes twice as fast")

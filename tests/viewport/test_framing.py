@@ -67,6 +67,13 @@ def test_a_plan_is_seen_from_straight_above() -> None:
     assert np.abs(in_picture(view, furniture(), 1.2)).max() < 1.0
 
 
+@pytest.mark.parametrize("aspect", [0.5, 1.2])
+def test_on_a_plan_walls_are_level_or_upright(aspect: float) -> None:
+    view = first_outlook(kitchenette(), looks_of(kitchenette())).top(aspect)
+    x, y, _ = np.subtract(view.position, view.look_at)
+    assert min(abs(x), abs(y)) < 0.01 * max(abs(x), abs(y))
+
+
 @pytest.mark.parametrize("eye", [(0.0, -4.0, 2.0), (2.0, 0.0, 9.0), (1.0, 0.0, 0.7)])
 def test_what_is_focused_fills_the_picture_from_the_same_side(eye: Vector) -> None:
     mug = kitchenette().body("Mug")

@@ -2,27 +2,37 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from typing import Any
 
 import numpy as np
+import pytest
 from msgspec.structs import replace
 
 from mindstage import Stage
 from mindstage.stage import Marker, MarkerForm
 from mindstage.viewport import Viewport
+from mindstage.viewport.framing import View
 from mindstage.viewport.glb import mesh_of
 from mindstage.world import BodyId, Colour, Pose
 from mindstage.world.colours import COLOURS
 from tests.kitchenette import kitchenette
-from tests.viewport.visiting import Visit
+from tests.viewport.viewing import Onlooker, looking
 from tests.viewport.waiting import wait_until
 
-Visiting = Callable[[Viewport], Visit]
+Looking = Callable[[Viewport], Onlooker]
 RED, BLUE = COLOURS["red"], COLOURS["blue"]
+BEFORE_THEM = View((-1.6, -0.6, 1.7), (1.2, 0.2, 1.2), 0.7)
 IN_FRONT = Pose((1.2, 0.3, 1.2))
 
 
-def seen(visitor: Visit, colour: Colour) -> int:
+@pytest.fixture
+def look(browser: Any) -> Iterator[Looking]:
+    with looking(browser) as look:
+        yield look
+
+
+def seen(visitor: Onlooker, colour: Colour) -> int:
     """How many pixels are of about that hue, in whatever light."""
     pixels = visitor.pixels().astype(float)
     strength = np.linalg.norm(pixels, axis=2)
@@ -30,14 +40,15 @@ def seen(visitor: Visit, colour: Colour) -> int:
     return int(np.sum((likeness > 0.97) & (strength > 60.0)))
 
 
-def test_markers_are_seen_change_move_and_go(stage: Stage, viewport: Viewport, visit: Visiting) -> None:
+def test_markers_are_seen_change_move_and_go(stage: Stage, viewport: Viewport, look: Looking) -> None:
     points = ((0.0, -0.2, 0.0), (0.0, 0.2, 0.0))
     for number, form in enumerate(MarkerForm):
         pose = Pose((1.2, 0.25 * number - 0.75, 1.3))
         stage.mark(
             [Marker(id=f"a/{form.value}", form=form, pose=pose, colour=RED, points=points, text="I plan", body="Mug")]
         )
-    visitor = visit(viewport)
+    visitor = look(viewport)
+    viewport.sights.look_from(BEFORE_THEM)
     wait_until(lambda: seen(visitor, RED) > 100, "who comes late sees them")
     assert set(viewport._markers._nodes) == {f"a/{form.value}" for form in MarkerForm}
     line = Marker(id="line", form=MarkerForm.LINE, pose=IN_FRONT, size=(0.1, 0.1, 0.1), colour=BLUE, points=points)

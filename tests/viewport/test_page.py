@@ -19,7 +19,6 @@ from tests.viewport.waiting import wait_until
 Visiting = Callable[..., Visit]
 
 ON_THE_HANDLE = (1.66, 0.0, 0.65)
-PULLED_OUT = (1.36, 0.0, 0.65)
 
 
 @pytest.fixture
@@ -292,15 +291,3 @@ def test_what_is_clicked_in_the_picture_is_selected_in_this_page_only(
     visitor.choose("Fridge")
     (number,) = viewport.sights.visitors
     wait_until(lambda: viewport.sights.selected(number) == "Fridge", "and the view follows the outline")
-
-
-def test_a_drawer_is_pulled_by_its_handle_and_the_joint_is_seen_to_follow(alive: Stage, visit: Visiting) -> None:
-    with Viewport(alive, port=0) as viewport:
-        visitor = visit(viewport, view=True)
-        visitor.choose("Drawer")
-        alive.play()
-        visitor.grab(ON_THE_HANDLE, PULLED_OUT)
-        wait_until(lambda: position(alive, "Drawer")[0] < 1.75, "the drawer has come out by 20 cm or more")
-        wait_until(lambda: (visitor.live() or {"joints": {}})["joints"]["DrawerSlide"]["x"] < -0.2, "the page follows")
-        visitor.let_go()
-        wait_until(lambda: not viewport._hands.pulls, "the hand is open")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mindstage.viewport.palette import DIMMED_OPACITY, HIGHLIGHT_OPACITY, Paint, dimmed, linear, lit
+from mindstage.viewport.palette import HIGHLIGHT_OPACITY, VEIL_OPACITY, Paint, dimmed, linear, lit
 
 RED = (1.0, 0.0, 0.0)
 
@@ -18,12 +18,13 @@ def test_what_is_lit_can_be_seen_however_clear_it_is() -> None:
     assert lit(Paint((0.5, 0.5, 0.5), 0.1), RED) == Paint(RED, HIGHLIGHT_OPACITY)
 
 
-def test_what_is_dimmed_is_paler_and_hides_little() -> None:
+def test_what_is_dimmed_is_paler_and_as_a_veil_hides_little() -> None:
     red, green, _ = dimmed(Paint(RED)).colour
     assert 0.5 < red < 1.0
     assert 0.0 < green < red
-    assert dimmed(Paint(RED)).opacity == DIMMED_OPACITY
-    assert dimmed(Paint(RED, 0.1)).opacity == 0.1, "what is clearer already stays so"
+    assert dimmed(Paint(RED)).opacity == 1.0
+    assert dimmed(Paint(RED), veil=True).opacity == VEIL_OPACITY
+    assert dimmed(Paint(RED, 0.1), veil=True).opacity == 0.1, "what is clearer already stays so"
 
 
 def test_light_adds_up_by_the_curve_of_srgb() -> None:

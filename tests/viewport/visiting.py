@@ -11,20 +11,14 @@ import numpy as np
 from PIL import Image
 
 from mindstage.viewport import Viewport
-from mindstage.viewport.framing import View, first_view
-from mindstage.viewport.looks import decide_looks
+from mindstage.viewport.framing import View
 from mindstage.viewport.server import key_of
-from mindstage.world import Vector, World
+from mindstage.world import Vector
 from tests.viewport.waiting import PATIENCE_S, wait_until
 
 SIZE = (1280, 800)
 SMALL = (800, 420)
 """With the view in it: without a GPU each picture takes its time."""
-
-
-def opening_view(world: World, ancestors: Callable[[Any], Any]) -> View:
-    """From where a visitor sees a world that has no shells at first."""
-    return first_view(world, decide_looks(world, ancestors))
 
 
 def on_screen(view: View, point: Vector, box: dict[str, float]) -> tuple[float, float]:

@@ -7,9 +7,10 @@ help and completion answer at once.
 from __future__ import annotations
 
 import gc
+import signal
 import sys
 import traceback
-from typing import Annotated
+from typing import Annotated, NoReturn
 
 import typer
 
@@ -69,6 +70,7 @@ def main() -> None:
     """Runs the command line and ends the process."""
     # A verb makes many values that it keeps until it ends: looking for garbage among them again and again finds none.
     gc.set_threshold(50_000, 20, 50)
+    signal.signal(signal.SIGTERM, _end)
     try:
         app(prog_name="mindstage")
     except Exception:
@@ -78,6 +80,11 @@ def main() -> None:
         sys.exit(Outcome.TROUBLE)
     finally:
         gc.freeze()  # nor is there anything to find when all of it goes
+
+
+def _end(number: int, _: object) -> NoReturn:
+    """Who is told to end closes what it has opened: browsers, engines, pages."""
+    sys.exit(128 + number)
 
 
 def _show_version(wanted: bool) -> None:

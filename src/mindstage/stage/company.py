@@ -27,6 +27,7 @@ class Company:
 
     def __init__(self) -> None:
         self._tellers: tuple[Callable[[], Iterable[Guest]], ...] = ()
+        self._watchers: tuple[Callable[[], None], ...] = ()
 
     def introduce(self, who: Callable[[], Iterable[Guest]]) -> Callable[[], None]:
         """Lets a function tell who is there, from any thread; returns what takes it away again."""
@@ -40,3 +41,20 @@ class Company:
     def guests(self) -> tuple[Guest, ...]:
         """Who is there now."""
         return tuple(guest for tell in self._tellers for guest in tell())
+
+    def watch(self, react: Callable[[], None]) -> Callable[[], None]:
+        """Calls a function after each edit, when the frame tells of it; returns what ends that.
+
+        It is called in the stage's thread, and must return at once.
+        """
+        self._watchers = (*self._watchers, react)
+
+        def farewell() -> None:
+            self._watchers = tuple(each for each in self._watchers if each is not react)
+
+        return farewell
+
+    def tell_of_edit(self) -> None:
+        """Tells all who watch that bodies, materials or lights came, went or changed."""
+        for react in self._watchers:
+            react()

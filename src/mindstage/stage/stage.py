@@ -240,8 +240,7 @@ class Stage(Showing):
             try:
                 return function(self._engine)
             finally:
-                self._edition += edits
-                self._publish()
+                self._publish(edits=edits)
 
         name = what or getattr(function, "__name__", "the call")
         return self._loop.call(run, what=name, timeout_s=self.timeout_s if timeout_s is None else timeout_s)
@@ -267,8 +266,7 @@ class Stage(Showing):
         """Lets time pass by itself, at a multiple of real time."""
         if not speed > 0:
             raise ValueError(f"speed must be above 0, not {speed}")
-        self._fault = ""
-        self._clock = Clock(speed)
+        self._fault, self._clock = "", Clock(speed)
         self.call(lambda engine: None, what="play")
 
     def pause(self) -> None:
@@ -368,13 +366,16 @@ class Stage(Showing):
     def _remember(self, engine: Engine) -> None:
         self._spawned = engine.save() if Ability.SAVE in engine.abilities else None
 
-    def _publish(self) -> None:
+    def _publish(self, *, edits: bool = False) -> None:
+        self._edition += edits
         try:
             self._frame, self._lost = self._take_frame(), None
         except EngineError as error:
             self._lost, self._clock, self._fault = error, None, str(error)
             self._frame = msgspec.structs.replace(self._frame, playing=False, fault=self._fault)
             raise
+        if edits:
+            self.company.tell_of_edit()
 
     def _publish_if_possible(self) -> None:
         with suppress(EngineError):  # the frame and `lost` tell of it

@@ -56,6 +56,8 @@ class Outlook(msgspec.Struct, frozen=True, eq=False):
     """Corners of all that shall be seen, n x 3 [m]."""
     azimuth_rad: float
     """Of the eye, seen from the middle."""
+    grain_rad: float = 0.0
+    """How walls and furniture are turned, up to quarter turns."""
 
     def view(self, aspect: float = _ASPECT) -> View:
         """The camera.
@@ -67,8 +69,12 @@ class Outlook(msgspec.Struct, frozen=True, eq=False):
         return _view(self.points, _away(self.azimuth_rad, elevation), aspect)
 
     def top(self, aspect: float = _ASPECT) -> View:
-        """The same from straight above, as on a plan."""
-        return _view(self.points, _away(self.azimuth_rad, _STEEPEST_RAD), aspect)
+        """The same from straight above, as on a plan: walls are level or upright, whichever fills the picture."""
+        quarter = np.pi / 2
+        nearest = np.floor((self.azimuth_rad - self.grain_rad) / quarter)
+        ways = (self.grain_rad + quarter * (nearest + step) for step in (0, 1))
+        views = [_view(self.points, _away(way, _STEEPEST_RAD), aspect) for way in ways]
+        return min(views, key=lambda view: round(view.position[2], 6))
 
 
 def corners(poses: Array, sizes: Array) -> Array:
@@ -153,10 +159,11 @@ def _outlook(poses: Array, sizes: Array, things: NDArray[np.bool_], blockers: ND
     azimuths = np.arange(_DIRECTIONS) * 2 * np.pi / _DIRECTIONS
     eyes = [np.array(Outlook(points, float(azimuth)).view().position) for azimuth in azimuths]
     visible = np.array([_visible(eye, poses, sizes, turn, seen, hiding) for eye in eyes])
-    slant = np.abs(np.sin(2 * (azimuths - _grain(turn[rows]))))
+    grain = _grain(turn[rows])
+    slant = np.abs(np.sin(2 * (azimuths - grain)))
     # Rounded, so that of two views that are equally good it is always the first.
     best = int(np.argmax(np.round(visible * (1.0 + _SLANT_COUNTS * slant), 6)))
-    return Outlook(points, float(azimuths[best]))
+    return Outlook(points, float(azimuths[best]), grain)
 
 
 def _crowd(centres: Array, rows: NDArray[np.intp]) -> NDArray[np.intp]:

@@ -39,7 +39,7 @@ from mindstage.world.forms import NO_FORMS, Forms
 from mindstage.world.geometry import pose_array, rotate, rotation_matrix, unit, unit_pose
 from mindstage.world.hulls import hull_round
 
-__all__ = ["ASSUMED_SIZE_M", "Look", "Part", "decide_looks"]
+__all__ = ["ASSUMED_SIZE_M", "Look", "Part", "decide_looks", "find_outlines"]
 
 ASSUMED_SIZE_M: Vector = (0.1, 0.1, 0.1)
 """How large a body is drawn whose size nobody told [m]."""
@@ -107,6 +107,12 @@ def decide_looks(
     return _Onlooker(world, rule_of, ancestors, forms, frozenset(shells)).looks()
 
 
+def find_outlines(world: World, *, forms: Forms = NO_FORMS, shells: Iterable[BodyId] = ()) -> frozenset[BodyId]:
+    """The bodies of which only an outline is drawn, since they enclose the place; for the rest as in `decide_looks`."""
+    told = frozenset(shells)
+    return frozenset(body.id for body in world.bodies if body.id in told or _encloses(body, forms.get(body.id)))
+
+
 class _Onlooker:
     """One world, as arrays, while it is decided about."""
 
@@ -131,8 +137,8 @@ class _Onlooker:
         self.centre, self.turn = poses[:, :3], rotation_matrix(unit(poses[:, 3:]))
         self.half = np.array([body.size or ASSUMED_SIZE_M for body in world.bodies], dtype=float).reshape(-1, 3) / 2
         self.volume = np.prod(2 * self.half, axis=1)
-        told = np.array([body.id in shells or _is_shell(forms.get(body.id)) for body in world.bodies], dtype=bool)
-        self.is_shell = told | np.all(2 * self.half > _SPACE_M, axis=1)
+        outlines = find_outlines(world, forms=forms, shells=shells)
+        self.is_shell = np.array([body.id in outlines for body in world.bodies], dtype=bool)
         self.is_thing = ~self.is_shell & ~self.is_house
         heights = self.centre[self.is_thing & ~self.is_lamp, 2]
         self.overhead = float(np.quantile(heights, 0.9)) if heights.size else np.inf
@@ -231,8 +237,8 @@ class _Onlooker:
                     yield front
 
 
-def _is_shell(form: Form | None) -> bool:
-    return form is not None and form.kind == "shell"
+def _encloses(body: Body, form: Form | None) -> bool:
+    return (form is not None and form.kind == "shell") or min(body.size or ASSUMED_SIZE_M) > _SPACE_M
 
 
 def _nouns(cls: Iri, ancestors: tuple[Iri, ...]) -> Iterator[str]:

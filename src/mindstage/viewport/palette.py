@@ -9,13 +9,13 @@ from mindstage.knowledge.names import local_name
 from mindstage.world import Colour
 from mindstage.world.geometry import Array
 
-__all__ = ["DIMMED_OPACITY", "HIGHLIGHT_OPACITY", "Paint", "dimmed", "linear", "lit", "local_name"]
+__all__ = ["HIGHLIGHT_OPACITY", "VEIL_OPACITY", "Paint", "dimmed", "linear", "lit", "local_name"]
 
 HIGHLIGHT_OPACITY = 0.85
 """Of a lit body that is see-through otherwise: a highlight must be seen."""
-DIMMED_OPACITY = 0.3
-"""Of everything else while something is lit: what is lit in a cupboard must be seen too."""
-_MIST, _MISTINESS = 0.8, 0.6
+VEIL_OPACITY = 0.25
+"""Of what stands before something lit: what is lit in a cupboard must be seen too."""
+_MIST, _MISTINESS = 0.82, 0.72
 """The grey that dimmed colours go towards, and how far."""
 
 
@@ -31,10 +31,10 @@ def lit(paint: Paint, colour: Colour) -> Paint:
     return Paint(colour, max(paint.opacity, HIGHLIGHT_OPACITY))
 
 
-def dimmed(paint: Paint) -> Paint:
-    """The same surface stepping back behind what is lit, even if that is inside of it."""
+def dimmed(paint: Paint, *, veil: bool = False) -> Paint:
+    """The same surface stepping back behind what is lit; as a veil it also lets that be seen through it."""
     red, green, blue = (part + (_MIST - part) * _MISTINESS for part in paint.colour)
-    return Paint((red, green, blue), min(paint.opacity, DIMMED_OPACITY))
+    return Paint((red, green, blue), min(paint.opacity, VEIL_OPACITY) if veil else paint.opacity)
 
 
 def linear(colours: Array) -> Array:

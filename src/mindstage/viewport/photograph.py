@@ -33,8 +33,22 @@ _STILL_S = 1.2
 _RESTLESS_S = 15.0
 """One that still changes after so long shows something that moves."""
 _LOOK_S = 0.2
-_FINER = 2
-"""So many times finer than the picture it is drawn, for smooth edges."""
+_SKETCHED = 0.25
+"""So much coarser the view is drawn until everything has come: without a GPU the time goes with the points drawn."""
+_FINE = 1.0
+"""So fine it is drawn in the end; edges are smoothed by the browser."""
+_DRAW = """new Promise((drawn) => {
+  const window_ = document.getElementById("view")?.contentWindow ?? window;
+  const view = window_.__viserMutable;
+  const three = view.scene.__r3f.root.getState();
+  three.setDpr(%s);
+  view.requestRender();
+  window_.requestAnimationFrame(() => window_.requestAnimationFrame(() => {
+    three.setFrameloop("never");
+    drawn(true);
+  }));
+})"""
+"""Draws the view once as fine as that, and no more."""
 _NOWHERE = View((2.5, -2.5, 2.0), (0.0, 0.0, 0.5), 0.63)
 """How one looks at an empty place."""
 _UPRIGHT = 1e-3
@@ -117,11 +131,13 @@ class Photographer:
             if not self._sights.settled(timeout_s=max(0.0, end - time.monotonic())):
                 raise BrowserBroken("the page's own thread did not come to it in time")
             _arrive(client, end)
-            return _once_still(browser, end)
+            _come_to_rest(browser, end)
+            browser.evaluate(_DRAW % _FINE)
+            return browser.picture()
 
     def _address(self, key: str, shot: Shot) -> str:
         place = "/" if shot.panels else f"/view/{key}/"
-        return f"{address(self._server)}{place}?{urlencode({'fixedDpr': _FINER})}"
+        return f"{address(self._server)}{place}?{urlencode({'fixedDpr': _SKETCHED})}"
 
     def _client(self, key: str) -> viser.ClientHandle | None:
         """The visitor, once it is welcomed."""
@@ -196,14 +212,11 @@ def _until(look: Callable[[], T | None], end: float, what: str) -> T:
     return found
 
 
-def _once_still(browser: Browser, end: float) -> bytes:
-    start = since = time.monotonic()
+def _come_to_rest(browser: Browser, end: float) -> None:
+    """Waits until nothing in the picture changes any more, or for a while where the world itself moves."""
     picture = browser.picture()
-    while time.monotonic() < min(end, start + _RESTLESS_S):
+    start = since = time.monotonic()
+    while time.monotonic() < min(end, start + _RESTLESS_S) and time.monotonic() - since <= _STILL_S:
         time.sleep(_LOOK_S)
-        newer = browser.picture()
-        if newer != picture:
+        if (newer := browser.picture()) != picture:
             picture, since = newer, time.monotonic()
-        elif time.monotonic() - since > _STILL_S:
-            break
-    return picture

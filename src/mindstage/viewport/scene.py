@@ -16,6 +16,7 @@ from mindstage.viewport.framing import View
 from mindstage.viewport.lamps import Lamps
 from mindstage.viewport.looks import Look, Part
 from mindstage.viewport.palette import Paint, dimmed, lit
+from mindstage.viewport.veils import find_veils
 from mindstage.world import BodyId, Colour, Vector
 from mindstage.world.geometry import Array, unit
 
@@ -48,6 +49,8 @@ class Scene:
         self._bodies = Bodies(server.scene, prepare=prepare)
         self._lamps = Lamps(server.scene)
         self._lit: dict[BodyId, Colour] = {}
+        self._veils: frozenset[BodyId] = frozenset()
+        self._eye: Array | None = None
         self._hidden: frozenset[BodyId] = frozenset()
         self._shells_shown = True
         self._ids: tuple[BodyId, ...] = ()
@@ -58,6 +61,11 @@ class Scene:
     def looks(self) -> Mapping[BodyId, Look]:
         """Of all bodies that are there."""
         return self._bodies.looks
+
+    @property
+    def ids(self) -> tuple[BodyId, ...]:
+        """Whose poses were shown last; the same object until others are shown."""
+        return self._ids
 
     # -- bodies ----------------------------------------------------------------------------------------------
 
@@ -92,8 +100,10 @@ class Scene:
     def light_up(self, highlights: Mapping[BodyId, Colour]) -> None:
         """Paints lit bodies in their highlight, and all others as they are; dimmed while anything is lit."""
         dims = bool(highlights) != bool(self._lit)
-        changed = [id for id in self.looks if dims or highlights.get(id) != self._lit.get(id)]
-        self._lit = dict(highlights)
+        before, veils_before, self._lit = self._lit, self._veils, dict(highlights)
+        self._find_veils()
+        other = self._veils ^ veils_before
+        changed = [id for id in self.looks if dims or id in other or highlights.get(id) != before.get(id)]
         with self._server.atomic():
             self._bodies.paint({id: self._painted(id, self.looks[id]) for id in changed})
 
@@ -117,6 +127,7 @@ class Scene:
         """Where the camera of a visitor is who comes, until the shape of the window is known; the sun stands beside."""
         camera = self._server.initial_camera
         camera.position, camera.look_at, camera.fov = view.position, view.look_at, view.field_of_view_rad
+        self._eye = np.array(view.position)
         self._sun.position = _sun_beside(np.subtract(view.position, view.look_at))
 
     def lay_ground(self, height: float | None) -> None:
@@ -144,7 +155,19 @@ class Scene:
 
     def _paint_all(self) -> None:
         if self._lit:
+            self._find_veils()
             self._bodies.paint({id: self._painted(id, look) for id, look in self.looks.items()})
+
+    def _find_veils(self) -> None:
+        """Where visitors stand first, they see what is lit, whatever it is in or behind."""
+        ids = [(row, id) for row, id in enumerate(self._ids) if id in self.looks]
+        lit = np.array([at for at, (_, id) in enumerate(ids) if id in self._lit], dtype=np.intp)
+        if self._eye is None or not len(lit):
+            self._veils = frozenset()
+            return
+        poses = self._sent[[row for row, _ in ids]]
+        sizes = np.array([self.looks[id].size for _, id in ids])
+        self._veils = frozenset(ids[at][1] for at in find_veils(self._eye, poses, sizes, lit).tolist())
 
     def _painted(self, id: BodyId, look: Look) -> Paint | None:
         if not self._lit:
@@ -152,7 +175,7 @@ class Scene:
         paint = Paint(look.colour, 1.0 if look.opaque else _GLASSY)
         if look.part is Part.OUTLINE and id not in self._lit:
             return None
-        return lit(paint, self._lit[id]) if id in self._lit else dimmed(paint)
+        return lit(paint, self._lit[id]) if id in self._lit else dimmed(paint, veil=id in self._veils)
 
     def _place(self, rows: NDArray[np.intp]) -> None:
         placed = self._sent[rows]

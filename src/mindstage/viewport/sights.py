@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import logging
 import threading
+import warnings
 from collections.abc import Callable, Iterable, Mapping
 from queue import Empty, SimpleQueue
 
@@ -49,6 +50,8 @@ class Sights:
         self._hidden: frozenset[BodyId] = frozenset()
         self._hiding = threading.Lock()
         self._shells_shown = True
+        # A tab may be closed between two pictures; nobody needs to be warned of that on stderr.
+        warnings.filterwarnings("ignore", message=".* on a closed connection", category=UserWarning)
         server.on_client_connect(lambda client: self._wish(lambda: self._welcome(client)))
         server.on_client_disconnect(lambda client: self._wish(lambda: self._see_off(client)))
 

@@ -19,14 +19,14 @@ from mindstage.viewport.channel import Channel
 from mindstage.viewport.desks import Desks
 from mindstage.viewport.framing import first_outlook, ground_height
 from mindstage.viewport.hands import Hands
-from mindstage.viewport.looks import Part, decide_looks
+from mindstage.viewport.looks import decide_looks, find_outlines
 from mindstage.viewport.markers import MarkerScene
 from mindstage.viewport.palette import local_name
 from mindstage.viewport.photograph import Photographer, Shot
 from mindstage.viewport.scene import Scene
 from mindstage.viewport.server import address, serve, shut_down
 from mindstage.viewport.sights import Sights
-from mindstage.world import BodyId, Pose, World
+from mindstage.world import BodyId, Iri, Physics, Pose, World
 
 __all__ = ["Viewport"]
 
@@ -82,10 +82,14 @@ class Viewport:
         self._desks = Desks(stage, self.channel, self.sights, self._server)
         self._frame: Frame | None = None
         self._described: World | None = None
-        self._framed = False
+        self._framed: Iri | None = None
+        """The world that visitors' first view was chosen for."""
         self._words_due = 0.0
         self._reported: set[str] = set()
         self._closing = threading.Event()
+        self._stirred = threading.Event()
+        """Set where it is worth looking at once, not only at the next picture."""
+        self._farewell = stage.company.watch(self._stirred.set)
         self._thread = threading.Thread(target=self._watch, name="mindstage-viewport", daemon=True)
         self._thread.start()
 
@@ -119,6 +123,8 @@ class Viewport:
         if self._closing.is_set():
             return
         self._closing.set()
+        self._farewell()
+        self._stirred.set()
         self._thread.join()
         self._hands.let_go_of_all()
         shut_down(self._server)
@@ -133,19 +139,20 @@ class Viewport:
     # -- following the world ---------------------------------------------------------------------------------
 
     def _watch(self) -> None:
-        pause = 0.0
-        while not self._closing.wait(pause):
+        while not self._closing.is_set():
+            self._stirred.clear()
             start = time.monotonic()
             try:
                 self._follow()
             except Exception as error:  # whatever it is, the page goes on and says so
                 self._desks.say_fault(self._report(error))
-                pause = _RETRY_S
+                self._closing.wait(_RETRY_S)
             else:
                 self._desks.say_fault("")
                 took = time.monotonic() - start
-                # At least half of the time is left to the world's own thread, however much moves.
-                pause = max(_PERIOD_S - took, took)
+                # At least half of the time is left to the world's own thread, however much moves or is edited.
+                self._closing.wait(took)
+                self._stirred.wait(max(0.0, _PERIOD_S - 2 * took))
 
     def _follow(self) -> None:
         before, frame = self._frame, self._stage.frame
@@ -171,8 +178,24 @@ class Viewport:
         if described == self._described and self._frame is not None and frame.ids is self._frame.ids:
             self._move(frame)
             return
-        notes = [note for report in self._stage.reports for note in report.notes]
-        shells = {BodyId(id) for note in notes if note.kind is NoteKind.SHELL for id in note.ids}
+        shells = {
+            BodyId(id)
+            for report in self._stage.reports
+            for note in report.notes
+            if note.kind is NoteKind.SHELL
+            for id in note.ids
+        }
+        # Words first: they are there long before the picture is drawn.
+        self._desks.rebuilt(described, shells=find_outlines(described, forms=self._stage.forms, shells=shells))
+        before = self._described
+        if before is None or frame.ids is not self._scene.ids or _as_seen(described) != _as_seen(before):
+            self._draw(frame, described, shells)
+        else:
+            self._move(frame)
+        self._described = described
+
+    def _draw(self, frame: Frame, described: World, shells: Collection[BodyId]) -> None:
+        """Shows a world that looks other than before."""
         knowledge = self._stage.knowledge
         looks = decide_looks(
             described, knowledge.shape_rule, knowledge.ancestors, forms=self._stage.forms, shells=shells
@@ -184,13 +207,13 @@ class Viewport:
         self._scene.lay_ground(ground_height(described, looks))
         names = {body.id: body.label or local_name(body.cls) for body in described.bodies}
         self.sights.know(looks, names, frame.ids, frame.poses)
-        self._desks.rebuilt(described, shells={id for id, look in looks.items() if look.part is Part.OUTLINE})
-        if looks and not (self._framed and self._described is not None and self._described.iri == described.iri):
+        if not looks:
+            self._framed = None
+        elif self._framed != described.iri:
             outlook = first_outlook(described, looks)
             self._scene.start_from(outlook.view())
             self.sights.open_on(outlook)
-            self._framed = True
-        self._described = described
+            self._framed = described.iri
 
     def _move(self, frame: Frame) -> None:
         if len(self._scene.move(frame.poses)):
@@ -258,6 +281,15 @@ class Viewport:
             self._reported.add(text)
             _log.error("the viewport has a fault: %s", text, exc_info=error)
         return text
+
+
+def _as_seen(world: World) -> World:
+    """The same without what nobody sees: weights, gravity, and why anything is so."""
+    bodies = (
+        msgspec.structs.replace(body, physics=Physics(mobility=body.physics.mobility), tags=(), facts=())
+        for body in world.bodies
+    )
+    return msgspec.structs.replace(world, bodies=tuple(bodies), facts=())
 
 
 def _as_described(now: World, worlds: Iterable[World]) -> World:

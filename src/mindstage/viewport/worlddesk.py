@@ -78,6 +78,7 @@ class WorldDesk:
         self._constraints: Mapping[BodyId, Sequence[Constraint]] = {}
         self._joints: dict[BodyId, Joint] = {}
         self._spawned = Spawned({}, {})
+        self._editions = 0
         channel.offer("play", Play, lambda _, wish: stage.play(speed=wish.speed))
         channel.offer("pause", Nothing, lambda _, wish: stage.pause())
         channel.offer("step", Step, self._step)
@@ -97,6 +98,9 @@ class WorldDesk:
         self._spawned = Spawned.of(self._stage.worlds)
         self._world = world
         self._channel.publish("world", outline_of(world, engine=self._stage.engine_name, shells=shells))
+        # The outline is the same where only a mass has changed; whoever reads the details has to look again.
+        self._editions += 1
+        self._channel.publish("described", self._editions)
 
     def tell(self, frame: Frame) -> None:
         """Tells what changes all the time; called some times in a second."""

@@ -20,14 +20,16 @@ class DetailsPanel {
   #joints = null;
   #pose = [];
   #hanging = null;
+  #waiting = false;
 
   build(root) {
     this.#root = root;
     root.setAttribute("aria-live", "off");
     this.#showNothing();
     selection.on((id) => this.#select(id));
-    channel.on("world", () => this.#ask());
+    channel.on("described", () => this.#ask());
     channel.on("live", (live) => this.#follow(live));
+    root.addEventListener("focusout", () => this.#waiting && this.#ask());
     document.addEventListener("keydown", (event) => event.key === "Escape" && this.#stopHanging());
   }
 
@@ -82,7 +84,8 @@ class DetailsPanel {
 
   #show(details) {
     // What a person is typing is not taken away by what somebody else changes meanwhile.
-    if (this.#root.contains(document.activeElement) && document.activeElement.matches("input") && this.#root.firstChild?.dataset.body === details.id) return;
+    this.#waiting = this.#root.contains(document.activeElement) && document.activeElement.matches("input") && this.#root.firstChild?.dataset.body === details.id;
+    if (this.#waiting) return;
     this.#joints = details.joints.length ? jointsView(details.joints) : null;
     fill(this.#root, el("div", { "data-body": details.id },
       this.#title(details), this.#actions(details),

@@ -1,0 +1,201 @@
+"""The tour: what somebody does who opens the bundled kitchen for the first time, from the first look to the saved map.
+
+Each step is asserted on what the engine or the page holds; pictures of the steps are left under `build/tour`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from mindstage import KnowledgeBase, MujocoEngine, Stage
+from mindstage.knowledge import bundled_kitchen
+from mindstage.viewport import Viewport
+from mindstage.world import BodyId, Vector
+from tests.conftest import ROOT
+from tests.viewport.visiting import Visit, visiting
+from tests.viewport.waiting import wait_until
+
+WINDOW = (900, 480)
+"""Small: without a GPU each picture of a whole kitchen takes its time."""
+PICTURES = ROOT / "build" / "tour"
+HANDLE = BodyId("fridge_door_handle")
+HINGE = "fridge_door_hinge"
+MUG = BodyId("coffee_mug_4")
+OPENED_RAD = np.radians(15.0)
+
+
+@pytest.fixture(scope="module")
+def kitchen() -> Iterator[Stage]:
+    knowledge = KnowledgeBase()
+    knowledge.load(bundled_kitchen())
+    with Stage(knowledge, MujocoEngine()) as stage:
+        stage.spawn()
+        yield stage
+
+
+def test_a_first_visit_from_the_open_page_to_the_saved_map(kitchen: Stage, browser: Any, tmp_path: Path) -> None:
+    with Viewport(kitchen, port=0) as viewport, visiting(browser) as visit:
+        visitor = visit(viewport, size=WINDOW)
+        picture(visitor, "opened")
+        find_the_fridge(visitor)
+        picture(visitor, "selected")
+        pull_its_door_open(visitor, kitchen)
+        picture(visitor, "pulled")
+        ask_where_milk_is_kept(visitor, kitchen)
+        picture(visitor, "asked")
+        make_a_mug_heavier(visitor, kitchen)
+        plate = lay_a_plate_on_the_table(visitor, kitchen)
+        picture(visitor, "laid")
+        saved = save_the_map(visitor, tmp_path)
+        load_it_again(visitor, kitchen, saved, plate)
+        picture(visitor, "loaded")
+
+
+def find_the_fridge(visitor: Visit) -> None:
+    wait_until(lambda: visitor.says("254 bodies"), "the outline is there")
+    visitor.page.locator("[data-role=find]").fill("fridge")
+    wait_until(lambda: "fridge_door_handle" in visitor.rows(), "what is called so is found, with what belongs to it")
+    assert "coffee_mug_1" not in visitor.rows()
+    visitor.page.locator(".tree-row[data-id=fridge] .tree-name").click()
+    wait_until(lambda: visitor.says("FridgeW60H140"), "its class is in the details")
+    assert visitor.selected == "fridge"
+    assert visitor.details()["cls"] == "FridgeW60H140"
+    assert "Refrigerator" in visitor.details()["ancestors"], "and what that is a kind of"
+    (view,) = visitor.viewport.sights.visitors
+    wait_until(lambda: visitor.viewport.sights.selected(view) == "fridge", "and it is framed in the view")
+
+
+def pull_its_door_open(visitor: Visit, kitchen: Stage) -> None:
+    visitor.press("focus")
+    visitor.choose("fridge_door")
+    stands_still(visitor)
+    visitor.press("play")
+    wait_until(lambda: kitchen.frame.playing, "time passes")
+    x, y, z = place_of(kitchen, HANDLE)
+
+    def follows_the_hand() -> bool:
+        visitor.grab((x, y, z), (x - 0.1, y - 0.45, z))
+        try:
+            wait_until(lambda: abs(opened(kitchen)) > OPENED_RAD, "the door comes open", patience_s=8.0)
+        except AssertionError:
+            visitor.let_go()  # a slow browser took it for a look round
+            return False
+        return True
+
+    wait_until(follows_the_hand, "the door is open")
+    wait_until(lambda: abs(shown(visitor)) > OPENED_RAD, "the joint's value on the page follows")
+    visitor.let_go()
+    wait_until(lambda: not visitor.viewport._hands.pulls, "the hand is open")
+    visitor.press("play")
+    wait_until(lambda: not kitchen.frame.playing, "time stands still")
+    wait_until(lambda: shown(visitor) == pytest.approx(opened(kitchen), abs=1e-3), "both say the same")
+
+
+def ask_where_milk_is_kept(visitor: Visit, kitchen: Stage) -> None:
+    page = visitor.page
+    visitor.open("ask")
+    page.get_by_role("combobox", name="item").fill("CowsMilk")
+    visitor.press("ask")
+    page.locator("#panel-ask tr[data-id=fridge]").wait_for()
+    visitor.press("show-all")
+    page.wait_for_selector("#legend li[data-lit='1']")
+    assert set(kitchen.frame.highlights) == {"fridge"}
+    wait_until(lambda: blue(visitor) > 200, "the fridge is lit in the picture")
+
+
+def make_a_mug_heavier(visitor: Visit, kitchen: Stage) -> None:
+    page = visitor.page
+    page.locator("#legend button").first.click()
+    wait_until(lambda: not kitchen.frame.highlights, "nothing is lit any more")
+    visitor.choose(MUG)
+    visitor.open("details")
+    page.locator("[data-field=mass]").fill("0.75")
+    page.keyboard.press("Enter")
+    wait_until(lambda: kitchen.log().body(MUG).physics.mass_kg == 0.75, "the engine's mug is heavier")
+    wait_until(lambda: visitor.details()["mass"] == 0.75, "and the page's")
+
+
+def lay_a_plate_on_the_table(visitor: Visit, kitchen: Stage) -> BodyId:
+    before = set(kitchen.frame.ids)
+    visitor.choose("table")
+    visitor.open("add")
+    visitor.page.locator("[data-role=find-class]").fill("dinnerplate")
+    visitor.page.locator("[data-class=DinnerPlate]").click()
+    assert visitor.page.locator("[data-role=where]").input_value() == "on"
+    visitor.press("add")
+    wait_until(lambda: len(kitchen.frame.ids) == len(before) + 1, "there is one more body")
+    (plate,) = set(kitchen.frame.ids) - before
+    wait_until(lambda: visitor.selected == plate, "the plate is selected")
+    table, size = place_of(kitchen, BodyId("table")), kitchen.log().body(BodyId("table")).size
+    assert size is not None
+    assert place_of(kitchen, plate)[2] == pytest.approx(table[2] + size[2] / 2, abs=0.03), "it lies on the table"
+    return plate
+
+
+def save_the_map(visitor: Visit, folder: Path) -> Path:
+    with visitor.page.expect_download() as download:
+        visitor.page.locator("[data-do=save]").select_option("turtle semlog")
+    saved = folder / download.value.suggested_filename
+    download.value.save_as(saved)
+    return saved
+
+
+def load_it_again(visitor: Visit, kitchen: Stage, saved: Path, plate: BodyId) -> None:
+    door = place_of(kitchen, BodyId("fridge_door"))
+    kitchen.clear()
+    wait_until(lambda: visitor.says("0 bodies"), "the place is empty")
+    visitor.page.locator("[data-role=upload]").set_input_files(saved)
+    wait_until(lambda: len(kitchen.frame.ids) == 255, "all is back, and the plate")
+    wait_until(lambda: visitor.says("255 bodies"), "and the page says so")
+    loaded = kitchen.log()
+    assert loaded.body(plate).cls.endswith("#DinnerPlate")
+    assert loaded.body(MUG).physics.mass_kg == 0.75
+    assert place_of(kitchen, BodyId("fridge_door")) == pytest.approx(door, abs=1e-3), "the door is as it was left"
+    assert abs(door[1] - 1.183) > 0.02, "which is open"
+
+
+# -- how ---------------------------------------------------------------------------------------------------------------
+
+
+def place_of(kitchen: Stage, id: BodyId) -> Vector:
+    x, y, z = kitchen.frame.poses[kitchen.frame.ids.index(id)][:3].tolist()
+    return x, y, z
+
+
+def opened(kitchen: Stage) -> float:
+    """How far the engine says the door is open [rad]."""
+    positions = kitchen.call(lambda engine: engine.joint_positions())
+    return max(positions[BodyId(HINGE)], key=abs)
+
+
+def shown(visitor: Visit) -> float:
+    """How far the page says so [rad]."""
+    return max((visitor.live() or {"joints": {}})["joints"].get(HINGE, {"": 0.0}).values(), key=abs)
+
+
+def stands_still(visitor: Visit) -> None:
+    """Waits until the camera has come to where it flies."""
+    seen: list[object] = []
+
+    def still() -> bool:
+        visitor.page.wait_for_timeout(150)
+        seen.append(visitor.camera)
+        return seen[-3:].count(seen[-1]) == 3
+
+    wait_until(still, "the camera stands still")
+
+
+def blue(visitor: Visit) -> int:
+    """How many pixels of the picture are of the colour in which answers are lit."""
+    red, green, blue = np.moveaxis(visitor.pixels().astype(int), 2, 0)
+    return int(np.sum((blue > 100) & (blue > red + 60) & (blue > green + 40)))
+
+
+def picture(visitor: Visit, name: str) -> None:
+    PICTURES.mkdir(parents=True, exist_ok=True)
+    visitor.page.screenshot(path=PICTURES / f"{name}.png", timeout=60_000)

@@ -1,0 +1,46 @@
+"""What stands before what is lit."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mindstage.viewport.veils import find_veils
+from mindstage.world import Pose
+from mindstage.world.geometry import pose_array
+
+EYE = np.array([0.0, 0.0, 1.0])
+LIT = np.array([0])
+
+
+@pytest.mark.parametrize(
+    ("place", "size", "hides"),
+    [
+        pytest.param((2.0, 0.0, 1.0), (0.1, 1.0, 1.0), True, id="before it"),
+        pytest.param((4.0, 0.0, 1.0), (1.0, 1.0, 1.0), True, id="round it"),
+        pytest.param((6.0, 0.0, 1.0), (0.1, 3.0, 3.0), False, id="behind it"),
+        pytest.param((-2.0, 0.0, 1.0), (0.1, 3.0, 3.0), False, id="behind the eye"),
+        pytest.param((2.0, 1.5, 1.0), (0.1, 1.0, 1.0), False, id="beside it"),
+        pytest.param((3.7, 0.0, 1.15), (0.1, 0.6, 0.05), True, id="before an edge of it alone"),
+    ],
+)
+def test_what_is_before_or_round_it_is_seen_through(
+    place: tuple[float, float, float], size: tuple[float, float, float], hides: bool
+) -> None:
+    poses = pose_array([Pose((4.0, 0.0, 1.0)), Pose(place)])
+    sizes = np.array([(0.4, 0.4, 0.4), size])
+    assert find_veils(EYE, poses, sizes, LIT).tolist() == ([1] if hides else [])
+
+
+def test_it_counts_how_a_thing_is_turned() -> None:
+    half = np.sqrt(0.5)
+    board = np.array([(0.4, 0.4, 0.4), (0.02, 3.0, 3.0)])
+    across = pose_array([Pose((4.0, 0.0, 1.0)), Pose((2.0, 0.5, 1.0))])
+    along = pose_array([Pose((4.0, 0.0, 1.0)), Pose((2.0, 0.5, 1.0), (half, 0.0, 0.0, half))])
+    assert find_veils(EYE, across, board, LIT).tolist() == [1]
+    assert find_veils(EYE, along, board, LIT).tolist() == []
+
+
+def test_what_is_lit_itself_is_no_veil() -> None:
+    poses = pose_array([Pose((4.0, 0.0, 1.0)), Pose((2.0, 0.0, 1.0))])
+    assert find_veils(EYE, poses, np.full((2, 3), 0.4), np.array([0, 1])).tolist() == []
