@@ -10,6 +10,7 @@ import pytest
 
 from mindstage.errors import BrowserBroken, BrowserUnavailable
 from mindstage.viewport.browser import Browser, find_browser
+from tests.viewport.waiting import wait_until
 
 
 def program(folder: Path, *lines: str) -> Path:
@@ -23,7 +24,7 @@ def program(folder: Path, *lines: str) -> Path:
 def test_a_page_is_opened_asked_and_photographed(chromium: Path) -> None:
     with Browser(chromium, size=(200, 100), timeout_s=120.0) as browser:
         browser.go("data:text/html,<title>Here</title><body style='background:red'>")
-        assert browser.evaluate("document.title") == "Here"
+        wait_until(lambda: browser.evaluate("document.title") == "Here", "the page is there")
         assert browser.evaluate("[innerWidth, innerHeight]") == [200, 100]
         picture = browser.picture()
         assert picture.startswith(b"\x89PNG")

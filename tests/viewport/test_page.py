@@ -282,8 +282,7 @@ def test_what_is_clicked_in_the_picture_is_selected_in_this_page_only(
     stage: Stage, viewport: Viewport, visit: Visiting
 ) -> None:
     visitor, other = visit(viewport, view=True), visit(viewport)
-    visitor.click(ON_THE_HANDLE)
-    wait_until(lambda: visitor.selected == "DrawerHandle", "the handle is selected")
+    visitor.click_until(ON_THE_HANDLE, lambda: visitor.selected == "DrawerHandle", "the handle is selected")
     row = visitor.page.locator(".tree-row[aria-selected=true]")
     wait_until(lambda: row.get_attribute("data-id") == "DrawerHandle", "the outline has opened there")
     wait_until(lambda: visitor.says("kinematic"), "the details name it")

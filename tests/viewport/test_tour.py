@@ -62,10 +62,13 @@ def find_the_fridge(visitor: Visit) -> None:
     wait_until(lambda: "fridge_door_handle" in visitor.rows(), "what is called so is found, with what belongs to it")
     assert "coffee_mug_1" not in visitor.rows()
     visitor.page.locator(".tree-row[data-id=fridge] .tree-name").click()
-    wait_until(lambda: visitor.says("FridgeW60H140"), "its class is in the details")
+    wait_until(lambda: visitor.details() is not None, "its class is in the details")
     assert visitor.selected == "fridge"
-    assert visitor.details()["cls"] == "FridgeW60H140"
-    assert "Refrigerator" in visitor.details()["ancestors"], "and what that is a kind of"
+    told = visitor.details()
+    assert told is not None
+    wait_until(lambda: visitor.says("FridgeW60H140"), "which are shown")
+    assert told["cls"] == "FridgeW60H140"
+    assert "Refrigerator" in told["ancestors"], "and what that is a kind of"
     (view,) = visitor.viewport.sights.visitors
     wait_until(lambda: visitor.viewport.sights.selected(view) == "fridge", "and it is framed in the view")
 
@@ -117,7 +120,7 @@ def make_a_mug_heavier(visitor: Visit, kitchen: Stage) -> None:
     page.locator("[data-field=mass]").fill("0.75")
     page.keyboard.press("Enter")
     wait_until(lambda: kitchen.log().body(MUG).physics.mass_kg == 0.75, "the engine's mug is heavier")
-    wait_until(lambda: visitor.details()["mass"] == 0.75, "and the page's")
+    wait_until(lambda: (visitor.details() or {}).get("mass") == 0.75, "and the page's")
 
 
 def lay_a_plate_on_the_table(visitor: Visit, kitchen: Stage) -> BodyId:

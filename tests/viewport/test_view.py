@@ -46,15 +46,13 @@ def alive() -> Iterator[Stage]:
 def test_who_clicks_on_a_thing_selects_it_alone_and_for_himself(viewport: Viewport, look: Looking) -> None:
     ann, bob = look(viewport), look(viewport)
     ann.wait_for("/bodies/DrawerHandle/seen")
-    ann.click(ON_THE_HANDLE)
-    wait_until(lambda: viewport.sights.selected(ann.number) == "DrawerHandle", "the handle is selected")
+    ann.click_until(ON_THE_HANDLE, lambda: viewport.sights.selected(ann.number) == "DrawerHandle", "it is selected")
     ann.wait_for("/selected")
     assert viewport.sights.selected(bob.number) is None
     viewport.sights.label(Labels.SELECTED, visitor=ann.number)
     wait_until(lambda: ann.knows("/labels/DrawerHandle"), "its name is beside it")
     assert not bob.knows("/labels/DrawerHandle")
-    ann.click(ON_THE_HANDLE)
-    wait_until(lambda: viewport.sights.selected(ann.number) is None, "nothing is selected")
+    ann.click_until(ON_THE_HANDLE, lambda: viewport.sights.selected(ann.number) is None, "nothing is selected")
 
 
 def test_what_is_cut_away_is_neither_seen_nor_touched(viewport: Viewport, look: Looking) -> None:
@@ -66,20 +64,17 @@ def test_what_is_cut_away_is_neither_seen_nor_touched(viewport: Viewport, look: 
     viewport.sights.section(1.0, visitor=ann.number)
     wait_until(lambda: not np.array_equal(whole[y, x], ann.pixels()[y, x]), "the upper part of the fridge has gone")
     ann.click(ON_THE_FRIDGE)
-    ann.click(ON_THE_HANDLE)
-    wait_until(lambda: viewport.sights.selected(ann.number) == "DrawerHandle", "what is below can be touched")
+    ann.click_until(ON_THE_HANDLE, lambda: viewport.sights.selected(ann.number) == "DrawerHandle", "what is below is")
     viewport.sights.section(None, visitor=ann.number)
     wait_until(lambda: np.array_equal(whole[y, x], ann.pixels()[y, x]), "it is back")
-    ann.click(ON_THE_FRIDGE)
-    wait_until(lambda: viewport.sights.selected(ann.number) == "FridgeDoor", "and can be touched again")
+    ann.click_until(ON_THE_FRIDGE, lambda: viewport.sights.selected(ann.number) == "FridgeDoor", "so can it again")
 
 
 def test_a_drawer_is_pulled_and_a_mug_is_lifted_with_the_mouse(alive: Stage, look: Looking) -> None:
     with Viewport(alive, port=0) as viewport:
         ann = look(viewport)
         ann.wait_for("/bodies/DrawerHandle/seen")
-        ann.pull(ON_THE_HANDLE, PULLED_OUT)
-        wait_until(lambda: position(alive, "Drawer")[0] < 1.75, "the drawer has come out by 20 cm or more")
+        ann.pull(ON_THE_HANDLE, PULLED_OUT, lambda: position(alive, "Drawer")[0] < 1.75, "it has come out by 20 cm")
         assert [pull.id for pull in viewport._hands.pulls] == ["DrawerHandle"]
         ann.let_go()
         wait_until(lambda: not viewport._hands.pulls, "the hand is open")
@@ -90,8 +85,8 @@ def test_a_drawer_is_pulled_and_a_mug_is_lifted_with_the_mouse(alive: Stage, loo
         wait_until(lambda: np.array_equal(ann.pixels(), ann.pixels()), "the picture stands still")
         start = position(alive, "Mug")
         on_the_mug = (float(start[0]), float(start[1]), float(start[2]) + 0.01)
-        ann.pull(on_the_mug, (on_the_mug[0], on_the_mug[1], on_the_mug[2] + 0.35))
-        wait_until(lambda: position(alive, "Mug")[2] > start[2] + 0.2, "the mug is in the air")
+        in_the_air = (on_the_mug[0], on_the_mug[1], on_the_mug[2] + 0.35)
+        ann.pull(on_the_mug, in_the_air, lambda: position(alive, "Mug")[2] > start[2] + 0.2, "the mug is in the air")
         ann.let_go()
         wait_until(lambda: position(alive, "Mug")[2] < start[2] + 0.1, "the mug has come down")
 
@@ -100,8 +95,7 @@ def test_a_visitor_who_leaves_lets_go_and_the_world_goes_on(alive: Stage, look: 
     with Viewport(alive, port=0) as viewport:
         ann = look(viewport)
         ann.wait_for("/bodies/DrawerHandle/seen")
-        ann.pull(ON_THE_HANDLE, PULLED_OUT)
-        wait_until(lambda: viewport._hands.pulls, "the handle is held")
+        ann.pull(ON_THE_HANDLE, PULLED_OUT, lambda: viewport._hands.pulls, "the handle is held")
         ann.page.close()
         wait_until(lambda: not viewport._hands.pulls, "nothing is held any more")
         time_s = alive.frame.time_s

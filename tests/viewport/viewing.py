@@ -15,18 +15,20 @@ from mindstage import Stage
 from mindstage.viewport import Viewport
 from mindstage.viewport.framing import View
 from mindstage.world import Vector
+from tests.viewport.pointing import Pointing
 from tests.viewport.visiting import on_screen
-from tests.viewport.waiting import wait_until
+from tests.viewport.waiting import came_true, wait_until
 
 __all__ = ["Onlooker", "looking"]
 
-SIZE = {"width": 640, "height": 420}
+SIZE = {"width": 480, "height": 320}
+"""Small: without a GPU each pixel costs, in every picture."""
 _OPENING_S = 180.0
 """A page of some megabytes in a browser without a GPU, on a machine that has much else to do."""
 _DRAWN = "name => (window.__viserMutable?.nodeRefFromName[name]?.children.length ?? 0) > 0"
 
 
-class Onlooker:
+class Onlooker(Pointing):
     """One visitor's browser tab with nothing but the view."""
 
     def __init__(self, page: Any, viewport: Viewport) -> None:
@@ -55,6 +57,14 @@ class Onlooker:
 
     def wait_for(self, name: str) -> None:
         wait_until(lambda: self.draws(name), f"{name} is drawn")
+        wait_until(self._stands, "the camera is where it begins")
+
+    def _stands(self) -> bool:
+        if self.number not in self.viewport._server.get_clients():
+            return True  # who was cut off is somebody else when he is back
+        before = self.eye
+        self.page.wait_for_timeout(250)
+        return self.eye == before
 
     def place(self, point: Vector) -> tuple[float, float]:
         """Where a place in the world [m] is in the window [px]."""
@@ -64,35 +74,17 @@ class Onlooker:
         picture = self.page.screenshot(timeout=60_000)
         return np.asarray(Image.open(io.BytesIO(picture)).convert("RGB"))
 
-    def click(self, point: Vector) -> None:
-        x, y = self.place(point)
-        self.page.mouse.move(x, y)
-        self.page.mouse.click(x, y)
+    def pull(self, start: Vector, end: Vector, condition: Callable[[], object], what: str) -> None:
+        """Pulls what is at one place to another; again where a slow browser took it for a look round."""
 
-    def grab(self, start: Vector, end: Vector) -> None:
-        """Presses the button at one place and moves to another; the button stays down."""
-        (x, y), (to_x, to_y) = self.place(start), self.place(end)
-        self.page.mouse.move(x, y)
-        self.page.mouse.down()
-        for part in np.linspace(0.0, 1.0, 12):
-            self.page.mouse.move(x + (to_x - x) * part, y + (to_y - y) * part)
-
-    def pull(self, start: Vector, end: Vector) -> None:
-        """Pulls what is at one place to another; tries again where a slow browser took it for a look round."""
-
-        def holds() -> bool:
+        def done() -> bool:
             self.grab(start, end)
-            try:
-                wait_until(lambda: self.viewport._hands.pulls, "something is held", patience_s=5.0)
-            except AssertionError:
-                self.let_go()
-                return False
-            return True
+            if came_true(lambda: self.viewport._hands.pulls) and came_true(condition):
+                return True
+            self.let_go()
+            return False
 
-        wait_until(holds, f"what is at {start} is held")
-
-    def let_go(self) -> None:
-        self.page.mouse.up()
+        wait_until(done, what)
 
 
 @contextmanager

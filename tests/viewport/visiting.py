@@ -14,6 +14,7 @@ from mindstage.viewport import Viewport
 from mindstage.viewport.framing import View
 from mindstage.viewport.server import key_of
 from mindstage.world import Vector
+from tests.viewport.pointing import Pointing
 from tests.viewport.waiting import PATIENCE_S, wait_until
 
 SIZE = (1280, 800)
@@ -35,7 +36,7 @@ def on_screen(view: View, point: Vector, box: dict[str, float]) -> tuple[float, 
     return x, y
 
 
-class Visit:
+class Visit(Pointing):
     """One visitor's browser tab: our page, with the view in it or, for speed, without."""
 
     def __init__(self, page: Any, viewport: Viewport, *, view: bool) -> None:
@@ -127,22 +128,6 @@ class Visit:
         camera = self.camera
         assert camera is not None
         return on_screen(camera, point, self.canvas)
-
-    def click(self, point: Vector) -> None:
-        x, y = self.place(point)
-        self.page.mouse.move(x, y)
-        self.page.mouse.click(x, y)
-
-    def grab(self, start: Vector, end: Vector) -> None:
-        """Presses the button at one place and moves to another; the button stays down."""
-        (x, y), (to_x, to_y) = self.place(start), self.place(end)
-        self.page.mouse.move(x, y)
-        self.page.mouse.down()
-        for part in np.linspace(0.0, 1.0, 12):
-            self.page.mouse.move(x + (to_x - x) * part, y + (to_y - y) * part)
-
-    def let_go(self) -> None:
-        self.page.mouse.up()
 
 
 @contextmanager

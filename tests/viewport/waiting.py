@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 
-PATIENCE_S = 60.0
+PATIENCE_S = 150.0
 """A browser without a GPU on a busy machine is slow; a test that passes never waits so long."""
 
 
@@ -14,3 +14,13 @@ def wait_until(condition: Callable[[], object], what: str, *, patience_s: float 
     while not condition():
         assert time.monotonic() < end, f"after {patience_s:g} s it is still not so: {what}"
         time.sleep(0.02)
+
+
+def came_true(condition: Callable[[], object], *, patience_s: float = 8.0) -> bool:
+    """Whether something happens soon; for what is tried again where it does not."""
+    end = time.monotonic() + patience_s
+    while not condition():
+        if time.monotonic() > end:
+            return False
+        time.sleep(0.02)
+    return True
