@@ -21,8 +21,7 @@ from tests.viewport.waiting import came_true, wait_until
 
 __all__ = ["Onlooker", "looking"]
 
-SIZE = {"width": 480, "height": 320}
-"""Small: without a GPU each pixel costs, in every picture."""
+SIZE = {"width": 640, "height": 420}
 _OPENING_S = 180.0
 """A page of some megabytes in a browser without a GPU, on a machine that has much else to do."""
 _DRAWN = "name => (window.__viserMutable?.nodeRefFromName[name]?.children.length ?? 0) > 0"
