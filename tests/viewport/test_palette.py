@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mindstage.viewport.palette import HIGHLIGHT_OPACITY, VEIL_OPACITY, Paint, dimmed, linear, lit
+from mindstage.viewport.palette import HIGHLIGHT_OPACITY, VEIL_OPACITY, Paint, dimmed, lit
+from mindstage.world.colours import linear
 
 RED = (1.0, 0.0, 0.0)
 

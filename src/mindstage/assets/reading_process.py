@@ -16,6 +16,8 @@ from typing import Any
 
 import numpy as np
 
+from mindstage.world.colours import shown
+
 __all__ = ["main"]
 
 MEMORY_LIMIT = 6 * 1024**3
@@ -177,7 +179,7 @@ def _material(material: Any) -> tuple[tuple[float, ...], Any]:
         colour = np.asarray(factor, dtype=np.float64).reshape(-1)
         colour = colour / 255.0 if np.asarray(factor).dtype.kind in "ui" else colour
         colour = np.append(colour, 1.0)[:4]
-        colour[:3] = _shown(colour[:3]) if linear else colour[:3]
+        colour[:3] = shown(colour[:3]) if linear else colour[:3]
     values = [1.0 if value is None else float(value) for value in (metalness, roughness)]
     if linear and metalness is None:
         values[0] = 0.0
@@ -194,12 +196,6 @@ def _image(texture: Any) -> Any:
         image.thumbnail((_LARGEST_IMAGE, _LARGEST_IMAGE))
         return np.asarray(image, dtype=np.uint8)
     return None
-
-
-def _shown(light: Any) -> Any:
-    """A screen's value for so much light (the curve of sRGB, IEC 61966-2-1)."""
-    light = np.clip(light, 0.0, 1.0)
-    return np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)
 
 
 # -- what is touched ---------------------------------------------------------------------------------------------------

@@ -108,6 +108,10 @@ class SpawnReport(msgspec.Struct, frozen=True, kw_only=True):
     notes: tuple[Note, ...] = ()
     """What was assumed."""
 
+    def noted(self, kind: NoteKind) -> frozenset[BodyId]:
+        """What the notes of a kind are about."""
+        return frozenset(BodyId(id) for note in self.notes if note.kind is kind for id in note.ids)
+
     @property
     def ok(self) -> bool:
         """Whether everything was spawned; assumptions do not count against it."""

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from mindstage.exports.solids import Triangles
 from mindstage.world import Colour, LightKind, Skin, Surface
+from mindstage.world.colours import linear
 from mindstage.world.geometry import Array
 
 __all__ = ["GltfFile"]
@@ -86,8 +87,9 @@ class GltfFile:
         texture = None if image is None else self._texture(image)
 
         def make() -> int:
+            light = linear(np.array(surface.colour)).tolist()
             pbr: dict[str, Any] = {
-                "baseColorFactor": [*map(_linear, surface.colour), surface.opacity],
+                "baseColorFactor": [*light, surface.opacity],
                 "metallicFactor": surface.metalness,
                 "roughnessFactor": surface.roughness,
             }
@@ -99,7 +101,7 @@ class GltfFile:
             if surface.opacity < _SEE_THROUGH or (image is not None and image[..., 3].min() < 255):
                 material["alphaMode"] = "BLEND"
             if surface.glow > 0.0:
-                material["emissiveFactor"] = [_linear(part) * min(surface.glow, 1.0) for part in surface.colour]
+                material["emissiveFactor"] = [part * min(surface.glow, 1.0) for part in light]
             if surface.glow > 1.0:
                 self._extensions.add(_STRENGTH)
                 material["extensions"] = {_STRENGTH: {"emissiveStrength": surface.glow}}
@@ -160,12 +162,6 @@ class GltfFile:
         values = self._lists.setdefault(name, [])
         values.append(value)
         return len(values) - 1
-
-
-def _linear(part: float) -> float:
-    """As much light as a screen's value stands for (the curve of sRGB, IEC 61966-2-1)."""
-    part = min(max(part, 0.0), 1.0)
-    return part / 12.92 if part <= 0.04045 else float(((part + 0.055) / 1.055) ** 2.4)
 
 
 def _chunk(kind: bytes, content: bytes) -> bytes:

@@ -153,8 +153,7 @@ def _parts(worlds: Iterable[World], id: BodyId) -> list[BodyId]:
 
 def _ghosts(stage: Stage) -> frozenset[str]:
     """What encloses the place, and so is in nobody's way."""
-    notes = (note for report in stage.reports for note in report.notes)
-    return frozenset(id for note in notes if note.kind is NoteKind.SHELL for id in note.ids)
+    return frozenset(id for report in stage.reports for id in report.noted(NoteKind.SHELL))
 
 
 def _spread(spots: list[Pose], count: int) -> Iterator[Pose]:

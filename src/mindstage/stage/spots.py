@@ -98,10 +98,9 @@ class Crowd:
             ghosts: those that collide with nothing.
         """
         rows = [row for row, id in enumerate(ids) if id in bodies and id not in ghosts]
-        self._ids = [ids[row] for row in rows]
         self._poses = np.concatenate([poses[rows, :3], unit(poses[rows, 3:])], axis=1) if rows else np.zeros((0, 7))
         made: dict[object, Prepared] = {}
-        self._prepared = [_prepared(bodies[id], forms.get(id), made) for id in self._ids]
+        self._prepared = [_prepared(bodies[ids[row]], forms.get(ids[row]), made) for row in rows]
         corners = [each.bounds for each in self._prepared]
         low, high = (np.array([pair[end] for pair in corners]).reshape(-1, 3) for end in (0, 1))
         middles = self._poses.copy()
@@ -130,16 +129,13 @@ class Crowd:
         count = len(candidates)
         if not len(near):
             return np.ones(count, dtype=bool)
-        poses = np.concatenate([candidates, self._poses[near]])
-        parts = Parts.of(poses, [prepared] * count + [self._prepared[row] for row in near])
-        reaches = np.concatenate([np.full((count, 3), reach), np.zeros((len(near), 3))])
-        centre = poses[:, :3]
-        lows = np.concatenate([centre[:count] - reaches[:count], self._low[near]])
-        highs = np.concatenate([centre[:count] + reaches[:count], self._high[near]])
-        a, b = np.repeat(np.arange(count), len(near)), np.tile(np.arange(count, count + len(near)), count)
-        meet = np.all((lows[a] <= highs[b]) & (lows[b] <= highs[a]), axis=1)
-        a, b = a[meet], b[meet]
-        deep = parts.depths(a, b, np.full(len(a), np.inf)) > 0.0
+        parts = Parts.of(
+            np.concatenate([candidates, self._poses[near]]), [prepared] * count + [self._prepared[row] for row in near]
+        )
+        centre = candidates[:, None, :3]
+        meet = np.all((centre - reach <= self._high[near]) & (self._low[near] <= centre + reach), axis=2)
+        a, b = np.nonzero(meet)
+        deep = parts.depths(a, b + count, np.full(len(a), np.inf)) > 0.0
         return np.asarray(np.bincount(a[deep], minlength=count) == 0)
 
 

@@ -21,9 +21,10 @@ from numpy.typing import NDArray
 
 from mindstage.viewport.glb import glb, mesh_of
 from mindstage.viewport.looks import Look, Part
-from mindstage.viewport.palette import Paint, linear
+from mindstage.viewport.palette import Paint
 from mindstage.viewport.solids import Mesh, edges
 from mindstage.world import BodyId, Colour
+from mindstage.world.colours import linear
 from mindstage.world.geometry import Array
 
 __all__ = ["CROWD", "Bodies", "Clickable", "Prepare", "byte_colour"]

@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from mindstage.stage import Marker, MarkerForm
 from mindstage.viewport.glb import mesh_of
 from mindstage.viewport.looks import Look
-from mindstage.viewport.palette import linear
 from mindstage.viewport.solids import Mesh, arrow, ball, box, cone, cylinder
 from mindstage.world import BodyId, Vector
+from mindstage.world.colours import linear
 from mindstage.world.geometry import Array, unit
 
 __all__ = ["MarkerScene"]

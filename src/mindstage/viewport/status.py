@@ -16,6 +16,7 @@ from mindstage.knowledge.names import local_name
 from mindstage.stage import Frame, Guest, Stage, Statistics
 from mindstage.viewport.channel import Channel
 from mindstage.viewport.visitor import Visitor
+from mindstage.viewport.worlddesk import Nothing
 
 __all__ = ["Entry", "EntryKind", "Report", "State", "StatusDesk"]
 
@@ -74,10 +75,6 @@ class Report(msgspec.Struct, frozen=True, kw_only=True):
     total: int
 
 
-class NoArguments(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What comes with a wish that needs no more words."""
-
-
 class StatusDesk:
     """Tells the channel's visitors how things are."""
 
@@ -94,7 +91,7 @@ class StatusDesk:
         self._told: tuple[object, str] = ((), "")
         self._reported: object = None
         self._counted: tuple[int, int, int, int] = (0, 0, 0, 0)
-        channel.offer("status.report", NoArguments, self._tell_report, lane="status")
+        channel.offer("status.report", Nothing, self._tell_report, lane="status")
 
     def tell(self, frame: Frame) -> None:
         """Publishes the state, if it is time, or bodies came or went, or the world came to a stop."""
@@ -137,7 +134,7 @@ class StatusDesk:
             assumptions=assumptions,
         )
 
-    def _tell_report(self, _: Visitor, __: NoArguments) -> Report:
+    def _tell_report(self, _: Visitor, __: Nothing) -> Report:
         return report_about(self._stage)
 
 

@@ -178,13 +178,7 @@ class Viewport:
         if described == self._described and self._frame is not None and frame.ids is self._frame.ids:
             self._move(frame)
             return
-        shells = {
-            BodyId(id)
-            for report in self._stage.reports
-            for note in report.notes
-            if note.kind is NoteKind.SHELL
-            for id in note.ids
-        }
+        shells = {id for report in self._stage.reports for id in report.noted(NoteKind.SHELL)}
         # Words first: they are there long before the picture is drawn.
         self._desks.rebuilt(described, shells=find_outlines(described, forms=self._stage.forms, shells=shells))
         before = self._described

@@ -1,4 +1,4 @@
-"""Colours: the ones that people name, and how any other is written."""
+"""Colours: the ones that people name, how any other is written, and how much light they are."""
 
 from __future__ import annotations
 
@@ -6,27 +6,31 @@ import re
 from collections.abc import Mapping
 from types import MappingProxyType
 
+import numpy as np
+
 from mindstage.errors import ColourUnknown
+from mindstage.world.geometry import Array
 from mindstage.world.values import Colour
 
-__all__ = ["COLOURS", "NO_COLOUR", "colour_from", "colour_text", "hex_text"]
+__all__ = ["COLOURS", "NO_COLOUR", "colour_from", "colour_text", "hex_text", "linear", "rgb", "shown"]
 
 NO_COLOUR = "none"
 """Puts a light out."""
 
 
-def _rgb(text: str) -> Colour:
+def rgb(text: str) -> Colour:
+    """A colour from its six hexadecimal digits."""
     red, green, blue = (int(text[start : start + 2], 16) / 255 for start in (0, 2, 4))
     return red, green, blue
 
 
 COLOURS: Mapping[str, Colour] = MappingProxyType(
     {
-        "black": _rgb("000000"),
-        "red": _rgb("e5191c"),
-        "blue": _rgb("1f5fe0"),
-        "green": _rgb("1fa83c"),
-        "yellow": _rgb("f5c400"),
+        "black": rgb("000000"),
+        "red": rgb("e5191c"),
+        "blue": rgb("1f5fe0"),
+        "green": rgb("1fa83c"),
+        "yellow": rgb("f5c400"),
     }
 )
 """In the order of the numbers that stand for them on the wire: 1 is black, 5 yellow, and 0 is none."""
@@ -44,7 +48,7 @@ def colour_from(text: str) -> Colour | None:
     if name in COLOURS:
         return COLOURS[name]
     if re.fullmatch(r"#[0-9a-f]{6}", name):
-        return _rgb(name[1:])
+        return rgb(name[1:])
     try:
         red, green, blue = map(float, name.split(","))
     except ValueError:
@@ -62,3 +66,15 @@ def colour_text(colour: Colour) -> str:
 def hex_text(colour: Colour) -> str:
     """A colour as `#rrggbb`, which a web page reads too."""
     return "#" + "".join(f"{round(255 * min(max(part, 0.0), 1.0)):02x}" for part in colour)
+
+
+def linear(colours: Array) -> Array:
+    """How much light a screen's values stand for, each from 0 to 1 (the curve of sRGB, IEC 61966-2-1)."""
+    clipped = np.clip(colours, 0.0, 1.0)
+    return np.where(clipped <= 0.04045, clipped / 12.92, ((clipped + 0.055) / 1.055) ** 2.4)
+
+
+def shown(light: Array) -> Array:
+    """A screen's values for so much light; what undoes `linear`."""
+    light = np.clip(light, 0.0, 1.0)
+    return np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)

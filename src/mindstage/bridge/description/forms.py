@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping
 from math import isfinite
+from typing import Any
 
 import msgspec
 
@@ -21,6 +22,7 @@ __all__ = ["forms_from_json", "forms_to_json", "mesh_name"]
 
 _MESH_NAME = re.compile(r"[0-9a-f]{8,64}\.glb")
 _LARGEST_M = 1e6
+_WRITTEN_ONLY = ("mesh", "surface")
 
 
 class WrittenForm(Value, frozen=True, kw_only=True):
@@ -95,17 +97,14 @@ def forms_from_json(text: str, *, skins: Callable[[str], tuple[Skin, ...]] = lam
     return {id: forms[key] for id, key in written.bodies.items()}
 
 
+def _shared(form: Form | WrittenForm) -> dict[str, Any]:
+    """What both writings of a form have."""
+    return {name: getattr(form, name) for name in WrittenForm.__struct_fields__ if name not in _WRITTEN_ONLY}
+
+
 def _written(form: Form, mesh: str) -> WrittenForm:
     return WrittenForm(
-        solids=form.solids,
-        source=form.source,
-        why=form.why,
-        kind=form.kind,
-        friction=form.friction,
-        restitution=form.restitution,
-        density=form.density,
-        places=form.places,
-        glows=form.glows,
+        **_shared(form),
         mesh=mesh,
         surface=max(form.skins, key=lambda skin: len(skin.faces)).surface if form.skins else None,
     )
@@ -120,15 +119,7 @@ def _read(key: str, form: WrittenForm, skins: Callable[[str], tuple[Skin, ...]])
     return Form(
         key=key,
         skins=skins(form.mesh) if form.mesh else (),
-        solids=form.solids,
-        source=form.source,
-        why=form.why,
-        kind=form.kind,
-        friction=form.friction,
-        restitution=form.restitution,
-        density=form.density,
-        places=form.places,
-        glows=form.glows,
+        **_shared(form),
     )
 
 
