@@ -24,8 +24,8 @@ from websockets.asyncio.client import connect
 from benchmarks import Measure
 from benchmarks.knowledge import BUNDLED
 from mindstage.bridge.description import spawn_request
-from mindstage.bridge.messages import encode
 from mindstage.knowledge import KnowledgeBase
+from mindstage.msgs import encode
 
 ROUNDS = 3
 CALLS = 2000

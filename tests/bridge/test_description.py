@@ -34,9 +34,9 @@ from mindstage.bridge.description import (
     vector_message,
     world_from_request,
 )
-from mindstage.bridge.messages import decode, encode, world_control_msgs
-from mindstage.bridge.messages.world_control_msgs import ColourCode, MobilityCode
 from mindstage.errors import MessageRefused
+from mindstage.msgs import decode, encode, world_control_msgs
+from mindstage.msgs.world_control_msgs import ColourCode, MobilityCode
 from mindstage.world import (
     Body,
     Iri,

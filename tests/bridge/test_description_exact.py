@@ -24,7 +24,6 @@ from mindstage.bridge.description import (
     world_from_json,
     world_to_json,
 )
-from mindstage.bridge.messages import decode, encode, mindstage_msgs
 from mindstage.engines import Ability, Engine, Failure, Note, NoteKind, SpawnReport
 from mindstage.errors import (
     AttachmentRefused,
@@ -43,6 +42,7 @@ from mindstage.errors import (
     SpotMissing,
     WorldError,
 )
+from mindstage.msgs import decode, encode, mindstage_msgs
 from mindstage.world import Fact, Iri, Literal, Material, Mobility, Physics, World
 from tests.kitchenette import KNOWROB, kitchenette
 from tests.worlds import materials, physics, worlds

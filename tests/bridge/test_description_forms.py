@@ -32,7 +32,7 @@ from mindstage.world import (
     SolidKind,
     Surface,
 )
-from tests.bridge.golden import cases
+from tests.msgs.golden import cases
 
 KEY = "0123456789abcdef"
 SKIN = Skin(

@@ -15,8 +15,8 @@ from mindstage.bridge.description import (
     unsaid,
     world_from_request,
 )
-from mindstage.bridge.messages import encode, geometry_msgs, world_control_msgs
-from mindstage.bridge.messages.world_control_msgs import MotionCode
+from mindstage.msgs import encode, geometry_msgs, world_control_msgs
+from mindstage.msgs.world_control_msgs import MotionCode
 from mindstage.world import (
     AngularMotion,
     BodyId,

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 from mindstage.bridge import Client, Hub
 from mindstage.bridge.description import spawn_request, world_from_json, world_from_request, world_to_json
-from mindstage.bridge.messages import decode_arguments, encode, mindstage_msgs, world_control_msgs
+from mindstage.msgs import decode_arguments, encode, mindstage_msgs, world_control_msgs
 from mindstage.world import World
 from tests.kitchenette import kitchenette
 

@@ -7,7 +7,7 @@ from math import cos, radians, sin
 
 from msgspec.structs import replace
 
-from mindstage.bridge.messages import decode, encode, world_control_msgs
+from mindstage.msgs import decode, encode, world_control_msgs
 from mindstage.world import (
     Body,
     BodyId,

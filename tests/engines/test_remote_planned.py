@@ -9,10 +9,10 @@ import msgspec
 import numpy as np
 import pytest
 
-from mindstage.bridge.messages import mindstage_msgs as wire
 from mindstage.engines import MujocoEngine, RemoteEngine
 from mindstage.engines.remote.planned import PlannedEngine
 from mindstage.errors import EngineUnavailable
+from mindstage.msgs import mindstage_msgs as wire
 from mindstage.ros.far_engine import FarEngine
 from mindstage.world import BodyId, Pose
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from mindstage.bridge import Client
-from mindstage.bridge.messages import service_type
+from mindstage.msgs import service_type
 from mindstage.world.geometry import compose, invert
 
 __all__ = ["Actor", "UnrealPeer"]

@@ -17,10 +17,10 @@ from mindstage.bridge.description import (
     world_from_json,
     world_to_json,
 )
-from mindstage.bridge.messages import decode, engine_service, mindstage_msgs, service_types
 from mindstage.engines import NullEngine, Poses
 from mindstage.errors import BodyUnknown, PoseUnreachable, ServiceFailed, SimulationUnstable
 from mindstage.knowledge import KnowledgeBase
+from mindstage.msgs import decode, engine_service, mindstage_msgs, service_types
 from mindstage.ros import RosFace
 from mindstage.stage import Stage
 from mindstage.world import BodyId, Form, Material, Mobility, Physics, Solid, difference

@@ -10,11 +10,11 @@ import pytest
 
 from mindstage.bridge import Hub, Limits, Server
 from mindstage.bridge.description import error_from_text, spawn_request
-from mindstage.bridge.messages import encode, service_type
-from mindstage.bridge.messages.fields import fields_of
 from mindstage.engines import NullEngine
 from mindstage.errors import EngineClosed, ServiceFailed, StageTimedOut
 from mindstage.knowledge import KnowledgeBase
+from mindstage.msgs import encode, service_type
+from mindstage.msgs.fields import fields_of
 from mindstage.ros import RosFace
 from mindstage.stage import Stage
 from mindstage.world import World

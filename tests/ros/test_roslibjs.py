@@ -8,8 +8,8 @@ from pathlib import Path
 
 from mindstage.bridge import Hub, Server
 from mindstage.bridge.description import spawn_request
-from mindstage.bridge.messages import encode
 from mindstage.knowledge import KnowledgeBase
+from mindstage.msgs import encode
 from mindstage.ros import RosFace
 from mindstage.stage import Stage
 from tests.bridge.talking import eventually

@@ -13,8 +13,8 @@ import roslibpy.ros1.actionlib as actionlib
 
 from mindstage.bridge import Hub, Server
 from mindstage.bridge.description import spawn_request
-from mindstage.bridge.messages import encode
 from mindstage.knowledge import KnowledgeBase
+from mindstage.msgs import encode
 from mindstage.ros import Ros, RosFace
 from mindstage.stage import Stage
 from tests.bridge.talking import PATIENCE_S, eventually

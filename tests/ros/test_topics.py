@@ -9,10 +9,10 @@ import msgspec
 import pytest
 
 from mindstage.bridge import Client, Hub
-from mindstage.bridge.messages import Ros, decode, encode, message_type
 from mindstage.engines import MujocoEngine, NullEngine
 from mindstage.errors import EngineError
 from mindstage.knowledge import KnowledgeBase
+from mindstage.msgs import Ros, decode, encode, message_type
 from mindstage.ros import Rates, RosFace
 from mindstage.ros.pictures import transforms, world_markers
 from mindstage.stage import Stage

@@ -8,8 +8,8 @@ import pytest
 
 from mindstage.bridge import Hub
 from mindstage.bridge.description import spawn_request
-from mindstage.bridge.messages import encode
 from mindstage.knowledge import KnowledgeBase
+from mindstage.msgs import encode
 from mindstage.ros import RosFace
 from mindstage.stage import Stage
 from mindstage.world import Mobility, difference

@@ -1,4 +1,4 @@
-"""Bridge: the rosbridge v2 protocol, its typed messages, and the connection for both of its ends."""
+"""Bridge: the rosbridge v2 protocol and the connection for both of its ends."""
 
 from mindstage.bridge.client import Client, LinkState
 from mindstage.bridge.goals import GoalOutcome, SentGoal, ServedGoal

@@ -130,7 +130,7 @@ def serve(
     as_json: AsJson = False,
 ) -> Outcome:
     """Serve a stage to a robot's programs over rosbridge, under the names that Unreal's plugin has."""
-    from mindstage.bridge.messages import Ros
+    from mindstage.msgs import Ros
     from mindstage.ros import RosFace
 
     _refuse_what_makes_no_sense(context, connect=connect, namespace=namespace, worlds=worlds)

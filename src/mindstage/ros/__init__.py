@@ -1,6 +1,6 @@
 """ROS: the face of a stage for a robot's programs, over the bridge."""
 
-from mindstage.bridge.messages import Ros
+from mindstage.msgs import Ros
 from mindstage.ros.broadcast import Rates
 from mindstage.ros.face import RosFace
 

@@ -9,12 +9,12 @@ from collections.abc import Callable
 from typing import Any
 
 from mindstage.bridge import GoalOutcome, GoalStatus, Participant, ServedGoal
-from mindstage.bridge.messages import Action, Message, Ros, decode, encode, type_name
-from mindstage.bridge.messages import actionlib_msgs as wire
-from mindstage.bridge.messages.actionlib_msgs import GoalID, GoalStatusArray, GoalStatusCode
-from mindstage.bridge.messages.std_msgs import Header
 from mindstage.bridge.subscription import Sender
 from mindstage.errors import MindstageError
+from mindstage.msgs import Action, Message, Ros, decode, encode, type_name
+from mindstage.msgs import actionlib_msgs as wire
+from mindstage.msgs.actionlib_msgs import GoalID, GoalStatusArray, GoalStatusCode
+from mindstage.msgs.std_msgs import Header
 from mindstage.ros.diagnostics import Diagnostics
 from mindstage.ros.outlet import Outlet
 

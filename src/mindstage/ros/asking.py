@@ -9,9 +9,9 @@ from collections.abc import Callable, Iterator
 
 import msgspec
 
-from mindstage.bridge.messages import mindstage_msgs as wire
 from mindstage.errors import MessageRefused
 from mindstage.knowledge.questions import answers_to_builtins, questions
+from mindstage.msgs import mindstage_msgs as wire
 from mindstage.ros.offer import ServiceOffer
 from mindstage.stage import Stage
 

@@ -16,16 +16,16 @@ import msgspec
 import numpy as np
 
 from mindstage.bridge import Participant
-from mindstage.bridge.messages import Ros
-from mindstage.bridge.messages.builtin_interfaces import Time
-from mindstage.bridge.messages.diagnostic_msgs import DiagnosticArray
-from mindstage.bridge.messages.mindstage_msgs import LitGroups
-from mindstage.bridge.messages.rosgraph_msgs import Clock
-from mindstage.bridge.messages.sensor_msgs import JointState
-from mindstage.bridge.messages.tf2_msgs import TFMessage
-from mindstage.bridge.messages.visualization_msgs import MarkerArray
 from mindstage.engines import Ability
 from mindstage.errors import MindstageError, StageTimedOut
+from mindstage.msgs import Ros
+from mindstage.msgs.builtin_interfaces import Time
+from mindstage.msgs.diagnostic_msgs import DiagnosticArray
+from mindstage.msgs.mindstage_msgs import LitGroups
+from mindstage.msgs.rosgraph_msgs import Clock
+from mindstage.msgs.sensor_msgs import JointState
+from mindstage.msgs.tf2_msgs import TFMessage
+from mindstage.msgs.visualization_msgs import MarkerArray
 from mindstage.ros.diagnostics import health
 from mindstage.ros.highlights import lit_groups
 from mindstage.ros.outlet import Outlet

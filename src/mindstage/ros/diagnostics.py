@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 
 from mindstage.bridge.description import Remark
-from mindstage.bridge.messages.builtin_interfaces import Time
-from mindstage.bridge.messages.diagnostic_msgs import DiagnosticArray, DiagnosticStatus, KeyValue, Level
-from mindstage.bridge.messages.std_msgs import Header
 from mindstage.engines import SpawnReport
 from mindstage.errors import MindstageError, WorldError
+from mindstage.msgs.builtin_interfaces import Time
+from mindstage.msgs.diagnostic_msgs import DiagnosticArray, DiagnosticStatus, KeyValue, Level
+from mindstage.msgs.std_msgs import Header
 from mindstage.ros.outlet import Outlet
 from mindstage.stage import Stage
 

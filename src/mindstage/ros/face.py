@@ -11,11 +11,11 @@ from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
 from mindstage.bridge import Hub, Participant, Subscription
-from mindstage.bridge.messages import Message, Ros, decode, type_name
-from mindstage.bridge.messages.diagnostic_msgs import DiagnosticArray
-from mindstage.bridge.messages.mindstage_msgs import LitBodies
-from mindstage.bridge.messages.visualization_msgs import Marker, MarkerArray
 from mindstage.errors import MindstageError
+from mindstage.msgs import Message, Ros, decode, type_name
+from mindstage.msgs.diagnostic_msgs import DiagnosticArray
+from mindstage.msgs.mindstage_msgs import LitBodies
+from mindstage.msgs.visualization_msgs import Marker, MarkerArray
 from mindstage.ros.action_topics import ActionTopics
 from mindstage.ros.asking import Asking
 from mindstage.ros.broadcast import Broadcast, Rates

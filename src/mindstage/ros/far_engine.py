@@ -25,10 +25,10 @@ from mindstage.bridge.description import (
     world_from_json,
     world_to_json,
 )
-from mindstage.bridge.messages import Action, Service, snake_case
-from mindstage.bridge.messages import mindstage_msgs as wire
 from mindstage.engines import Ability, Engine, SpawnReport
 from mindstage.errors import EngineError, MessageRefused
+from mindstage.msgs import Action, Service, snake_case
+from mindstage.msgs import mindstage_msgs as wire
 from mindstage.ros.checkpoints import Checkpoints
 from mindstage.ros.diagnostics import Diagnostics
 from mindstage.ros.job import GoalGivenUp, Job

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from mindstage.bridge.description import colour_from, colour_message
-from mindstage.bridge.messages.mindstage_msgs import LitBodies, LitGroups
+from mindstage.msgs.mindstage_msgs import LitBodies, LitGroups
 from mindstage.ros.diagnostics import Diagnostics
 from mindstage.stage import Frame, Stage
 

@@ -11,8 +11,8 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from mindstage.bridge.messages import Message
 from mindstage.errors import StageTimedOut
+from mindstage.msgs import Message
 
 __all__ = ["FEEDBACK_S", "GoalGivenUp", "Job"]
 

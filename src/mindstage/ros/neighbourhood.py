@@ -6,10 +6,10 @@ import numpy as np
 from msgspec.structs import replace
 
 from mindstage.bridge.description import pose_messages
-from mindstage.bridge.messages import geometry_msgs
 from mindstage.engines import Poses
 from mindstage.errors import BodyUnknown
 from mindstage.knowledge.names import local_name
+from mindstage.msgs import geometry_msgs
 from mindstage.ros.sight import Sight
 from mindstage.world import Body, BodyId, World
 from mindstage.world.boxes import Boxes, depths, neighbours

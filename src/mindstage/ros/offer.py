@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from mindstage.bridge.messages import Action, Service, snake_case
+from mindstage.msgs import Action, Service, snake_case
 from mindstage.ros.job import Job
 
 __all__ = ["ActionOffer", "ServiceOffer"]

@@ -10,9 +10,9 @@ from collections.abc import Callable
 from typing import Any
 
 from mindstage.bridge.description import error_text, refusal
-from mindstage.bridge.messages import Message, Ros, Service, decode_arguments, encode
-from mindstage.bridge.messages.simulation_interfaces import Result, ResultCode
 from mindstage.errors import BodyUnknown, EngineError, MindstageError, WorldError
+from mindstage.msgs import Message, Ros, Service, decode_arguments, encode
+from mindstage.msgs.simulation_interfaces import Result, ResultCode
 from mindstage.ros.diagnostics import Diagnostics
 from mindstage.ros.results import ResultError
 

@@ -8,8 +8,8 @@ from concurrent.futures import Future
 from typing import Any, Generic, TypeVar
 
 from mindstage.bridge import Hub, Participant
-from mindstage.bridge.messages import Message, Ros, encode, type_name
 from mindstage.errors import BridgeError, ServiceFailed, ServiceUnknown
+from mindstage.msgs import Message, Ros, encode, type_name
 
 __all__ = ["Listeners", "Outlet"]
 

@@ -10,12 +10,12 @@ from typing import Any
 
 import numpy as np
 
-from mindstage.bridge.messages import Ros, encode
-from mindstage.bridge.messages.builtin_interfaces import Time
-from mindstage.bridge.messages.sensor_msgs import JointState
-from mindstage.bridge.messages.std_msgs import Header
-from mindstage.bridge.messages.visualization_msgs import Marker, MarkerAction, MarkerType
 from mindstage.errors import EngineError
+from mindstage.msgs import Ros, encode
+from mindstage.msgs.builtin_interfaces import Time
+from mindstage.msgs.sensor_msgs import JointState
+from mindstage.msgs.std_msgs import Header
+from mindstage.msgs.visualization_msgs import Marker, MarkerAction, MarkerType
 from mindstage.stage import Frame
 from mindstage.world import Body, BodyId, Colour, Constraint, Motion, ShapeKind
 

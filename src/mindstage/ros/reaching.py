@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from mindstage.bridge import GoalOutcome, ServedGoal
-from mindstage.bridge.messages import Message, Ros, decode_arguments, encode
-from mindstage.bridge.messages.simulation_interfaces import Result, ResultCode
 from mindstage.errors import EngineError, MindstageError, WorldError
+from mindstage.msgs import Message, Ros, decode_arguments, encode
+from mindstage.msgs.simulation_interfaces import Result, ResultCode
 from mindstage.ros.diagnostics import Diagnostics
 from mindstage.ros.job import GoalGivenUp, Job
 from mindstage.ros.offer import ActionOffer

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from mindstage.bridge.messages.simulation_interfaces import Result, ResultCode
+from mindstage.msgs.simulation_interfaces import Result, ResultCode
 
 __all__ = ["OK", "ResultError", "failed", "incorrect_state", "not_found", "unsupported"]
 

@@ -6,7 +6,9 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 from mindstage.bridge import Directory, Hub, TopicListing
-from mindstage.bridge.messages import (
+from mindstage.bridge.names import resolved, same_type
+from mindstage.errors import TypeUnknown
+from mindstage.msgs import (
     Message,
     Ros,
     action_type,
@@ -16,10 +18,8 @@ from mindstage.bridge.messages import (
     service_type,
     type_definitions,
 )
-from mindstage.bridge.messages import rosapi as wire
-from mindstage.bridge.messages.builtin_interfaces import Time
-from mindstage.bridge.names import resolved, same_type
-from mindstage.errors import TypeUnknown
+from mindstage.msgs import rosapi as wire
+from mindstage.msgs.builtin_interfaces import Time
 from mindstage.ros.offer import ServiceOffer
 from mindstage.stage import Stage
 

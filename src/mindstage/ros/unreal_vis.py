@@ -11,12 +11,12 @@ import numpy as np
 from msgspec.structs import replace
 
 from mindstage.bridge.description import colour_from, point_from, pose_from, vector_from
-from mindstage.bridge.messages import unreal_vis_msgs as wire
-from mindstage.bridge.messages.std_msgs import ColorRGBA
-from mindstage.bridge.messages.unreal_vis_msgs import BasicMarkerType
-from mindstage.bridge.messages.visualization_msgs import Marker as MarkerMessage
-from mindstage.bridge.messages.visualization_msgs import MarkerAction, MarkerArray, MarkerType
 from mindstage.errors import BodyUnknown, WorldError
+from mindstage.msgs import unreal_vis_msgs as wire
+from mindstage.msgs.std_msgs import ColorRGBA
+from mindstage.msgs.unreal_vis_msgs import BasicMarkerType
+from mindstage.msgs.visualization_msgs import Marker as MarkerMessage
+from mindstage.msgs.visualization_msgs import MarkerAction, MarkerArray, MarkerType
 from mindstage.ros.diagnostics import Diagnostics
 from mindstage.ros.names import free_id
 from mindstage.ros.offer import ServiceOffer

@@ -20,10 +20,10 @@ from mindstage.bridge.description import (
     pose_from,
     world_from_request,
 )
-from mindstage.bridge.messages import world_control_msgs as wire
 from mindstage.engines import SpawnReport
 from mindstage.errors import AttachmentRefused, BodyExists, BodyUnknown, WorldError
 from mindstage.knowledge.names import local_name
+from mindstage.msgs import world_control_msgs as wire
 from mindstage.ros.checkpoints import Checkpoints
 from mindstage.ros.diagnostics import Diagnostics
 from mindstage.ros.names import free_id, map_iri, namespace_of

@@ -12,8 +12,8 @@ from collections.abc import Iterator
 from mindstage.bridge.description.geometry import pose_from, pose_message
 from mindstage.bridge.description.models import individual
 from mindstage.bridge.description.remarks import Remark
-from mindstage.bridge.messages.geometry_msgs import Vector3
-from mindstage.bridge.messages.world_control_msgs import (
+from mindstage.msgs.geometry_msgs import Vector3
+from mindstage.msgs.world_control_msgs import (
     AngularLimits,
     ConstraintDescription,
     LinearLimits,

@@ -11,8 +11,8 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from mindstage.bridge.messages import geometry_msgs, std_msgs
-from mindstage.bridge.messages.world_control_msgs import ColourCode
+from mindstage.msgs import geometry_msgs, std_msgs
+from mindstage.msgs.world_control_msgs import ColourCode
 from mindstage.world import Colour, Pose, Vector
 from mindstage.world.colours import COLOURS
 

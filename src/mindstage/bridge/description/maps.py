@@ -8,7 +8,7 @@ from itertools import count
 from mindstage.bridge.description.constraints import constraint_description, constraint_from, unsaid_of_constraint
 from mindstage.bridge.description.models import body_from, individual, model_description, unsaid_of_body
 from mindstage.bridge.description.remarks import Remark, gathered
-from mindstage.bridge.messages.world_control_msgs import RelationDescription, SpawnSemanticMap
+from mindstage.msgs.world_control_msgs import RelationDescription, SpawnSemanticMap
 from mindstage.world import Attachment, BodyId, Iri, World
 
 __all__ = ["attachment_from", "relation_description", "spawn_request", "unsaid", "world_from_request"]

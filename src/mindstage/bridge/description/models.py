@@ -17,9 +17,9 @@ from pathlib import PurePosixPath
 
 from mindstage.bridge.description.geometry import pose_from, pose_message
 from mindstage.bridge.description.remarks import Remark
-from mindstage.bridge.messages import world_control_msgs
-from mindstage.bridge.messages.world_control_msgs import MobilityCode, ModelDescription, PhysicsProperties
 from mindstage.errors import MessageRefused
+from mindstage.msgs import world_control_msgs
+from mindstage.msgs.world_control_msgs import MobilityCode, ModelDescription, PhysicsProperties
 from mindstage.world import Body, BodyId, Iri, Material, Mobility, Physics, Shape, ShapeKind, Tag, Vector
 
 __all__ = [

@@ -11,7 +11,6 @@ from collections.abc import Callable
 
 import msgspec
 
-from mindstage.bridge.messages.mindstage_msgs import Refusal
 from mindstage.errors import (
     AttachmentRefused,
     BodyExists,
@@ -25,6 +24,7 @@ from mindstage.errors import (
     SimulationUnstable,
     WorldError,
 )
+from mindstage.msgs.mindstage_msgs import Refusal
 
 __all__ = ["error_from_text", "error_text", "refusal", "world_error"]
 

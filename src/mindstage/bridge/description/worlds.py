@@ -9,9 +9,9 @@ from typing import Any, TypeVar
 
 import msgspec
 
-from mindstage.bridge.messages.causes import cause_and_path
-from mindstage.bridge.messages.primitives import plain
 from mindstage.errors import MessageRefused
+from mindstage.msgs.causes import cause_and_path
+from mindstage.msgs.primitives import plain
 from mindstage.world import Iri, World
 
 __all__ = ["from_json", "to_json", "world_from_json", "world_to_json"]

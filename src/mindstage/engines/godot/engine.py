@@ -10,13 +10,13 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from mindstage.bridge.description import point_message
-from mindstage.bridge.messages import mindstage_msgs as wire
 from mindstage.engines.godot.line import GodotLine, GodotLink
 from mindstage.engines.godot.process import GodotProcess
 from mindstage.engines.godot.program import find_godot
 from mindstage.engines.godot.project import ready_project
 from mindstage.engines.remote.planned import PlannedEngine
 from mindstage.exports import shelf_folder, shelve
+from mindstage.msgs import mindstage_msgs as wire
 from mindstage.world import Vector
 
 __all__ = ["GodotEngine"]

@@ -9,12 +9,12 @@ from secrets import token_urlsafe
 from typing import Any
 
 from mindstage.bridge import Hub, Limits, Server
-from mindstage.bridge.messages import engine_service
-from mindstage.bridge.messages import mindstage_msgs as wire
 from mindstage.engines.godot.process import GodotProcess
 from mindstage.engines.remote import Address
 from mindstage.engines.remote.link import Link
 from mindstage.errors import BridgeError, ConnectionLost, EngineError, EngineUnavailable
+from mindstage.msgs import engine_service
+from mindstage.msgs import mindstage_msgs as wire
 
 __all__ = ["GodotLine", "GodotLink"]
 

@@ -17,11 +17,11 @@ from mindstage.bridge.description import (
     relation_description,
     unsaid,
 )
-from mindstage.bridge.messages import world_control_msgs as wire
 from mindstage.engines.contract import Failure, Note, NoteKind, SpawnReport
 from mindstage.engines.inventory import Added, Inventory
 from mindstage.engines.remote.plugin import Plugin
 from mindstage.errors import BodyExists
+from mindstage.msgs import world_control_msgs as wire
 from mindstage.world import Attachment, Body, World
 
 __all__ = ["deliver"]

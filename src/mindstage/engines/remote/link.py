@@ -17,7 +17,6 @@ import msgspec
 
 from mindstage.bridge import Client, Limits, LinkState
 from mindstage.bridge.description import error_from_text
-from mindstage.bridge.messages import Message, Service, decode, encode, type_name
 from mindstage.engines.remote.address import Address
 from mindstage.errors import (
     BridgeError,
@@ -30,6 +29,7 @@ from mindstage.errors import (
     ServiceTimedOut,
     ServiceUnknown,
 )
+from mindstage.msgs import Message, Service, decode, encode, type_name
 
 __all__ = ["Line", "Link"]
 

@@ -5,8 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 from mindstage.bridge.access import is_loopback
-from mindstage.bridge.messages import engine_service
-from mindstage.bridge.messages import mindstage_msgs as wire
 from mindstage.engines.remote.address import Address, Profile
 from mindstage.engines.remote.engine import RemoteEngine
 from mindstage.engines.remote.link import Link
@@ -14,6 +12,8 @@ from mindstage.engines.remote.mindstage import MindstageEngine, ShowForm
 from mindstage.engines.remote.planned import PlannedEngine
 from mindstage.engines.remote.unreal import UnrealEngine
 from mindstage.errors import BridgeError, EngineUnavailable
+from mindstage.msgs import engine_service
+from mindstage.msgs import mindstage_msgs as wire
 
 __all__ = ["meet"]
 

@@ -24,8 +24,6 @@ from mindstage.bridge.description import (
     world_error,
     world_from_json,
 )
-from mindstage.bridge.messages import Message, Service, encode, engine_service
-from mindstage.bridge.messages import mindstage_msgs as wire
 from mindstage.engines.contract import Ability, Poses, SpawnReport, State
 from mindstage.engines.inventory import placeable
 from mindstage.engines.remote.address import Profile
@@ -33,6 +31,8 @@ from mindstage.engines.remote.engine import RemoteEngine
 from mindstage.engines.remote.link import Link
 from mindstage.engines.remote.parcel import packed, packed_forms
 from mindstage.errors import EngineError, EngineUnavailable, PoseUnreachable, WorldError
+from mindstage.msgs import Message, Service, encode, engine_service
+from mindstage.msgs import mindstage_msgs as wire
 from mindstage.world import NO_FORMS, BodyId, Colour, Form, Forms, Iri, Material, Physics, Pose, Vector, World
 
 __all__ = ["MindstageEngine", "ShowForm"]

@@ -24,8 +24,6 @@ from mindstage.bridge.description import (
     to_json,
     vector_message,
 )
-from mindstage.bridge.messages import Message, Service
-from mindstage.bridge.messages import mindstage_msgs as wire
 from mindstage.engines.contract import Ability, Poses, SpawnReport
 from mindstage.engines.inventory import Inventory, placeable
 from mindstage.engines.planning import Planner
@@ -35,6 +33,8 @@ from mindstage.engines.remote.mindstage import MindstageEngine, ShowForm
 from mindstage.engines.remote.parcel import packed, packed_forms
 from mindstage.engines.travelling import joint_places, require_reachable
 from mindstage.errors import PoseUnreachable
+from mindstage.msgs import Message, Service
+from mindstage.msgs import mindstage_msgs as wire
 from mindstage.world import (
     NO_FORMS,
     Body,

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
-from mindstage.bridge.messages import Message, Service, snake_case
-from mindstage.bridge.messages import world_control_msgs as wire
 from mindstage.engines.remote.link import Link
+from mindstage.msgs import Message, Service, snake_case
+from mindstage.msgs import world_control_msgs as wire
 from mindstage.world import BodyId
 
 __all__ = ["PART_S", "Plugin"]

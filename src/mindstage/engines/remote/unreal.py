@@ -17,7 +17,6 @@ from types import MappingProxyType
 import numpy as np
 
 from mindstage.bridge.description import colour_code, physics_message, pose_message, pose_rows
-from mindstage.bridge.messages import world_control_msgs as wire
 from mindstage.engines.contract import Ability, Poses, SpawnReport, State
 from mindstage.engines.inventory import Inventory, placeable
 from mindstage.engines.remote.address import Profile
@@ -26,6 +25,7 @@ from mindstage.engines.remote.engine import RemoteEngine
 from mindstage.engines.remote.link import Link
 from mindstage.engines.remote.plugin import Plugin
 from mindstage.errors import EngineError, EngineUnable, EngineUnavailable, PoseUnreachable, WorldError
+from mindstage.msgs import world_control_msgs as wire
 from mindstage.world import NO_FORMS, BodyId, Colour, Forms, Material, Physics, Pose, Vector, World
 from mindstage.world.geometry import pose_array, pose_from, rotation_angle
 

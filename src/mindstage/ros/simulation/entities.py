@@ -8,13 +8,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from mindstage.bridge.description import pose_from, pose_messages
-from mindstage.bridge.messages import simulation_interfaces as wire
-from mindstage.bridge.messages.builtin_interfaces import Time
-from mindstage.bridge.messages.geometry_msgs import Vector3
-from mindstage.bridge.messages.simulation_interfaces import Bounds, BoundsType, EntityCategory, EntityInfo, EntityState
-from mindstage.bridge.messages.std_msgs import Header
 from mindstage.errors import BodyUnknown, PoseUnreachable
 from mindstage.knowledge.names import local_name
+from mindstage.msgs import simulation_interfaces as wire
+from mindstage.msgs.builtin_interfaces import Time
+from mindstage.msgs.geometry_msgs import Vector3
+from mindstage.msgs.simulation_interfaces import Bounds, BoundsType, EntityCategory, EntityInfo, EntityState
+from mindstage.msgs.std_msgs import Header
 from mindstage.ros.offer import ServiceOffer
 from mindstage.ros.results import OK, ResultError, unsupported
 from mindstage.ros.sight import Sight

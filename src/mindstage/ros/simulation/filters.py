@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mindstage.bridge.description import vector_from
-from mindstage.bridge.messages.simulation_interfaces import (
+from mindstage.knowledge.names import local_name
+from mindstage.msgs.simulation_interfaces import (
     Bounds,
     BoundsType,
     Category,
@@ -14,7 +15,6 @@ from mindstage.bridge.messages.simulation_interfaces import (
     FilterMode,
     TagsFilter,
 )
-from mindstage.knowledge.names import local_name
 from mindstage.ros.results import failed, unsupported
 from mindstage.ros.sight import Sight
 from mindstage.ros.simulation.patterns import Pattern, PatternRefused

@@ -7,14 +7,14 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from mindstage.bridge.messages import simulation_interfaces as wire
-from mindstage.bridge.messages.simulation_interfaces import (
+from mindstage.errors import StageTimedOut
+from mindstage.msgs import simulation_interfaces as wire
+from mindstage.msgs.simulation_interfaces import (
     ResetScope,
     SetSimulationStateCode,
     SimulationState,
     StateCode,
 )
-from mindstage.errors import StageTimedOut
 from mindstage.ros.job import GoalGivenUp, Job
 from mindstage.ros.offer import ActionOffer, ServiceOffer
 from mindstage.ros.results import OK, ResultError, incorrect_state, unsupported

@@ -6,9 +6,11 @@ import json
 from collections.abc import Iterator
 
 from mindstage.bridge.description import pose_from
-from mindstage.bridge.messages import modul_spawner_msgs
-from mindstage.bridge.messages import simulation_interfaces as wire
-from mindstage.bridge.messages.simulation_interfaces import (
+from mindstage.errors import BodyUnknown
+from mindstage.knowledge.names import local_name
+from mindstage.msgs import modul_spawner_msgs
+from mindstage.msgs import simulation_interfaces as wire
+from mindstage.msgs.simulation_interfaces import (
     Feature,
     Resource,
     Result,
@@ -18,8 +20,6 @@ from mindstage.bridge.messages.simulation_interfaces import (
     SpawnEntitiesCode,
     SpawnResult,
 )
-from mindstage.errors import BodyUnknown
-from mindstage.knowledge.names import local_name
 from mindstage.ros.diagnostics import Diagnostics
 from mindstage.ros.names import free_id, map_iri
 from mindstage.ros.offer import ServiceOffer

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from mindstage.bridge.messages import simulation_interfaces as wire
-from mindstage.bridge.messages.simulation_interfaces import LoadWorldCode, Resource, UnloadWorldCode, WorldResource
 from mindstage.knowledge.names import local_name
+from mindstage.msgs import simulation_interfaces as wire
+from mindstage.msgs.simulation_interfaces import LoadWorldCode, Resource, UnloadWorldCode, WorldResource
 from mindstage.ros.diagnostics import Diagnostics
 from mindstage.ros.offer import ServiceOffer
 from mindstage.ros.resources import Resources, Trouble, TroubleKind

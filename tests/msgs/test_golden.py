@@ -1,0 +1,119 @@
+"""The golden messages: what is read, how it is written, and what is refused where."""
+
+from __future__ import annotations
+
+import json
+from math import cos, radians, sin
+from typing import Any
+
+import pytest
+
+from mindstage.errors import MessageRefused
+from mindstage.msgs import (
+    Ros,
+    action_types,
+    decode,
+    encode,
+    geometry_msgs,
+    service_types,
+    std_msgs,
+    world_control_msgs,
+)
+from tests.msgs.golden import cases, each_case, each_refused, part_type
+
+
+def as_json(value: object) -> Any:
+    return json.loads(json.dumps(value))
+
+
+@each_case
+def test_a_golden_message_is_read_and_written_as_it_stands(case: dict[str, Any]) -> None:
+    message = decode(part_type(case), case["json"], strict=True)
+    assert as_json(encode(message)) == case["json"]
+
+
+@each_case
+def test_every_spelling_is_the_same_message_and_only_one_is_written(case: dict[str, Any]) -> None:
+    cls = part_type(case)
+    message = decode(cls, case["json"])
+    for other in [case.get("ros1", case["json"]), *case.get("also_read", [])]:
+        assert decode(cls, other, strict=True) == message
+    ros1 = case.get("ros1_less") or case.get("ros1", case["json"])
+    assert as_json(encode(message, ros=Ros.ONE)) == ros1
+    decode(cls, ros1, strict=True)
+
+
+@each_refused
+def test_what_is_no_such_message_is_refused_with_the_path(case: dict[str, Any]) -> None:
+    with pytest.raises(MessageRefused) as refused:
+        decode(part_type(case), case["json"], strict=case["mode"] == "strict")
+    assert refused.value.path == case["path"]
+    assert refused.value.cause.startswith(case["cause"])
+    assert f"{case['path']}: {case['cause']}".removeprefix(": ") in str(refused.value)
+
+
+@each_refused
+def test_what_only_leaves_something_out_is_refused_in_strict_mode_alone(case: dict[str, Any]) -> None:
+    if case["mode"] == "strict":
+        decode(part_type(case), case["json"])
+    else:
+        with pytest.raises(MessageRefused):
+            decode(part_type(case), case["json"], strict=True)
+
+
+def test_both_halves_of_every_service_have_a_golden_message() -> None:
+    shown = {(case.values[0]["type"], case.values[0]["part"]) for case in cases()}
+    packages = (
+        "world_control_msgs",
+        "unreal_vis_msgs",
+        "modul_spawner_msgs",
+        "simulation_interfaces",
+        "mindstage_msgs",
+    )
+    services = [name for name in service_types() if name.startswith(packages)]
+    assert len(services) == 17 + 3 + 1 + 22 + 23
+    missing = {(name, part) for name in services for part in ("request", "response")} - shown
+    assert not missing
+    assert {(name, part) for name in action_types() for part in ("goal", "result", "feedback")} <= shown
+
+
+# -- what the golden messages mean, written out ------------------------------------------------------------------------
+
+
+def test_a_pose_of_1_2_3_turned_by_30_degrees_has_four_named_numbers() -> None:
+    (case,) = (case.values[0] for case in cases() if case.values[0]["name"] == "an asymmetric pose")
+    assert decode(geometry_msgs.Pose, case["json"]) == geometry_msgs.Pose(
+        position=geometry_msgs.Point(x=1.0, y=2.0, z=3.0),
+        orientation=geometry_msgs.Quaternion(x=0.0, y=0.0, z=sin(radians(15.0)), w=cos(radians(15.0))),
+    )
+
+
+def test_a_mug_to_be_spawned_is_the_mug_that_was_meant() -> None:
+    (case,) = (case.values[0] for case in cases() if case.values[0]["name"] == "a mug")
+    request = decode(world_control_msgs.SpawnModel.Request, case["json"], strict=True)
+    assert request.id == "mug"
+    assert request.tags == (
+        world_control_msgs.Tag(type="SemLog", key="Class", value="Cup"),
+        world_control_msgs.Tag(type="SemLog", key="Id", value="mug"),
+    )
+    assert request.physics_properties == world_control_msgs.PhysicsProperties(
+        mobility=world_control_msgs.MobilityCode.DYNAMIC, gravity=True, generate_overlap_events=False, mass=0.3
+    )
+    assert (request.material_names, request.material_paths) == (("Blue",), ("/Game/Materials",))
+    assert request.spawn_collision_check
+    assert not request.parent_id
+
+
+def test_what_is_left_out_has_the_default_of_ros() -> None:
+    request = decode(world_control_msgs.SpawnModel.Request, {"id": "mug"})
+    assert request == world_control_msgs.SpawnModel.Request(id="mug")
+    assert request.pose.orientation == geometry_msgs.Quaternion(x=0.0, y=0.0, z=0.0, w=1.0)
+    assert decode(std_msgs.Header, {}) == std_msgs.Header()
+
+
+def test_what_is_written_holds_every_field() -> None:
+    assert set(encode(world_control_msgs.SpawnModel.Request())) == set(
+        world_control_msgs.SpawnModel.Request.__struct_fields__
+    )
+    assert encode(std_msgs.Header(seq=7)) == {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": ""}
+    assert encode(std_msgs.Header(seq=7), ros=Ros.ONE) == {"seq": 7, "stamp": {"secs": 0, "nsecs": 0}, "frame_id": ""}

@@ -1,0 +1,306 @@
+"""Every type: found by its name, there and back for any value, and told as rosapi tells it."""
+
+from __future__ import annotations
+
+import json
+from functools import cache
+from itertools import chain
+from math import inf, nan
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.strategies import SearchStrategy
+
+from mindstage.errors import MessageRefused, TypeUnknown
+from mindstage.msgs import (
+    Message,
+    Ros,
+    action_type,
+    action_types,
+    decode,
+    decode_arguments,
+    definition_text,
+    diagnostic_msgs,
+    encode,
+    geometry_msgs,
+    message_type,
+    message_types,
+    sensor_msgs,
+    service_type,
+    service_types,
+    simulation_interfaces,
+    std_msgs,
+    type_definitions,
+    type_name,
+    visualization_msgs,
+    world_control_msgs,
+)
+from mindstage.msgs.builtin_interfaces import Duration, Time
+from mindstage.msgs.fields import Field, fields_of, struct_of
+
+EVERY_TYPE = [*message_types().values(), *chain(*service_types().values()), *chain(*action_types().values())]
+
+# -- any message of any type -------------------------------------------------------------------------------------------
+
+FLOAT32_MAX = 3.4028234663852886e38
+VALUES: dict[str, SearchStrategy[Any]] = {
+    "bool": st.booleans(),
+    "string": st.text(max_size=8),
+    "float32": st.floats(-FLOAT32_MAX, FLOAT32_MAX),
+    "float64": st.floats(allow_nan=False, allow_infinity=False),
+    **{f"int{bits}": st.integers(-(2 ** (bits - 1)), 2 ** (bits - 1) - 1) for bits in (8, 16, 32, 64)},
+    **{f"uint{bits}": st.integers(0, 2**bits - 1) for bits in (8, 16, 32)},
+    "uint64": st.integers(0, 2**63 - 1),
+}
+
+
+@cache
+def any_of(cls: Any) -> SearchStrategy[Message]:
+    return st.builds(struct_of(cls), **{field.name: any_value(field) for field in fields_of(cls)})
+
+
+def any_value(field: Field) -> SearchStrategy[Any]:
+    if field.primitive == "uint8" and field.length == 0:
+        return st.binary(max_size=8)
+    if field.message:
+        one = any_of(field.message)
+    else:
+        one = st.sampled_from(field.codes) if field.codes else VALUES[field.primitive]
+    if field.length is None:
+        return one
+    size = {"min_size": field.length, "max_size": field.length} if field.length else {"max_size": 3}
+    return st.lists(one, **size).map(tuple)
+
+
+@pytest.mark.parametrize("cls", EVERY_TYPE, ids=type_name)
+@settings(max_examples=5)
+@given(data=st.data())
+def test_any_message_comes_back_as_it_was(cls: Any, data: st.DataObject) -> None:
+    message = data.draw(any_of(cls))
+    for ros in Ros:
+        written = json.loads(json.dumps(encode(message, ros=ros), allow_nan=False))
+        back = decode(cls, written, strict=True)
+        # A field that only the other ROS has does not travel; all others do.
+        assert encode(back, ros=ros) == encode(message, ros=ros)
+        assert back == message or any(type(part).only_in for part in parts_of(message))
+
+
+def parts_of(message: Message) -> list[Message]:
+    found = [message]
+    for name in message.__struct_fields__:
+        value = getattr(message, name)
+        for part in value if isinstance(value, tuple) else (value,):
+            if isinstance(part, Message):
+                found += parts_of(part)
+    return found
+
+
+@pytest.mark.parametrize("cls", EVERY_TYPE, ids=type_name)
+def test_nothing_at_all_is_a_message_of_defaults_and_can_be_hashed(cls: Any) -> None:
+    given = {fields_of(cls)[-1].name: {}} if hasattr(cls, "__args__") else {}  # a goal on its topic has to be there
+    message = decode(cls, given)
+    assert hash(message) == hash(decode(cls, given))
+
+
+@pytest.mark.parametrize("cls", EVERY_TYPE, ids=type_name)
+def test_every_wrong_type_and_every_unknown_field_is_refused_where_it_stands(cls: Any) -> None:
+    with pytest.raises(MessageRefused, match="no such field") as unknown:
+        decode(cls, {"no such field": 1})
+    assert unknown.value.path == "no such field"
+    for field in fields_of(cls):
+        with pytest.raises(MessageRefused) as refused:
+            decode(cls, {field.name: None})
+        assert refused.value.path == field.name
+
+
+# -- names -------------------------------------------------------------------------------------------------------------
+
+
+def test_a_type_is_found_in_the_spelling_of_either_ros() -> None:
+    assert message_type("geometry_msgs/Pose") is message_type("geometry_msgs/msg/Pose") is geometry_msgs.Pose
+    spawn = service_type("world_control_msgs/srv/SpawnModel")
+    assert spawn == service_type("world_control_msgs/SpawnModel")
+    assert spawn.request is world_control_msgs.SpawnModel.Request
+    assert spawn.response is world_control_msgs.SpawnModel.Response
+    steps = action_type("simulation_interfaces/action/SimulateSteps")
+    assert steps == action_type("simulation_interfaces/SimulateSteps")
+    assert steps.feedback is simulation_interfaces.SimulateSteps.Feedback
+
+
+def test_rosapi_is_one_package_under_both_of_its_names() -> None:
+    assert service_type("rosapi_msgs/srv/Topics") == service_type("rosapi/Topics")
+
+
+def test_one_name_may_be_a_message_and_a_service() -> None:
+    message = message_type("simulation_interfaces/SpawnEntity")
+    assert message is not service_type("simulation_interfaces/SpawnEntity").request
+    assert message_type("std_msgs/Empty") is not service_type("std_srvs/Empty").request
+
+
+def test_every_name_leads_to_its_type_and_back() -> None:
+    for name, cls in message_types().items():
+        assert type_name(cls) == name
+        topic = type_name(cls, Ros.TWO)
+        assert topic.startswith(f"{name.partition('/')[0]}/")
+        assert topic.count("/") == 2
+    assert type_name(world_control_msgs.SpawnModel) == "world_control_msgs/SpawnModel"
+    assert type_name(world_control_msgs.SpawnModel, Ros.TWO) == "world_control_msgs/srv/SpawnModel"
+    assert type_name(world_control_msgs.SpawnModel.Request) == "world_control_msgs/SpawnModelRequest"
+    assert type_name(world_control_msgs.SpawnModel.Request, Ros.TWO) == "world_control_msgs/srv/SpawnModel_Request"
+    assert type_name(simulation_interfaces.SimulateSteps, Ros.TWO) == "simulation_interfaces/action/SimulateSteps"
+    assert type_name(geometry_msgs.Pose, Ros.TWO) == "geometry_msgs/msg/Pose"
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["geometry_msgs/Poze", "geometry_msgs/srv/Pose", "Pose", "", "geometry_msgs/msg/x/Pose", "/", "std_srvs/Empty"],
+)
+def test_an_unknown_message_is_an_error_that_says_what_is_near(name: str) -> None:
+    with pytest.raises(TypeUnknown, match="no message type") as unknown:
+        message_type(name)
+    assert ("near" in str(unknown.value)) == bool(unknown.value.near)
+
+
+def test_an_unknown_service_or_action_is_an_error() -> None:
+    with pytest.raises(TypeUnknown, match="near: 'world_control_msgs/SpawnModel'"):
+        service_type("world_control_msgs/SpawnModell")
+    with pytest.raises(TypeUnknown, match="no action type"):
+        action_type("geometry_msgs/Pose")
+
+
+# -- what cannot be written --------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("number", [nan, inf, -inf])
+def test_a_number_that_is_none_is_refused_both_ways(number: float) -> None:
+    pose = geometry_msgs.Pose(position=geometry_msgs.Point(y=number))
+    with pytest.raises(MessageRefused, match=r"geometry_msgs/Pose: position\.y: expected a finite float64"):
+        encode(pose)
+    with pytest.raises(MessageRefused, match=r"position\.y: expected a finite float64"):
+        decode(geometry_msgs.Pose, {"position": {"y": number}})
+
+
+def test_what_is_written_is_held_to_its_type() -> None:
+    with pytest.raises(MessageRefused, match=r"name\[1\]: expected str, got int"):
+        encode(sensor_msgs.JointState(name=("a", 7)))  # type: ignore[arg-type]
+    goal = message_type("simulation_interfaces/SimulateStepsActionGoal")
+    steps = simulation_interfaces.SimulateSteps.Goal(steps=-1)
+    with pytest.raises(MessageRefused, match=r"SimulateStepsActionGoal: goal\.steps: expected int >= 0"):
+        encode(struct_of(goal)(goal=steps))
+
+
+def test_numbers_of_numpy_are_numbers_and_what_is_none_is_refused() -> None:
+    written = encode(geometry_msgs.Point(x=np.float64(1.5), y=np.float32(0.25), z=np.int64(2)))
+    assert written == {"x": 1.5, "y": 0.25, "z": 2}
+    assert [type(number) for number in written.values()] == [float, float, int]
+    with pytest.raises(MessageRefused, match="geometry_msgs/Point: object cannot be written"):
+        encode(geometry_msgs.Point(x=object()))  # type: ignore[arg-type]
+
+
+def test_a_key_that_is_no_text_is_refused() -> None:
+    with pytest.raises(MessageRefused, match="one of its keys is no text"):
+        decode(std_msgs.Bool, {7: True})
+
+
+def test_byte_strings_are_base64_and_come_as_bytes_from_cbor() -> None:
+    mesh = visualization_msgs.MeshFile(filename="cup.obj", data=b"v 0 0 0\n")
+    assert encode(mesh)["data"] == "diAwIDAgMAo="
+    assert decode(visualization_msgs.MeshFile, {"filename": "cup.obj", "data": b"v 0 0 0\n"}) == mesh
+
+
+# -- arguments of a call -----------------------------------------------------------------------------------------------
+
+
+def test_a_call_may_name_its_arguments_or_have_them_in_order_or_have_none() -> None:
+    cls = world_control_msgs.AttachModelToParent.Request
+    both = cls(parent_id="door", child_id="handle")
+    assert decode_arguments(cls, {"parent_id": "door", "child_id": "handle"}) == both
+    assert decode_arguments(cls, ["door", "handle"], strict=True) == both
+    assert decode_arguments(cls, ["door"]) == cls(parent_id="door")
+    assert decode_arguments(cls, None) == decode_arguments(cls, []) == cls()
+
+
+def test_arguments_in_order_are_checked_under_their_names() -> None:
+    cls = world_control_msgs.AttachModelToParent.Request
+    with pytest.raises(MessageRefused, match="child_id: expected str, got int"):
+        decode_arguments(cls, ["door", 7])
+    with pytest.raises(MessageRefused, match="child_id: it is missing"):
+        decode_arguments(cls, ["door"], strict=True)
+    with pytest.raises(MessageRefused, match="3 arguments, and it has 2 fields"):
+        decode_arguments(cls, ["door", "handle", "x"])
+    with pytest.raises(MessageRefused, match="expected object, got str"):
+        decode_arguments(cls, "door")
+
+
+# -- time --------------------------------------------------------------------------------------------------------------
+
+
+def test_a_moment_is_whole_seconds_and_the_rest() -> None:
+    assert Time.at(12.5) == Time(sec=12, nanosec=500_000_000)
+    assert Time.at(-0.25) == Time(sec=-1, nanosec=750_000_000)
+    assert Time.at(0.9999999999) == Time(sec=1, nanosec=0)
+    assert Time.at(12.5).seconds == 12.5
+    assert Duration(sec=2, nanosec=250_000_000).seconds == 2.25
+
+
+def test_a_span_of_time_may_be_negative_in_both_parts_in_ros_1() -> None:
+    assert decode(Duration, {"secs": -1, "nsecs": -500_000_000}).seconds == -1.5
+
+
+# -- definitions -------------------------------------------------------------------------------------------------------
+
+
+def test_a_definition_tells_fields_lengths_and_codes() -> None:
+    first, *parts = type_definitions(visualization_msgs.Marker)
+    told = dict(zip(first.fieldnames, zip(first.fieldtypes, first.fieldarraylen, strict=True), strict=True))
+    assert first.type == "visualization_msgs/Marker"
+    assert told["type"] == ("int32", -1)
+    assert told["points"] == ("geometry_msgs/Point", 0)
+    assert told["lifetime"] == ("builtin_interfaces/Duration", -1)
+    assert dict(zip(first.constnames, first.constvalues, strict=True))["TRIANGLE_LIST"] == "11"
+    assert "MODIFY" in first.constnames
+    names = [part.type for part in parts]
+    assert len(names) == len(set(names))
+    assert {"std_msgs/Header", "geometry_msgs/Quaternion", "visualization_msgs/UVCoordinate"} <= set(names)
+    assert type_definitions(geometry_msgs.PoseWithCovariance)[0].fieldarraylen == (-1, 36)
+
+
+def test_ros_1_is_told_its_own_fields_and_its_own_time() -> None:
+    header, time = type_definitions(std_msgs.Header, ros=Ros.ONE)
+    assert header.fieldnames == ("seq", "stamp", "frame_id")
+    assert header.fieldtypes == ("uint32", "time", "string")
+    assert (time.type, time.fieldnames) == ("time", ("secs", "nsecs"))
+    assert "texture" not in type_definitions(visualization_msgs.Marker, ros=Ros.ONE)[0].fieldnames
+
+
+def test_the_parts_of_a_service_are_told_under_their_names() -> None:
+    request = type_definitions(world_control_msgs.HighlightModel.Request)[0]
+    assert request.type == "world_control_msgs/HighlightModel_Request"
+    assert dict(zip(request.constnames, request.constvalues, strict=True))["YELLOW"] == "5"
+    assert type_definitions(simulation_interfaces.Result)[0].constnames[1] == "RESULT_OK"
+
+
+def test_a_definition_as_text_is_what_msg_files_say() -> None:
+    rule = "=" * 80
+    assert definition_text(diagnostic_msgs.DiagnosticStatus) == (
+        "uint8 OK=0\nuint8 WARN=1\nuint8 ERROR=2\nuint8 STALE=3\n"
+        "uint8 level\nstring name\nstring message\nstring hardware_id\ndiagnostic_msgs/KeyValue[] values\n"
+        f"{rule}\nMSG: diagnostic_msgs/KeyValue\nstring key\nstring value\n"
+    )
+    assert definition_text(std_msgs.Header, ros=Ros.ONE) == "uint32 seq\ntime stamp\nstring frame_id\n"
+    assert "float64[36] covariance\n" in definition_text(geometry_msgs.PoseWithCovariance)
+
+
+@pytest.mark.parametrize("cls", EVERY_TYPE, ids=type_name)
+def test_every_type_has_a_definition_that_can_be_sent(cls: Any) -> None:
+    for ros in Ros:
+        told = type_definitions(cls, ros=ros)
+        for definition in told:
+            assert len(definition.fieldnames) == len(definition.fieldtypes) == len(definition.examples)
+            assert decode(type(definition), encode(definition), strict=True) == definition
+        inside = {name for definition in told for name in definition.fieldtypes}
+        assert inside <= {*(definition.type for definition in told), *VALUES}
+        assert definition_text(cls, ros=ros).count("MSG: ") <= len(told) - 1
