@@ -25,13 +25,14 @@ test: .venv/dev.stamp  ## all tests; `make test pytest_options="-k word"` for so
 	@scripts/install_godot.sh || test -z "$$CI"
 	@$(python) -m pytest $(pytest_options)
 
-check: .venv/dev.stamp  ## style, types, rooms, and that the bundled kitchen and docs/shapes.md are what their scripts make
+check: .venv/dev.stamp  ## style, types, packages, and that generated files are what their scripts make
 	@$(python) -m ruff check .
 	@$(python) -m ruff format --check .
 	@$(python) -m mypy
 	@cd godot && ../.venv/bin/gdformat --check --line-length 120 . && ../.venv/bin/gdlint .
 	@$(python) scripts/make_kitchen.py --check
 	@$(python) scripts/make_shapes.py --check
+	@$(python) scripts/make_messages.py --check
 	@$(python) -m pytest -q tests/test_project.py
 
 bench: .venv/dev.stamp  ## every benchmark, as ratios against a named peer

@@ -27,6 +27,7 @@ EVERYTHING = sorted(
 )
 
 LONG_FILES: dict[str, str] = {
+    "src/mindstage/msgs/base.py": "messages, their field types and their codec, which all depend on each other",
     "tests/engines/contract.py": "one class of sentences, the whole contract, which every engine subclasses",
 }
 """Files over 400 lines, each with the reason why it is one."""
@@ -217,6 +218,8 @@ def test_the_command_line_ends_with_the_drawn_exit_codes() -> None:
 
 @each_file
 def test_a_file_can_be_read_in_one_sitting(path: Path) -> None:
+    if path.parent.name == "_generated":
+        return  # the definition files are what is read and edited
     lines = len(path.read_text(encoding="utf-8").splitlines())
     assert lines <= 600
     if lines > 400:

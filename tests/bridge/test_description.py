@@ -36,7 +36,6 @@ from mindstage.bridge.description import (
 )
 from mindstage.errors import MessageRefused
 from mindstage.msgs import decode, encode, world_control_msgs
-from mindstage.msgs.world_control_msgs import ColourCode, MobilityCode
 from mindstage.world import (
     Body,
     Iri,
@@ -87,16 +86,16 @@ def test_many_poses_travel_as_an_array() -> None:
 
 def test_the_five_colours_have_codes_and_none_puts_out() -> None:
     for number, name in enumerate(("black", "red", "blue", "green", "yellow"), start=1):
-        assert ColourCode(number).name == name.upper()
-        assert colour_from_code(ColourCode(number)) == COLOURS[name]
+        assert world_control_msgs.ColourCode(number).name == name.upper()
+        assert colour_from_code(world_control_msgs.ColourCode(number)) == COLOURS[name]
         assert colour_code(COLOURS[name]) == number
-    assert colour_from_code(ColourCode.NONE) is None
-    assert colour_code(None) is ColourCode.NONE
+    assert colour_from_code(world_control_msgs.ColourCode.NONE) is None
+    assert colour_code(None) is world_control_msgs.ColourCode.NONE
 
 
 def test_any_other_colour_gets_the_code_of_the_nearest() -> None:
-    assert colour_code((0.9, 0.1, 0.1)) is ColourCode.RED
-    assert colour_code((1.0, 0.8, 0.0)) is ColourCode.YELLOW
+    assert colour_code((0.9, 0.1, 0.1)) is world_control_msgs.ColourCode.RED
+    assert colour_code((1.0, 0.8, 0.0)) is world_control_msgs.ColourCode.YELLOW
     assert colour_from(colour_message((0.1, 0.2, 0.3))) == (0.1, 0.2, 0.3)
 
 
@@ -140,7 +139,7 @@ def test_unreal_finds_a_mesh_by_its_name_or_by_the_class(mesh: str | None, name:
 def test_what_is_not_told_is_written_as_what_it_is_taken_for() -> None:
     message = physics_message(Physics())
     assert message == world_control_msgs.PhysicsProperties(
-        mobility=MobilityCode.STATIC, gravity=True, generate_overlap_events=False, mass=0.0
+        mobility=world_control_msgs.MobilityCode.STATIC, gravity=True, generate_overlap_events=False, mass=0.0
     )
     assert physics_from(message) == Physics(mobility=Mobility.STATIC, gravity=True, overlap_events=False, mass_kg=0.0)
     for mobility in Mobility:

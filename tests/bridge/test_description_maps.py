@@ -16,7 +16,6 @@ from mindstage.bridge.description import (
     world_from_request,
 )
 from mindstage.msgs import encode, geometry_msgs, world_control_msgs
-from mindstage.msgs.world_control_msgs import MotionCode
 from mindstage.world import (
     AngularMotion,
     BodyId,
@@ -138,7 +137,7 @@ def test_what_of_a_foreign_constraint_is_left_aside_is_said() -> None:
 
 
 def test_the_codes_of_motions_are_those_of_maps() -> None:
-    assert [Motion(code) for code in MotionCode] == [Motion.FREE, Motion.LIMITED, Motion.LOCKED]
+    assert [Motion(code) for code in world_control_msgs.MotionCode] == [Motion.FREE, Motion.LIMITED, Motion.LOCKED]
 
 
 # -- worlds ------------------------------------------------------------------------------------------------------------

@@ -10,7 +10,7 @@ import pytest
 
 from mindstage.errors import MessageRefused
 from mindstage.msgs import (
-    Ros,
+    RosVersion,
     action_types,
     decode,
     encode,
@@ -39,7 +39,7 @@ def test_every_spelling_is_the_same_message_and_only_one_is_written(case: dict[s
     for other in [case.get("ros1", case["json"]), *case.get("also_read", [])]:
         assert decode(cls, other, strict=True) == message
     ros1 = case.get("ros1_less") or case.get("ros1", case["json"])
-    assert as_json(encode(message, ros=Ros.ONE)) == ros1
+    assert as_json(encode(message, ros=RosVersion.ONE)) == ros1
     decode(cls, ros1, strict=True)
 
 
@@ -116,4 +116,8 @@ def test_what_is_written_holds_every_field() -> None:
         world_control_msgs.SpawnModel.Request.__struct_fields__
     )
     assert encode(std_msgs.Header(seq=7)) == {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": ""}
-    assert encode(std_msgs.Header(seq=7), ros=Ros.ONE) == {"seq": 7, "stamp": {"secs": 0, "nsecs": 0}, "frame_id": ""}
+    assert encode(std_msgs.Header(seq=7), ros=RosVersion.ONE) == {
+        "seq": 7,
+        "stamp": {"secs": 0, "nsecs": 0},
+        "frame_id": "",
+    }

@@ -13,7 +13,7 @@ from mindstage.bridge import Client, GoalStatus, Hub, SentGoal, Server
 from mindstage.bridge.description import world_to_json
 from mindstage.engines import NullEngine, SpawnReport
 from mindstage.knowledge import KnowledgeBase
-from mindstage.ros import Ros, RosFace
+from mindstage.ros import RosFace, RosVersion
 from mindstage.stage import Stage
 from mindstage.world import NO_FORMS, Forms, World
 from tests.bridge.talking import PATIENCE_S, Talker, eventually
@@ -260,7 +260,12 @@ def test_a_goal_by_topics_whose_client_vanished_is_cancelled_although_others_lis
 
 
 def test_ros_1_reads_its_own_spelling(stage: Stage) -> None:
-    with Hub() as hub, Server(hub, port=0) as server, RosFace(stage, hub, ros=Ros.ONE), Client(server.url) as client:
+    with (
+        Hub() as hub,
+        Server(hub, port=0) as server,
+        RosFace(stage, hub, ros=RosVersion.ONE),
+        Client(server.url) as client,
+    ):
         actionlib = Actionlib(client.wait_connected(PATIENCE_S), STEPS, STEPS_TYPE)
         actionlib.send("one", {"steps": 10}, stamp={"secs": 1, "nsecs": 2})
         status = actionlib.ended("one")["status"]

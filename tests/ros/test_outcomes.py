@@ -14,7 +14,7 @@ from mindstage.engines import NullEngine
 from mindstage.errors import EngineClosed, ServiceFailed, StageTimedOut
 from mindstage.knowledge import KnowledgeBase
 from mindstage.msgs import encode, service_type
-from mindstage.msgs.fields import fields_of
+from mindstage.msgs.base import fields_of
 from mindstage.ros import RosFace
 from mindstage.stage import Stage
 from mindstage.world import World

@@ -15,7 +15,7 @@ from mindstage.bridge import Hub, Server
 from mindstage.bridge.description import spawn_request
 from mindstage.knowledge import KnowledgeBase
 from mindstage.msgs import encode
-from mindstage.ros import Ros, RosFace
+from mindstage.ros import RosFace, RosVersion
 from mindstage.stage import Stage
 from tests.bridge.talking import PATIENCE_S, eventually
 
@@ -119,7 +119,7 @@ def test_it_gives_up_a_goal_the_way_of_ros_2(ros: roslibpy.Ros, face: RosFace) -
 
 
 def test_it_gives_up_a_goal_the_way_of_ros_1(ros: roslibpy.Ros, stage: Stage, hub: Hub) -> None:
-    with RosFace(stage, hub, ros=Ros.ONE):
+    with RosFace(stage, hub, ros=RosVersion.ONE):
         client = actionlib.ActionClient(
             ros, "/unreal/simulate_steps", "simulation_interfaces/SimulateStepsAction", timeout=PATIENCE_S
         )

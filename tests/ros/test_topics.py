@@ -12,7 +12,7 @@ from mindstage.bridge import Client, Hub
 from mindstage.engines import MujocoEngine, NullEngine
 from mindstage.errors import EngineError
 from mindstage.knowledge import KnowledgeBase
-from mindstage.msgs import Ros, decode, encode, message_type
+from mindstage.msgs import RosVersion, decode, encode, message_type
 from mindstage.ros import Rates, RosFace
 from mindstage.ros.pictures import transforms, world_markers
 from mindstage.stage import Stage
@@ -143,8 +143,8 @@ def test_the_heart_beats_and_tells_when_the_engine_is_lost(knowledge: KnowledgeB
         assert stage.lost is not None
 
 
-@pytest.mark.parametrize("ros", list(Ros))
-def test_what_is_written_for_speed_is_what_the_types_would_write(knowledge: KnowledgeBase, ros: Ros) -> None:
+@pytest.mark.parametrize("ros", list(RosVersion))
+def test_what_is_written_for_speed_is_what_the_types_would_write(knowledge: KnowledgeBase, ros: RosVersion) -> None:
     with Stage(knowledge, MujocoEngine()) as stage:
         stage.spawn(kitchenette())
         for type, written in (
@@ -159,4 +159,4 @@ def test_what_is_written_for_speed_is_what_the_types_would_write(knowledge: Know
 def test_places_that_are_no_numbers_are_never_told(stage: Stage) -> None:
     broken = msgspec.structs.replace(stage.frame, poses=stage.frame.poses * float("nan"))
     with pytest.raises(EngineError, match="no numbers"):
-        transforms(broken, ros=Ros.TWO)
+        transforms(broken, ros=RosVersion.TWO)

@@ -130,7 +130,7 @@ def serve(
     as_json: AsJson = False,
 ) -> Outcome:
     """Serve a stage to a robot's programs over rosbridge, under the names that Unreal's plugin has."""
-    from mindstage.msgs import Ros
+    from mindstage.msgs import RosVersion
     from mindstage.ros import RosFace
 
     _refuse_what_makes_no_sense(context, connect=connect, namespace=namespace, worlds=worlds)
@@ -144,7 +144,7 @@ def serve(
         )
         told: dict[str, object] = {"url": url, "namespace": namespace, "engine": stage.engine_name}
         told |= _spawned(stage, world, as_json=as_json)
-        ros = Ros.ONE if ros1 else Ros.TWO
+        ros = RosVersion.ONE if ros1 else RosVersion.TWO
         face = RosFace(stage, participant, namespace=namespace, ros=ros, folder=worlds, on_quit=quitting.set)
         open_things.callback(face.close)
         if with_viewport:

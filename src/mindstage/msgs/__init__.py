@@ -1,10 +1,11 @@
-"""Messages: every ROS type that is spoken here, as a frozen struct, and the way to its JSON object and back.
+"""ROS messages, services and actions as frozen structs, their JSON codec, and a registry of types by name.
 
-A ROS package is a module: `geometry_msgs.Pose`, `world_control_msgs.SpawnModel.Request`. `decode` and `encode` go
-between a message and JSON, `message_type` and its siblings find a type by its name on the wire.
+A ROS package is a module: `geometry_msgs.Pose`, `world_control_msgs.SpawnModel.Request`. The modules are generated from
+the definition files in `definitions` by `scripts/make_messages.py`. `decode` and `encode` convert between a message and
+a JSON object; `message_type`, `service_type` and `action_type` look up a type by its ROS name.
 """
 
-from mindstage.msgs import (
+from mindstage.msgs._generated import (
     actionlib_msgs,
     builtin_interfaces,
     diagnostic_msgs,
@@ -22,28 +23,44 @@ from mindstage.msgs import (
     visualization_msgs,
     world_control_msgs,
 )
-from mindstage.msgs.codec import decode, decode_arguments, encode
-from mindstage.msgs.definitions import definition_text, type_definitions
-from mindstage.msgs.message import Action, Message, Ros, Service
-from mindstage.msgs.naming import engine_service, snake_case, type_name
+from mindstage.msgs.base import (
+    Action,
+    Message,
+    RosVersion,
+    Service,
+    decode,
+    decode_arguments,
+    encode,
+    engine_service,
+    snake_case,
+    type_name,
+)
 from mindstage.msgs.registry import (
-    ActionTypes,
-    ServiceTypes,
+    ActionFeedback,
+    ActionGoal,
+    ActionResult,
+    ActionType,
+    ServiceType,
     action_type,
     action_types,
+    definition_text,
     message_type,
     message_types,
     service_type,
     service_types,
+    type_definitions,
 )
 
 __all__ = [
     "Action",
-    "ActionTypes",
+    "ActionFeedback",
+    "ActionGoal",
+    "ActionResult",
+    "ActionType",
     "Message",
-    "Ros",
+    "RosVersion",
     "Service",
-    "ServiceTypes",
+    "ServiceType",
     "action_type",
     "action_types",
     "actionlib_msgs",

@@ -11,10 +11,19 @@ from typing import Any
 from mindstage.bridge import GoalOutcome, GoalStatus, Participant, ServedGoal
 from mindstage.bridge.subscription import Sender
 from mindstage.errors import MindstageError
-from mindstage.msgs import Action, Message, Ros, decode, encode, type_name
+from mindstage.msgs import (
+    Action,
+    ActionFeedback,
+    ActionGoal,
+    ActionResult,
+    Message,
+    RosVersion,
+    decode,
+    encode,
+    std_msgs,
+    type_name,
+)
 from mindstage.msgs import actionlib_msgs as wire
-from mindstage.msgs.actionlib_msgs import GoalID, GoalStatusArray, GoalStatusCode
-from mindstage.msgs.std_msgs import Header
 from mindstage.ros.diagnostics import Diagnostics
 from mindstage.ros.outlet import Outlet
 
@@ -26,8 +35,8 @@ _KEPT = 64
 """Of so many goals does it tell at most: those under way, and the last that have ended."""
 _MOST_GOALS = 16
 _ENDS = {
-    GoalStatus.SUCCEEDED: GoalStatusCode.SUCCEEDED,
-    GoalStatus.CANCELED: GoalStatusCode.PREEMPTED,
+    GoalStatus.SUCCEEDED: wire.GoalStatusCode.SUCCEEDED,
+    GoalStatus.CANCELED: wire.GoalStatusCode.PREEMPTED,
 }
 _log = logging.getLogger("mindstage.ros")
 
@@ -35,11 +44,11 @@ _log = logging.getLogger("mindstage.ros")
 class _Goal:
     """One goal, as its client knows it."""
 
-    def __init__(self, id: GoalID, sender: Sender | None) -> None:
+    def __init__(self, id: wire.GoalID, sender: Sender | None) -> None:
         self.id = id
         self.sender = sender
         self.served: ServedGoal | None = None
-        self.status = GoalStatusCode.PENDING
+        self.status = wire.GoalStatusCode.PENDING
         self.text = ""
         self.ended_at: float | None = None
 
@@ -59,7 +68,7 @@ class ActionTopics:
         reach: Callable[[ServedGoal], GoalOutcome],
         *,
         diagnostics: Diagnostics,
-        ros: Ros,
+        ros: RosVersion,
     ) -> None:
         """Takes goals from now on.
 
@@ -78,19 +87,17 @@ class ActionTopics:
         self._ros = ros
         self._goals: dict[str, _Goal] = {}
         self._lock = threading.Lock()
-        self._status = Outlet(participant, f"{name}/status", GoalStatusArray, ros=ros)
+        self._status = Outlet(participant, f"{name}/status", wire.GoalStatusArray, ros=ros)
         self._feedback: Outlet[Any] = Outlet(
-            participant, f"{name}/feedback", _of(wire.ActionFeedback, action.Feedback), ros=ros
+            participant, f"{name}/feedback", _of(ActionFeedback, action.Feedback), ros=ros
         )
-        self._result: Outlet[Any] = Outlet(
-            participant, f"{name}/result", _of(wire.ActionResult, action.Result), ros=ros
-        )
-        self._goal_type = _of(wire.ActionGoal, action.Goal)
+        self._result: Outlet[Any] = Outlet(participant, f"{name}/result", _of(ActionResult, action.Result), ros=ros)
+        self._goal_type = _of(ActionGoal, action.Goal)
         self._inlets = (
             participant.subscribe(
                 f"{name}/goal", self._on_goal, type=type_name(self._goal_type, ros), tells_sender=True
             ),
-            participant.subscribe(f"{name}/cancel", self._on_cancel, type=type_name(GoalID, ros)),
+            participant.subscribe(f"{name}/cancel", self._on_cancel, type=type_name(wire.GoalID, ros)),
         )
 
     def tick(self) -> None:
@@ -105,7 +112,7 @@ class ActionTopics:
             if goal.ended_at is None and self._is_orphaned(goal):
                 self._cancel(goal)
         if self._status.wanted:
-            self._status.publish(GoalStatusArray(status_list=tuple(goal.told() for goal in goals)))
+            self._status.publish(wire.GoalStatusArray(status_list=tuple(goal.told() for goal in goals)))
 
     def close(self) -> None:
         """Takes no more goals, and gives up those under way."""
@@ -131,7 +138,7 @@ class ActionTopics:
             self._refuse(_goal_id(message), str(error))
             return
         stamp = order.goal_id.stamp
-        goal = _Goal(GoalID(stamp=stamp, id=order.goal_id.id or f"{self._name}-{time.monotonic_ns()}"), sender)
+        goal = _Goal(wire.GoalID(stamp=stamp, id=order.goal_id.id or f"{self._name}-{time.monotonic_ns()}"), sender)
         with self._lock:
             if goal.id.id in self._goals:
                 return  # actionlib sends a goal once; what comes twice is the same one
@@ -145,14 +152,14 @@ class ActionTopics:
             self._refuse(goal.id.id, f"{_MOST_GOALS} goals are under way already")
             return
         goal.served = ServedGoal(self._name, goal.id.id, encode(order.goal, ros=self._ros), self._tell_feedback(goal))
-        goal.status = GoalStatusCode.ACTIVE
+        goal.status = wire.GoalStatusCode.ACTIVE
         worker = threading.Thread(target=self._work, args=(goal, goal.served), name="mindstage-goal", daemon=True)
         worker.start()
 
     def _on_cancel(self, message: object) -> None:
         """One goal by its id, all up to a moment, or all."""
         try:
-            wanted = decode(GoalID, message)
+            wanted = decode(wire.GoalID, message)
         except MindstageError as error:
             self._diagnostics.broke(f"{self._name}/cancel", error)
             return
@@ -166,7 +173,7 @@ class ActionTopics:
 
     def _cancel(self, goal: _Goal) -> None:
         if goal.ended_at is None and goal.served is not None:
-            goal.status = GoalStatusCode.PREEMPTING
+            goal.status = wire.GoalStatusCode.PREEMPTING
             goal.served.request_cancel()
 
     # -- out -----------------------------------------------------------------------------------------------------------
@@ -177,9 +184,9 @@ class ActionTopics:
         except Exception as error:
             if not isinstance(error, MindstageError):
                 _log.exception("%s broke", self._name)
-            self._end(goal, GoalStatusCode.ABORTED, str(error), None)
+            self._end(goal, wire.GoalStatusCode.ABORTED, str(error), None)
         else:
-            self._end(goal, _ENDS.get(outcome.status, GoalStatusCode.ABORTED), "", outcome.values)
+            self._end(goal, _ENDS.get(outcome.status, wire.GoalStatusCode.ABORTED), "", outcome.values)
 
     def _tell_feedback(self, goal: _Goal) -> Callable[[Any, object], None]:
         def tell(_: Any, values: object) -> None:
@@ -189,16 +196,16 @@ class ActionTopics:
 
     def _refuse(self, id: str, why: str) -> None:
         """A goal that is none; its client, if it can be told who that is, shall not wait for it."""
-        self._end(_Goal(GoalID(id=id), None), GoalStatusCode.REJECTED, why, None)
+        self._end(_Goal(wire.GoalID(id=id), None), wire.GoalStatusCode.REJECTED, why, None)
 
-    def _end(self, goal: _Goal, status: GoalStatusCode, text: str, values: object) -> None:
+    def _end(self, goal: _Goal, status: wire.GoalStatusCode, text: str, values: object) -> None:
         goal.status, goal.text, goal.ended_at = status, text, time.monotonic()
         if values is None:
             values = encode(self._action.Result(), ros=self._ros)
         self._result.publish_written(self._written(goal, "result", values))
 
     def _written(self, goal: _Goal, kind: str, values: object) -> dict[str, object]:
-        header, status = encode(Header(), ros=self._ros), encode(goal.told(), ros=self._ros)
+        header, status = encode(std_msgs.Header(), ros=self._ros), encode(goal.told(), ros=self._ros)
         return {"header": header, "status": status, kind: values}
 
 

@@ -18,14 +18,16 @@ import numpy as np
 from mindstage.bridge import Participant
 from mindstage.engines import Ability
 from mindstage.errors import MindstageError, StageTimedOut
-from mindstage.msgs import Ros
-from mindstage.msgs.builtin_interfaces import Time
-from mindstage.msgs.diagnostic_msgs import DiagnosticArray
-from mindstage.msgs.mindstage_msgs import LitGroups
-from mindstage.msgs.rosgraph_msgs import Clock
-from mindstage.msgs.sensor_msgs import JointState
-from mindstage.msgs.tf2_msgs import TFMessage
-from mindstage.msgs.visualization_msgs import MarkerArray
+from mindstage.msgs import (
+    RosVersion,
+    builtin_interfaces,
+    diagnostic_msgs,
+    mindstage_msgs,
+    rosgraph_msgs,
+    sensor_msgs,
+    tf2_msgs,
+    visualization_msgs,
+)
 from mindstage.ros.diagnostics import health
 from mindstage.ros.highlights import lit_groups
 from mindstage.ros.outlet import Outlet
@@ -72,7 +74,7 @@ class Broadcast:
         sight: Sight,
         *,
         namespace: str,
-        ros: Ros,
+        ros: RosVersion,
         rates: Rates,
         also: Callable[[], None],
     ) -> None:
@@ -91,12 +93,12 @@ class Broadcast:
         self._ros = ros
         self._also = also
         space = "/".join(("", *filter(None, namespace.split("/"))))
-        self._clock = Outlet(participant, "/clock", Clock, ros=ros)
-        self._tf = Outlet(participant, "/tf", TFMessage, ros=ros)
-        self._joints = Outlet(participant, f"{space}/joint_states", JointState, ros=ros)
-        self._markers = Outlet(participant, f"{space}/world", MarkerArray, ros=ros)
-        self._lit = Outlet(participant, f"{space}/highlights", LitGroups, ros=ros, latch=True)
-        self._health = Outlet(participant, "/mindstage/health", DiagnosticArray, ros=ros, latch=True)
+        self._clock = Outlet(participant, "/clock", rosgraph_msgs.Clock, ros=ros)
+        self._tf = Outlet(participant, "/tf", tf2_msgs.TFMessage, ros=ros)
+        self._joints = Outlet(participant, f"{space}/joint_states", sensor_msgs.JointState, ros=ros)
+        self._markers = Outlet(participant, f"{space}/world", visualization_msgs.MarkerArray, ros=ros)
+        self._lit = Outlet(participant, f"{space}/highlights", mindstage_msgs.LitGroups, ros=ros, latch=True)
+        self._health = Outlet(participant, "/mindstage/health", diagnostic_msgs.DiagnosticArray, ros=ros, latch=True)
         self._lit_told: object = None
         self._lost_told: object = None
         beats = (
@@ -176,7 +178,7 @@ class Broadcast:
 
     def _tell_clock(self, frame: Frame) -> None:
         if self._clock.wanted:
-            self._clock.publish(Clock(clock=Time.at(frame.time_s)))
+            self._clock.publish(rosgraph_msgs.Clock(clock=builtin_interfaces.Time.at(frame.time_s)))
 
     def _tell_tf(self, frame: Frame) -> None:
         if self._tf.wanted:

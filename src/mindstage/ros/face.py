@@ -12,10 +12,7 @@ from typing import Any, Protocol, TypeVar
 
 from mindstage.bridge import Hub, Participant, Subscription
 from mindstage.errors import MindstageError
-from mindstage.msgs import Message, Ros, decode, type_name
-from mindstage.msgs.diagnostic_msgs import DiagnosticArray
-from mindstage.msgs.mindstage_msgs import LitBodies
-from mindstage.msgs.visualization_msgs import Marker, MarkerArray
+from mindstage.msgs import Message, RosVersion, decode, diagnostic_msgs, mindstage_msgs, type_name, visualization_msgs
 from mindstage.ros.action_topics import ActionTopics
 from mindstage.ros.asking import Asking
 from mindstage.ros.broadcast import Broadcast, Rates
@@ -55,7 +52,7 @@ class RosFace:
         participant: Participant,
         *,
         namespace: str = "unreal",
-        ros: Ros = Ros.TWO,
+        ros: RosVersion = RosVersion.TWO,
         rates: Rates | None = None,
         step_s: float = 0.002,
         goal_timeout_s: float = 3600.0,
@@ -87,7 +84,7 @@ class RosFace:
         self._actions: list[str] = []
         self._closed = False
         self._farewell = stage.company.introduce(lambda: guests_at(participant))
-        self._outlet = Outlet(participant, "/mindstage/diagnostics", DiagnosticArray, ros=ros)
+        self._outlet = Outlet(participant, "/mindstage/diagnostics", diagnostic_msgs.DiagnosticArray, ros=ros)
         self._diagnostics = diagnostics = Diagnostics(self._outlet, stage)
         self._sight = sight = Sight(stage)
         self._far = FarEngine(sight, diagnostics)
@@ -155,9 +152,9 @@ class RosFace:
         for action in (*self._far.actions(), *self._running.actions()):
             self._offer_action(action)
         highlights = Highlights(self.stage, self._diagnostics)
-        self._listen("highlight", LitBodies, highlights.on_highlight)
-        self._listen("markers", MarkerArray, self._vis.on_markers)
-        self._listen("marker", Marker, self._vis.on_marker)
+        self._listen("highlight", mindstage_msgs.LitBodies, highlights.on_highlight)
+        self._listen("markers", visualization_msgs.MarkerArray, self._vis.on_markers)
+        self._listen("marker", visualization_msgs.Marker, self._vis.on_marker)
 
     def _offer_service(self, offer: ServiceOffer) -> None:
         name = offer.place(self.namespace)

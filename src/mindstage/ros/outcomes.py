@@ -11,8 +11,7 @@ from typing import Any
 
 from mindstage.bridge.description import error_text, refusal
 from mindstage.errors import BodyUnknown, EngineError, MindstageError, WorldError
-from mindstage.msgs import Message, Ros, Service, decode_arguments, encode
-from mindstage.msgs.simulation_interfaces import Result, ResultCode
+from mindstage.msgs import Message, RosVersion, Service, decode_arguments, encode, simulation_interfaces
 from mindstage.ros.diagnostics import Diagnostics
 from mindstage.ros.results import ResultError
 
@@ -20,7 +19,7 @@ __all__ = ["answering", "engine_text", "refused"]
 
 
 def answering(
-    name: str, service: type[Service], answer: Callable[[Any], Any], *, diagnostics: Diagnostics, ros: Ros
+    name: str, service: type[Service], answer: Callable[[Any], Any], *, diagnostics: Diagnostics, ros: RosVersion
 ) -> Callable[[object], object]:
     """The handler of a service: messages in and out, and every end told as it has to be."""
 
@@ -50,8 +49,12 @@ def refused(response: type[Message], error: WorldError) -> Message:
     """
     fields = response.__struct_fields__
     if "result" in fields:
-        code = ResultCode.RESULT_NOT_FOUND if isinstance(error, BodyUnknown) else ResultCode.RESULT_OPERATION_FAILED
-        return response(result=Result(result=code, error_message=str(error)))
+        code = (
+            simulation_interfaces.ResultCode.RESULT_NOT_FOUND
+            if isinstance(error, BodyUnknown)
+            else simulation_interfaces.ResultCode.RESULT_OPERATION_FAILED
+        )
+        return response(result=simulation_interfaces.Result(result=code, error_message=str(error)))
     if "success" not in fields:
         raise error
     return response(refusal=refusal(error)) if "refusal" in fields else response()

@@ -9,7 +9,7 @@ from typing import Any, Generic, TypeVar
 
 from mindstage.bridge import Hub, Participant
 from mindstage.errors import BridgeError, ServiceFailed, ServiceUnknown
-from mindstage.msgs import Message, Ros, encode, type_name
+from mindstage.msgs import Message, RosVersion, encode, type_name
 
 __all__ = ["Listeners", "Outlet"]
 
@@ -23,7 +23,13 @@ class Outlet(Generic[M]):
     """Publishes one type on one topic, in the words of one ROS."""
 
     def __init__(
-        self, participant: Participant, topic: str, type: type[M], *, ros: Ros = Ros.TWO, latch: bool = False
+        self,
+        participant: Participant,
+        topic: str,
+        type: type[M],
+        *,
+        ros: RosVersion = RosVersion.TWO,
+        latch: bool = False,
     ) -> None:
         self.topic = topic
         self._participant = participant

@@ -11,11 +11,7 @@ from typing import Any
 import numpy as np
 
 from mindstage.errors import EngineError
-from mindstage.msgs import Ros, encode
-from mindstage.msgs.builtin_interfaces import Time
-from mindstage.msgs.sensor_msgs import JointState
-from mindstage.msgs.std_msgs import Header
-from mindstage.msgs.visualization_msgs import Marker, MarkerAction, MarkerType
+from mindstage.msgs import RosVersion, builtin_interfaces, encode, sensor_msgs, std_msgs, visualization_msgs
 from mindstage.stage import Frame
 from mindstage.world import Body, BodyId, Colour, Constraint, Motion, ShapeKind
 
@@ -26,12 +22,15 @@ _NAMESPACE = "mindstage"
 _UNTOLD_M = 0.05
 _GREY: Colour = (0.7, 0.7, 0.7)
 _AXES = ("x", "y", "z", "twist", "swing2", "swing1")
-_FORMS = {ShapeKind.SPHERE: MarkerType.SPHERE, ShapeKind.CYLINDER: MarkerType.CYLINDER}
+_FORMS = {
+    ShapeKind.SPHERE: visualization_msgs.MarkerType.SPHERE,
+    ShapeKind.CYLINDER: visualization_msgs.MarkerType.CYLINDER,
+}
 
 Written = dict[str, Any]
 
 
-def transforms(frame: Frame, *, ros: Ros) -> Written:
+def transforms(frame: Frame, *, ros: RosVersion) -> Written:
     """Where every body is in the world, as a `tf2_msgs/TFMessage`.
 
     Raises:
@@ -55,7 +54,7 @@ def transforms(frame: Frame, *, ros: Ros) -> Written:
 
 def joint_state(
     frame: Frame, constraints: Iterable[Constraint], positions: Mapping[BodyId, tuple[float, ...]]
-) -> JointState:
+) -> sensor_msgs.JointState:
     """How far every constraint has moved since it was spawned; one that moves in several ways has several names."""
     names: list[str] = []
     numbers: list[float] = []
@@ -66,20 +65,24 @@ def joint_state(
         for at in axes:
             names.append(constraint.id if len(axes) == 1 else f"{constraint.id}/{_AXES[at]}")
             numbers.append(positions[constraint.id][at])
-    return JointState(header=_header(frame), name=tuple(names), position=tuple(numbers))
+    return sensor_msgs.JointState(header=_header(frame), name=tuple(names), position=tuple(numbers))
 
 
-def world_markers(frame: Frame, bodies: Iterable[Body], *, ros: Ros) -> Written:
+def world_markers(frame: Frame, bodies: Iterable[Body], *, ros: RosVersion) -> Written:
     """Every body as a form, as a `visualization_msgs/MarkerArray` that replaces the one before."""
     described = {body.id: body for body in bodies}
     header = _header(frame)
-    blank = encode(Marker(header=header, ns=_NAMESPACE), ros=ros)
-    markers: list[Written] = [{**blank, "action": int(MarkerAction.DELETEALL)}]
+    blank = encode(visualization_msgs.Marker(header=header, ns=_NAMESPACE), ros=ros)
+    markers: list[Written] = [{**blank, "action": int(visualization_msgs.MarkerAction.DELETEALL)}]
     for number, (id, (x, y, z, w, i, j, k)) in enumerate(zip(frame.ids, _numbers(frame), strict=True)):
         body = described.get(id)
         width, depth, height = body.size if body and body.size else (_UNTOLD_M,) * 3
         red, green, blue = frame.highlights.get(id) or _colour(body)
-        form = _FORMS.get(body.shape.kind, MarkerType.CUBE) if body and body.shape else MarkerType.CUBE
+        form = (
+            _FORMS.get(body.shape.kind, visualization_msgs.MarkerType.CUBE)
+            if body and body.shape
+            else visualization_msgs.MarkerType.CUBE
+        )
         pose = {"position": {"x": x, "y": y, "z": z}, "orientation": {"x": i, "y": j, "z": k, "w": w}}
         markers.append(
             {
@@ -95,8 +98,8 @@ def world_markers(frame: Frame, bodies: Iterable[Body], *, ros: Ros) -> Written:
     return {"markers": markers}
 
 
-def _header(frame: Frame) -> Header:
-    return Header(stamp=Time.at(frame.time_s), frame_id=_WORLD)
+def _header(frame: Frame) -> std_msgs.Header:
+    return std_msgs.Header(stamp=builtin_interfaces.Time.at(frame.time_s), frame_id=_WORLD)
 
 
 def _numbers(frame: Frame) -> list[list[float]]:

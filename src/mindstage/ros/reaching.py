@@ -6,8 +6,7 @@ from collections.abc import Callable
 
 from mindstage.bridge import GoalOutcome, ServedGoal
 from mindstage.errors import EngineError, MindstageError, WorldError
-from mindstage.msgs import Message, Ros, decode_arguments, encode
-from mindstage.msgs.simulation_interfaces import Result, ResultCode
+from mindstage.msgs import Message, RosVersion, decode_arguments, encode, simulation_interfaces
 from mindstage.ros.diagnostics import Diagnostics
 from mindstage.ros.job import GoalGivenUp, Job
 from mindstage.ros.offer import ActionOffer
@@ -18,7 +17,7 @@ __all__ = ["reaching"]
 
 
 def reaching(
-    name: str, offer: ActionOffer, *, diagnostics: Diagnostics, ros: Ros, timeout_s: float
+    name: str, offer: ActionOffer, *, diagnostics: Diagnostics, ros: RosVersion, timeout_s: float
 ) -> Callable[[ServedGoal], GoalOutcome]:
     """The handler: messages in and out, and every end told as it has to be.
 
@@ -60,5 +59,7 @@ def reaching(
 def _given_up(result: type[Message]) -> Message:
     if "result" not in result.__struct_fields__:
         return result()
-    told = Result(result=ResultCode.RESULT_OPERATION_FAILED, error_message="it was cancelled")
+    told = simulation_interfaces.Result(
+        result=simulation_interfaces.ResultCode.RESULT_OPERATION_FAILED, error_message="it was cancelled"
+    )
     return result(result=told)

@@ -10,8 +10,9 @@ from mindstage.bridge.names import resolved, same_type
 from mindstage.errors import TypeUnknown
 from mindstage.msgs import (
     Message,
-    Ros,
+    RosVersion,
     action_type,
+    builtin_interfaces,
     definition_text,
     message_type,
     message_types,
@@ -19,7 +20,6 @@ from mindstage.msgs import (
     type_definitions,
 )
 from mindstage.msgs import rosapi as wire
-from mindstage.msgs.builtin_interfaces import Time
 from mindstage.ros.offer import ServiceOffer
 from mindstage.stage import Stage
 
@@ -31,7 +31,7 @@ _PLACE = "/rosapi"
 class Rosapi:
     """Tells who and what is at a hub."""
 
-    def __init__(self, hub: Hub, stage: Stage, *, ros: Ros) -> None:
+    def __init__(self, hub: Hub, stage: Stage, *, ros: RosVersion) -> None:
         self._hub = hub
         self._stage = stage
         self._ros = ros
@@ -114,7 +114,11 @@ class Rosapi:
         yield "nodes", wire.Nodes, lambda _: wire.Nodes.Response(nodes=self._look().peers)
         yield "node_details", wire.NodeDetails, self._node_details
         yield "interfaces", wire.Interfaces, lambda _: wire.Interfaces.Response(interfaces=tuple(message_types()))
-        yield "get_time", wire.GetTime, lambda _: wire.GetTime.Response(time=Time.at(self._stage.frame.time_s))
+        yield (
+            "get_time",
+            wire.GetTime,
+            lambda _: wire.GetTime.Response(time=builtin_interfaces.Time.at(self._stage.frame.time_s)),
+        )
         yield (
             "get_ros_version",
             wire.GetROSVersion,

@@ -12,11 +12,8 @@ from msgspec.structs import replace
 
 from mindstage.bridge.description import colour_from, point_from, pose_from, vector_from
 from mindstage.errors import BodyUnknown, WorldError
+from mindstage.msgs import std_msgs, visualization_msgs
 from mindstage.msgs import unreal_vis_msgs as wire
-from mindstage.msgs.std_msgs import ColorRGBA
-from mindstage.msgs.unreal_vis_msgs import BasicMarkerType
-from mindstage.msgs.visualization_msgs import Marker as MarkerMessage
-from mindstage.msgs.visualization_msgs import MarkerAction, MarkerArray, MarkerType
 from mindstage.ros.diagnostics import Diagnostics
 from mindstage.ros.names import free_id
 from mindstage.ros.offer import ServiceOffer
@@ -33,28 +30,28 @@ _LINE_M = 0.01
 _MOST = 10_000
 """So many markers may be shown; nobody sees more, and the memory is not without end."""
 _BASIC = {
-    BasicMarkerType.POINT: MarkerForm.SPHERE,
-    BasicMarkerType.CUBE: MarkerForm.CUBE,
-    BasicMarkerType.SPHERE: MarkerForm.SPHERE,
-    BasicMarkerType.CYLINDER: MarkerForm.CYLINDER,
-    BasicMarkerType.CONE: MarkerForm.CONE,
-    BasicMarkerType.ARROW: MarkerForm.ARROW,
+    wire.BasicMarkerType.POINT: MarkerForm.SPHERE,
+    wire.BasicMarkerType.CUBE: MarkerForm.CUBE,
+    wire.BasicMarkerType.SPHERE: MarkerForm.SPHERE,
+    wire.BasicMarkerType.CYLINDER: MarkerForm.CYLINDER,
+    wire.BasicMarkerType.CONE: MarkerForm.CONE,
+    wire.BasicMarkerType.ARROW: MarkerForm.ARROW,
 }
 _BODY = "body://"
-_HINTS = {MarkerType.MESH_RESOURCE: f"; the ghost of a body can, as the resource {_BODY}ID"}
+_HINTS = {visualization_msgs.MarkerType.MESH_RESOURCE: f"; the ghost of a body can, as the resource {_BODY}ID"}
 _FORMS = {
-    MarkerType.ARROW: MarkerForm.ARROW,
-    MarkerType.CUBE: MarkerForm.CUBE,
-    MarkerType.SPHERE: MarkerForm.SPHERE,
-    MarkerType.CYLINDER: MarkerForm.CYLINDER,
-    MarkerType.LINE_STRIP: MarkerForm.LINE,
-    MarkerType.LINE_LIST: MarkerForm.LINES,
-    MarkerType.CUBE_LIST: MarkerForm.POINTS,
-    MarkerType.SPHERE_LIST: MarkerForm.POINTS,
-    MarkerType.POINTS: MarkerForm.POINTS,
-    MarkerType.TEXT_VIEW_FACING: MarkerForm.TEXT,
-    MarkerType.ARROW_STRIP: MarkerForm.LINE,
-    MarkerType.MESH_RESOURCE: MarkerForm.GHOST,
+    visualization_msgs.MarkerType.ARROW: MarkerForm.ARROW,
+    visualization_msgs.MarkerType.CUBE: MarkerForm.CUBE,
+    visualization_msgs.MarkerType.SPHERE: MarkerForm.SPHERE,
+    visualization_msgs.MarkerType.CYLINDER: MarkerForm.CYLINDER,
+    visualization_msgs.MarkerType.LINE_STRIP: MarkerForm.LINE,
+    visualization_msgs.MarkerType.LINE_LIST: MarkerForm.LINES,
+    visualization_msgs.MarkerType.CUBE_LIST: MarkerForm.POINTS,
+    visualization_msgs.MarkerType.SPHERE_LIST: MarkerForm.POINTS,
+    visualization_msgs.MarkerType.POINTS: MarkerForm.POINTS,
+    visualization_msgs.MarkerType.TEXT_VIEW_FACING: MarkerForm.TEXT,
+    visualization_msgs.MarkerType.ARROW_STRIP: MarkerForm.LINE,
+    visualization_msgs.MarkerType.MESH_RESOURCE: MarkerForm.GHOST,
 }
 
 
@@ -115,18 +112,18 @@ class UnrealVis:
             )
         return wire.RemoveMarker.Response(success=gone)
 
-    def on_markers(self, message: MarkerArray) -> None:
+    def on_markers(self, message: visualization_msgs.MarkerArray) -> None:
         """Does what an array of markers says, as RViz would."""
         for marker in message.markers:
             self.on_marker(marker)
 
-    def on_marker(self, message: MarkerMessage) -> None:
+    def on_marker(self, message: visualization_msgs.Marker) -> None:
         """One of them."""
         id = f"{message.ns}/{message.id}"
         match message.action:
-            case MarkerAction.DELETE:
+            case visualization_msgs.MarkerAction.DELETE:
                 self._take_away([id])
-            case MarkerAction.DELETEALL:
+            case visualization_msgs.MarkerAction.DELETEALL:
                 self._take_away(
                     [each for each in self._from_messages if not message.ns or each.startswith(f"{message.ns}/")]
                 )
@@ -164,7 +161,7 @@ class UnrealVis:
         return free_id(stem, {marker.id for marker in self._stage.frame.markers})
 
 
-def marker_from(message: MarkerMessage, id: str, sight: Sight) -> Marker | None:
+def marker_from(message: visualization_msgs.Marker, id: str, sight: Sight) -> Marker | None:
     """The marker that a message means; None for what has no form here (triangles, and meshes but for those of bodies).
 
     Raises:
@@ -190,14 +187,14 @@ def marker_from(message: MarkerMessage, id: str, sight: Sight) -> Marker | None:
     return marker
 
 
-def _size(message: MarkerMessage, form: MarkerForm) -> Vector:
+def _size(message: visualization_msgs.Marker, form: MarkerForm) -> Vector:
     x, y, z = vector_from(message.scale)
     if form in {MarkerForm.LINE, MarkerForm.LINES}:
         return x or _LINE_M, x or _LINE_M, x or _LINE_M
     return (z, z, z) if form is MarkerForm.TEXT else (x, y, z)
 
 
-def _arrow_between(marker: Marker, message: MarkerMessage) -> Marker:
+def _arrow_between(marker: Marker, message: visualization_msgs.Marker) -> Marker:
     """An arrow told by its ends instead of its pose; the scale is then how thick the shaft and the head are."""
     start, end = np.array(marker.points[0]), np.array(marker.points[1])
     length = float(np.linalg.norm(end - start))
@@ -216,7 +213,7 @@ def _turn_of_x_to(direction: Array) -> Array:
     return np.asarray(half / np.linalg.norm(half))
 
 
-def _run(points: tuple[Vector, ...], begin: ColorRGBA, end: ColorRGBA) -> tuple[Colour, ...]:
+def _run(points: tuple[Vector, ...], begin: std_msgs.ColorRGBA, end: std_msgs.ColorRGBA) -> tuple[Colour, ...]:
     if not points:
         return ()
     ways = np.linalg.norm(np.diff(np.array(points), axis=0), axis=1)

@@ -12,14 +12,7 @@ from collections.abc import Iterator
 from mindstage.bridge.description.geometry import pose_from, pose_message
 from mindstage.bridge.description.models import individual
 from mindstage.bridge.description.remarks import Remark
-from mindstage.msgs.geometry_msgs import Vector3
-from mindstage.msgs.world_control_msgs import (
-    AngularLimits,
-    ConstraintDescription,
-    LinearLimits,
-    MotionCode,
-    PhysicsConstraintDetails,
-)
+from mindstage.msgs import geometry_msgs, world_control_msgs
 from mindstage.world import AngularMotion, BodyId, Constraint, LinearMotion, Motion, Soft
 
 __all__ = ["constraint_description", "constraint_from", "unsaid_of_constraint"]
@@ -28,11 +21,11 @@ LINEAR = ("x", "y", "z")
 ANGULAR = ("swing1", "swing2", "twist")
 
 
-def constraint_description(constraint: Constraint) -> ConstraintDescription:
+def constraint_description(constraint: Constraint) -> world_control_msgs.ConstraintDescription:
     """A constraint for the wire."""
-    return ConstraintDescription(
+    return world_control_msgs.ConstraintDescription(
         id=constraint.id,
-        constraint_details=PhysicsConstraintDetails(
+        constraint_details=world_control_msgs.PhysicsConstraintDetails(
             id_first_model=constraint.parent,
             id_second_model=constraint.child,
             disable_collision=constraint.disable_collision is not False,
@@ -56,7 +49,7 @@ def unsaid_of_constraint(constraint: Constraint) -> Iterator[Remark]:
 
 
 def constraint_from(
-    description: ConstraintDescription, *, id: str = "", namespace: str
+    description: world_control_msgs.ConstraintDescription, *, id: str = "", namespace: str
 ) -> tuple[Constraint, tuple[Remark, ...]]:
     """The constraint that is described, and what was left aside.
 
@@ -100,12 +93,12 @@ def constraint_from(
     return constraint, tuple(_left_aside(name, details))
 
 
-def _linear(motion: LinearMotion) -> LinearLimits:
+def _linear(motion: LinearMotion) -> world_control_msgs.LinearLimits:
     reach = [abs(getattr(motion, f"{axis}_middle")) for axis in LINEAR if getattr(motion, axis) is Motion.LIMITED]
-    return LinearLimits(
-        x_motion=MotionCode(motion.x),
-        y_motion=MotionCode(motion.y),
-        z_motion=MotionCode(motion.z),
+    return world_control_msgs.LinearLimits(
+        x_motion=world_control_msgs.MotionCode(motion.x),
+        y_motion=world_control_msgs.MotionCode(motion.y),
+        z_motion=world_control_msgs.MotionCode(motion.z),
         limit=motion.limit + max(reach, default=0.0),
         use_advanced=True,
         soft_constraint=motion.soft.enabled,
@@ -114,11 +107,11 @@ def _linear(motion: LinearMotion) -> LinearLimits:
     )
 
 
-def _angular(motion: AngularMotion) -> AngularLimits:
-    return AngularLimits(
-        swing_1_motion=MotionCode(motion.swing1),
-        swing_2_motion=MotionCode(motion.swing2),
-        twist_motion=MotionCode(motion.twist),
+def _angular(motion: AngularMotion) -> world_control_msgs.AngularLimits:
+    return world_control_msgs.AngularLimits(
+        swing_1_motion=world_control_msgs.MotionCode(motion.swing1),
+        swing_2_motion=world_control_msgs.MotionCode(motion.swing2),
+        twist_motion=world_control_msgs.MotionCode(motion.twist),
         swing_1_limit_angle=_reach(motion, "swing1"),
         swing_2_limit_angle=_reach(motion, "swing2"),
         twist_limit_angle=_reach(motion, "twist"),
@@ -146,13 +139,13 @@ def _soft(use_advanced: bool, enabled: bool, stiffness: float, damping: float) -
     return Soft(enabled=use_advanced and enabled, stiffness=stiffness, damping=damping)
 
 
-def _left_aside(id: str, details: PhysicsConstraintDetails) -> Iterator[Remark]:
+def _left_aside(id: str, details: world_control_msgs.PhysicsConstraintDetails) -> Iterator[Remark]:
     linear, angular = details.linear_limits, details.angular_limits
     if linear.soft_constraint and not linear.use_advanced:
         yield Remark("soft", (id,), "softness along the axes does not count without use_advanced")
     if (angular.swing_soft_constraint or angular.twist_soft_constraint) and not angular.use_advanced:
         yield Remark("soft", (id,), "softness about the axes does not count without use_advanced")
-    if angular.angular_roation_offset != Vector3():
+    if angular.angular_roation_offset != geometry_msgs.Vector3():
         yield Remark("angular_roation_offset", (id,), "it is left aside; turn the pose in its place")
     if details.enable_projection:
         yield Remark("enable_projection", (id,), "how an engine corrects errors is left to the engine")

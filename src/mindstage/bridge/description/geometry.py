@@ -11,8 +11,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from mindstage.msgs import geometry_msgs, std_msgs
-from mindstage.msgs.world_control_msgs import ColourCode
+from mindstage.msgs import geometry_msgs, std_msgs, world_control_msgs
 from mindstage.world import Colour, Pose, Vector
 from mindstage.world.colours import COLOURS
 
@@ -31,7 +30,9 @@ __all__ = [
     "vector_message",
 ]
 
-_COLOURS: dict[ColourCode, Colour] = {ColourCode(code): colour for code, colour in enumerate(COLOURS.values(), start=1)}
+_COLOURS: dict[world_control_msgs.ColourCode, Colour] = {
+    world_control_msgs.ColourCode(code): colour for code, colour in enumerate(COLOURS.values(), start=1)
+}
 
 
 def pose_message(pose: Pose) -> geometry_msgs.Pose:
@@ -101,13 +102,13 @@ def colour_from(message: std_msgs.ColorRGBA) -> Colour:
     return message.r, message.g, message.b
 
 
-def colour_from_code(code: ColourCode) -> Colour | None:
+def colour_from_code(code: world_control_msgs.ColourCode) -> Colour | None:
     """The colour of a code; None puts out."""
     return _COLOURS.get(code)
 
 
-def colour_code(colour: Colour | None) -> ColourCode:
+def colour_code(colour: Colour | None) -> world_control_msgs.ColourCode:
     """The code whose colour is nearest; only five colours have one, so what comes back may be another colour."""
     if colour is None:
-        return ColourCode.NONE
+        return world_control_msgs.ColourCode.NONE
     return min(_COLOURS, key=lambda code: sum((a - b) ** 2 for a, b in zip(_COLOURS[code], colour, strict=True)))

@@ -8,15 +8,15 @@ from itertools import count
 from mindstage.bridge.description.constraints import constraint_description, constraint_from, unsaid_of_constraint
 from mindstage.bridge.description.models import body_from, individual, model_description, unsaid_of_body
 from mindstage.bridge.description.remarks import Remark, gathered
-from mindstage.msgs.world_control_msgs import RelationDescription, SpawnSemanticMap
+from mindstage.msgs import world_control_msgs
 from mindstage.world import Attachment, BodyId, Iri, World
 
 __all__ = ["attachment_from", "relation_description", "spawn_request", "unsaid", "world_from_request"]
 
 
-def spawn_request(world: World) -> SpawnSemanticMap.Request:
+def spawn_request(world: World) -> world_control_msgs.SpawnSemanticMap.Request:
     """A world for `spawn_semantic_map`; `unsaid` tells what is not in it."""
-    return SpawnSemanticMap.Request(
+    return world_control_msgs.SpawnSemanticMap.Request(
         models=tuple(model_description(body) for body in world.bodies),
         constraints=tuple(constraint_description(constraint) for constraint in world.constraints),
         relations=tuple(relation_description(attachment) for attachment in world.attachments),
@@ -29,7 +29,7 @@ def unsaid(world: World) -> tuple[Remark, ...]:
 
 
 def world_from_request(
-    request: SpawnSemanticMap.Request, *, iri: Iri, name: str = "", taken: Container[str] = ()
+    request: world_control_msgs.SpawnSemanticMap.Request, *, iri: Iri, name: str = "", taken: Container[str] = ()
 ) -> tuple[World, tuple[Remark, ...]]:
     """The world that a request describes, and what was assumed on the way.
 
@@ -66,12 +66,12 @@ def world_from_request(
     return world, gathered(told)
 
 
-def relation_description(attachment: Attachment) -> RelationDescription:
+def relation_description(attachment: Attachment) -> world_control_msgs.RelationDescription:
     """An attachment for the wire."""
-    return RelationDescription(parent_id=attachment.parent, child_id=attachment.child)
+    return world_control_msgs.RelationDescription(parent_id=attachment.parent, child_id=attachment.child)
 
 
-def attachment_from(relation: RelationDescription) -> Attachment:
+def attachment_from(relation: world_control_msgs.RelationDescription) -> Attachment:
     """An attachment from the wire."""
     return Attachment(parent=BodyId(relation.parent_id), child=BodyId(relation.child_id))
 

@@ -19,7 +19,6 @@ from mindstage.bridge.description.geometry import pose_from, pose_message
 from mindstage.bridge.description.remarks import Remark
 from mindstage.errors import MessageRefused
 from mindstage.msgs import world_control_msgs
-from mindstage.msgs.world_control_msgs import MobilityCode, ModelDescription, PhysicsProperties
 from mindstage.world import Body, BodyId, Iri, Material, Mobility, Physics, Shape, ShapeKind, Tag, Vector
 
 __all__ = [
@@ -43,19 +42,19 @@ CLASS_NAMESPACE = "http://knowrob.org/kb/knowrob.owl#"
 TYPE = "Mindstage"
 KEYS = ("Iri", "Class", "Mesh", "Shape", "Size", "Untold")
 CODES = {
-    Mobility.STATIC: MobilityCode.STATIC,
-    Mobility.STATIONARY: MobilityCode.STATIONARY,
-    Mobility.DYNAMIC: MobilityCode.DYNAMIC,
-    Mobility.KINEMATIC: MobilityCode.KINEMATIC,
+    Mobility.STATIC: world_control_msgs.MobilityCode.STATIC,
+    Mobility.STATIONARY: world_control_msgs.MobilityCode.STATIONARY,
+    Mobility.DYNAMIC: world_control_msgs.MobilityCode.DYNAMIC,
+    Mobility.KINEMATIC: world_control_msgs.MobilityCode.KINEMATIC,
 }
 MOBILITIES = {code: mobility for mobility, code in CODES.items()}
 
 # -- to the wire -------------------------------------------------------------------------------------------------------
 
 
-def model_description(body: Body) -> ModelDescription:
+def model_description(body: Body) -> world_control_msgs.ModelDescription:
     """A body for `spawn_semantic_map`."""
-    return ModelDescription(
+    return world_control_msgs.ModelDescription(
         name=_mesh_name(body),
         pose=pose_message(body.pose),
         id=body.id,
@@ -80,15 +79,15 @@ def model_request(
     """
     model = model_description(body)
     return world_control_msgs.SpawnModel.Request(
-        **{name: getattr(model, name) for name in ModelDescription.__struct_fields__},
+        **{name: getattr(model, name) for name in world_control_msgs.ModelDescription.__struct_fields__},
         parent_id=parent,
         spawn_collision_check=spawn_collision_check,
     )
 
 
-def physics_message(physics: Physics) -> PhysicsProperties:
+def physics_message(physics: Physics) -> world_control_msgs.PhysicsProperties:
     """Physics for the wire; what is not told is written as what it is taken for."""
-    return PhysicsProperties(
+    return world_control_msgs.PhysicsProperties(
         mobility=CODES[physics.mobility or Mobility.STATIC],
         gravity=physics.gravity is not False,
         generate_overlap_events=physics.overlap_events is True,
@@ -144,7 +143,7 @@ def _local(iri: str) -> str:
 
 # -- from the wire -----------------------------------------------------------------------------------------------------
 
-Model = ModelDescription | world_control_msgs.SpawnModel.Request
+Model = world_control_msgs.ModelDescription | world_control_msgs.SpawnModel.Request
 
 
 def body_from(model: Model, *, id: str = "", namespace: str, path: str = "") -> tuple[Body, tuple[Remark, ...]]:
@@ -208,7 +207,7 @@ def individual(id: str, namespace: str) -> Iri:
     return Iri(id if "://" in id else namespace + id)
 
 
-def physics_from(message: PhysicsProperties) -> Physics:
+def physics_from(message: world_control_msgs.PhysicsProperties) -> Physics:
     """Physics from the wire, where everything is told."""
     return Physics(
         mobility=MOBILITIES[message.mobility],

@@ -24,11 +24,11 @@ from mindstage.errors import (
     SimulationUnstable,
     WorldError,
 )
-from mindstage.msgs.mindstage_msgs import Refusal
+from mindstage.msgs import mindstage_msgs
 
 __all__ = ["error_from_text", "error_text", "refusal", "world_error"]
 
-WORLD_ERRORS: dict[str, Callable[[Refusal], WorldError]] = {
+WORLD_ERRORS: dict[str, Callable[[mindstage_msgs.Refusal], WorldError]] = {
     "BodyUnknown": lambda said: BodyUnknown(said.body, known=said.near, world=said.world),
     "BodyExists": lambda said: BodyExists(said.body),
     "PoseUnreachable": lambda said: PoseUnreachable(said.body, reason=said.reason),
@@ -39,14 +39,14 @@ ENGINE_ERRORS: dict[str, type[EngineError]] = {
 }
 
 
-def refusal(error: WorldError) -> Refusal:
+def refusal(error: WorldError) -> mindstage_msgs.Refusal:
     """Why the world said no, for the wire."""
     facts = vars(error)
-    said = {name: facts[name] for name in Refusal.__struct_fields__ if name in facts}
-    return Refusal(kind=type(error).__name__, text=str(error), **said)
+    said = {name: facts[name] for name in mindstage_msgs.Refusal.__struct_fields__ if name in facts}
+    return mindstage_msgs.Refusal(kind=type(error).__name__, text=str(error), **said)
 
 
-def world_error(said: Refusal) -> WorldError:
+def world_error(said: mindstage_msgs.Refusal) -> WorldError:
     """The error that was refused with; of a kind that is not known here, its sentence."""
     made = WORLD_ERRORS.get(said.kind)
     return made(said) if made else WorldError(said.text)

@@ -10,8 +10,7 @@ from typing import Any, TypeVar
 import msgspec
 
 from mindstage.errors import MessageRefused
-from mindstage.msgs.causes import cause_and_path
-from mindstage.msgs.primitives import plain
+from mindstage.msgs.base import to_python_number, validation_error_details
 from mindstage.world import Iri, World
 
 __all__ = ["from_json", "to_json", "world_from_json", "world_to_json"]
@@ -35,7 +34,7 @@ def world_to_json(world: World) -> str:
         MessageRefused: it holds what JSON cannot, such as NaN.
     """
     try:
-        told = {**msgspec.to_builtins(world, enc_hook=plain), "format_version": world.format_version}
+        told = {**msgspec.to_builtins(world, enc_hook=to_python_number), "format_version": world.format_version}
     except (TypeError, RecursionError) as error:
         raise MessageRefused("a world", cause=str(error)) from error
     return to_json(told, World)
@@ -69,7 +68,7 @@ def to_json(value: object, type: Any = None) -> str:
         MessageRefused: it holds what JSON cannot, such as NaN.
     """
     try:
-        text = msgspec.json.encode(value, enc_hook=plain).decode()
+        text = msgspec.json.encode(value, enc_hook=to_python_number).decode()
     except (TypeError, UnicodeError, RecursionError) as error:
         raise MessageRefused(_called(type or value.__class__), cause=str(error)) from error
     # msgspec writes NaN and the infinities as null, and a null in the place of a number cannot be read: so read it.
@@ -86,7 +85,7 @@ def from_json(text: str | bytes, type: type[T]) -> T:
     try:
         return msgspec.json.decode(text, type=type)
     except msgspec.ValidationError as error:
-        cause, path = cause_and_path(error)
+        cause, path = validation_error_details(error)
         raise MessageRefused(_called(type), path=path, cause=cause) from error
     except (msgspec.DecodeError, UnicodeError, RecursionError) as error:
         raise MessageRefused(_called(type), cause=f"it is no JSON: {error}") from error

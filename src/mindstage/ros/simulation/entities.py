@@ -10,11 +10,8 @@ from collections.abc import Iterator
 from mindstage.bridge.description import pose_from, pose_messages
 from mindstage.errors import BodyUnknown, PoseUnreachable
 from mindstage.knowledge.names import local_name
+from mindstage.msgs import builtin_interfaces, geometry_msgs, std_msgs
 from mindstage.msgs import simulation_interfaces as wire
-from mindstage.msgs.builtin_interfaces import Time
-from mindstage.msgs.geometry_msgs import Vector3
-from mindstage.msgs.simulation_interfaces import Bounds, BoundsType, EntityCategory, EntityInfo, EntityState
-from mindstage.msgs.std_msgs import Header
 from mindstage.ros.offer import ServiceOffer
 from mindstage.ros.results import OK, ResultError, unsupported
 from mindstage.ros.sight import Sight
@@ -57,13 +54,13 @@ class Entities:
         there = tuple(id for id in ids if id in rows)
         poses = pose_messages(frame.poses[[rows[id] for id in there]].reshape(-1, 7))
         header = self._header()
-        states = tuple(EntityState(header=header, pose=pose) for pose in poses)
+        states = tuple(wire.EntityState(header=header, pose=pose) for pose in poses)
         return wire.GetEntitiesStates.Response(result=OK, entities=there, states=states)
 
     def get_state(self, request: wire.GetEntityState.Request) -> wire.GetEntityState.Response:
         """Where one is. Engines do not tell how fast a body is, so twist and acceleration are zero."""
         (pose,) = pose_messages(self._sight.row(request.entity)[None])
-        return wire.GetEntityState.Response(result=OK, state=EntityState(header=self._header(), pose=pose))
+        return wire.GetEntityState.Response(result=OK, state=wire.EntityState(header=self._header(), pose=pose))
 
     def set_state(self, request: wire.SetEntityState.Request) -> wire.SetEntityState.Response:
         """Puts one somewhere else, at rest; the pose may be told in the frame of another one."""
@@ -82,8 +79,8 @@ class Entities:
     def get_info(self, request: wire.GetEntityInfo.Request) -> wire.GetEntityInfo.Response:
         """What one is: its label or else its class; among the tags, its class is the first."""
         body = self._sight.body(request.entity)
-        info = EntityInfo(
-            category=EntityCategory(category=category_of(body)),
+        info = wire.EntityInfo(
+            category=wire.EntityCategory(category=category_of(body)),
             description=body.label or local_name(body.cls),
             tags=tags_of(body),
         )
@@ -104,13 +101,16 @@ class Entities:
         self._stage.call(lambda engine: engine.delete((id,)), what="delete", edits=True)
         return wire.DeleteEntity.Response(result=OK)
 
-    def _header(self) -> Header:
-        return Header(stamp=Time.at(self._stage.frame.time_s), frame_id=WORLD)
+    def _header(self) -> std_msgs.Header:
+        return std_msgs.Header(stamp=builtin_interfaces.Time.at(self._stage.frame.time_s), frame_id=WORLD)
 
 
-def bounds_of(size: tuple[float, float, float] | None) -> Bounds:
+def bounds_of(size: tuple[float, float, float] | None) -> wire.Bounds:
     """The box around a body, in its own frame: the upper and the lower corner."""
     if size is None:
-        return Bounds()
+        return wire.Bounds()
     x, y, z = (extent / 2 for extent in size)
-    return Bounds(type=BoundsType.TYPE_BOX, points=(Vector3(x=x, y=y, z=z), Vector3(x=-x, y=-y, z=-z)))
+    return wire.Bounds(
+        type=wire.BoundsType.TYPE_BOX,
+        points=(geometry_msgs.Vector3(x=x, y=y, z=z), geometry_msgs.Vector3(x=-x, y=-y, z=-z)),
+    )

@@ -7,14 +7,7 @@ from numpy.typing import NDArray
 
 from mindstage.bridge.description import vector_from
 from mindstage.knowledge.names import local_name
-from mindstage.msgs.simulation_interfaces import (
-    Bounds,
-    BoundsType,
-    Category,
-    EntityFilters,
-    FilterMode,
-    TagsFilter,
-)
+from mindstage.msgs import simulation_interfaces
 from mindstage.ros.results import failed, unsupported
 from mindstage.ros.sight import Sight
 from mindstage.ros.simulation.patterns import Pattern, PatternRefused
@@ -25,7 +18,7 @@ from mindstage.world.geometry import Array, unit
 __all__ = ["category_of", "chosen", "has_tags", "tags_of"]
 
 
-def chosen(sight: Sight, filters: EntityFilters) -> tuple[BodyId, ...]:
+def chosen(sight: Sight, filters: simulation_interfaces.EntityFilters) -> tuple[BodyId, ...]:
     """The entities that pass, in the order of the frame.
 
     Raises:
@@ -43,17 +36,21 @@ def chosen(sight: Sight, filters: EntityFilters) -> tuple[BodyId, ...]:
         bodies = {body.id: body for body in sight.world().bodies}
         ids = tuple(id for id in ids if id in bodies and not (categories and category_of(bodies[id]) not in categories))
         ids = tuple(id for id in ids if has_tags(tags_of(bodies[id]), filters.tags))
-    return _within(sight, ids, filters.bounds) if filters.bounds.type is not BoundsType.TYPE_EMPTY else ids
+    return (
+        _within(sight, ids, filters.bounds)
+        if filters.bounds.type is not simulation_interfaces.BoundsType.TYPE_EMPTY
+        else ids
+    )
 
 
-def category_of(body: Body) -> Category:
+def category_of(body: Body) -> simulation_interfaces.Category:
     """What kind of thing a body is: whether it moves by itself is all that is known for sure."""
     match body.physics.mobility:
         case Mobility.DYNAMIC:
-            return Category.CATEGORY_DYNAMIC_OBJECT
+            return simulation_interfaces.Category.CATEGORY_DYNAMIC_OBJECT
         case Mobility.KINEMATIC:
-            return Category.CATEGORY_OBJECT
-    return Category.CATEGORY_STATIC_OBJECT
+            return simulation_interfaces.Category.CATEGORY_OBJECT
+    return simulation_interfaces.Category.CATEGORY_STATIC_OBJECT
 
 
 def tags_of(body: Body) -> tuple[str, ...]:
@@ -61,15 +58,15 @@ def tags_of(body: Body) -> tuple[str, ...]:
     return (local_name(body.cls), *(f"{tag.type}/{tag.key}={tag.value}" for tag in body.tags))
 
 
-def has_tags(tags: tuple[str, ...], wanted: TagsFilter) -> bool:
+def has_tags(tags: tuple[str, ...], wanted: simulation_interfaces.TagsFilter) -> bool:
     """Whether tags are what a filter wants; without any, everything is."""
     if not wanted.tags:
         return True
     found = [tag in tags for tag in wanted.tags]
-    return all(found) if wanted.filter_mode is FilterMode.FILTER_MODE_ALL else any(found)
+    return all(found) if wanted.filter_mode is simulation_interfaces.FilterMode.FILTER_MODE_ALL else any(found)
 
 
-def _within(sight: Sight, ids: tuple[BodyId, ...], bounds: Bounds) -> tuple[BodyId, ...]:
+def _within(sight: Sight, ids: tuple[BodyId, ...], bounds: simulation_interfaces.Bounds) -> tuple[BodyId, ...]:
     """Those whose upright box meets the bounds."""
     if not ids:
         return ids
@@ -85,14 +82,16 @@ def _within(sight: Sight, ids: tuple[BodyId, ...], bounds: Bounds) -> tuple[Body
     return tuple(id for id, kept in zip(ids, meets, strict=True) if kept)
 
 
-def _meets(bounds: Bounds, low: Array, high: Array) -> NDArray[np.bool_]:
+def _meets(bounds: simulation_interfaces.Bounds, low: Array, high: Array) -> NDArray[np.bool_]:
     points = np.array([vector_from(point) for point in bounds.points], dtype=np.float64).reshape(-1, 3)
     match bounds.type:
-        case BoundsType.TYPE_BOX | BoundsType.TYPE_SPHERE if len(points) != 2:
+        case simulation_interfaces.BoundsType.TYPE_BOX | simulation_interfaces.BoundsType.TYPE_SPHERE if (
+            len(points) != 2
+        ):
             raise failed(f"a {bounds.type.name} has two points, not {len(points)}")
-        case BoundsType.TYPE_BOX:
+        case simulation_interfaces.BoundsType.TYPE_BOX:
             inside = np.all((low <= points.max(axis=0)) & (high >= points.min(axis=0)), axis=1)
-        case BoundsType.TYPE_SPHERE:
+        case simulation_interfaces.BoundsType.TYPE_SPHERE:
             nearest = np.clip(points[0], low, high)
             inside = np.linalg.norm(nearest - points[0], axis=1) <= points[1, 0]
         case _:

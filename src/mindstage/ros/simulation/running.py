@@ -9,12 +9,6 @@ from contextlib import contextmanager
 
 from mindstage.errors import StageTimedOut
 from mindstage.msgs import simulation_interfaces as wire
-from mindstage.msgs.simulation_interfaces import (
-    ResetScope,
-    SetSimulationStateCode,
-    SimulationState,
-    StateCode,
-)
 from mindstage.ros.job import GoalGivenUp, Job
 from mindstage.ros.offer import ActionOffer, ServiceOffer
 from mindstage.ros.results import OK, ResultError, incorrect_state, unsupported
@@ -55,45 +49,45 @@ class Running:
         """What takes time."""
         yield ActionOffer(wire.SimulateSteps, self.simulate_steps)
 
-    def state(self) -> StateCode:
+    def state(self) -> wire.StateCode:
         """How the simulation is."""
         frame = self._stage.frame
         if not frame.ids and not self._stage.worlds:
-            return StateCode.STATE_NO_WORLD
+            return wire.StateCode.STATE_NO_WORLD
         if frame.playing:
-            return StateCode.STATE_PLAYING
-        return StateCode.STATE_STOPPED if self._stopped_at == frame.time_s else StateCode.STATE_PAUSED
+            return wire.StateCode.STATE_PLAYING
+        return wire.StateCode.STATE_STOPPED if self._stopped_at == frame.time_s else wire.StateCode.STATE_PAUSED
 
     def get_state(self, _: wire.GetSimulationState.Request) -> wire.GetSimulationState.Response:
         """How the simulation is."""
         if self._stage.lost is not None:
             raise self._stage.lost
-        return wire.GetSimulationState.Response(state=SimulationState(state=self.state()), result=OK)
+        return wire.GetSimulationState.Response(state=wire.SimulationState(state=self.state()), result=OK)
 
     def set_state(self, request: wire.SetSimulationState.Request) -> wire.SetSimulationState.Response:
         """Plays, pauses, stops (which is a pause at the start), or quits."""
         wanted, now = request.state.state, self.state()
         if wanted is now:
-            raise ResultError(SetSimulationStateCode.ALREADY_IN_TARGET_STATE, f"it is {_word(now)} already")
+            raise ResultError(wire.SetSimulationStateCode.ALREADY_IN_TARGET_STATE, f"it is {_word(now)} already")
         match wanted:
-            case StateCode.STATE_QUITTING:
+            case wire.StateCode.STATE_QUITTING:
                 if self._on_quit is None:
                     raise unsupported("whoever serves this stage ends it")
                 self._on_quit()
-            case _ if now is StateCode.STATE_NO_WORLD:
+            case _ if now is wire.StateCode.STATE_NO_WORLD:
                 raise incorrect_state("no world is loaded")
-            case StateCode.STATE_PLAYING:
+            case wire.StateCode.STATE_PLAYING:
                 self._stage.play()
-            case StateCode.STATE_PAUSED:
+            case wire.StateCode.STATE_PAUSED:
                 self._stage.pause()
                 self._stopped_at = None
-            case StateCode.STATE_STOPPED:
+            case wire.StateCode.STATE_STOPPED:
                 self._stage.pause()
                 self._stage.reset()
                 self._stopped_at = self._stage.frame.time_s
             case _:
                 text = f"{_word(wanted)} is no state that can be asked for"
-                raise ResultError(SetSimulationStateCode.INCORRECT_TRANSITION, text)
+                raise ResultError(wire.SetSimulationStateCode.INCORRECT_TRANSITION, text)
         return wire.SetSimulationState.Response(result=OK)
 
     def step(self, request: wire.StepSimulation.Request) -> wire.StepSimulation.Response:
@@ -108,9 +102,9 @@ class Running:
 
     def reset(self, request: wire.ResetSimulation.Request) -> wire.ResetSimulation.Response:
         """Goes back to right after the last spawn: time, state and what was deleted since, which belong together."""
-        if request.scope == ResetScope.SCOPE_TIME:
+        if request.scope == wire.ResetScope.SCOPE_TIME:
             raise unsupported("time goes back with the state only; use SCOPE_STATE or SCOPE_ALL")
-        if request.scope == ResetScope.SCOPE_SPAWNED:
+        if request.scope == wire.ResetScope.SCOPE_SPAWNED:
             self._remove_what_was_spawned_later()
         else:
             self._stage.reset()
@@ -162,5 +156,5 @@ def _pieces(steps: int, step_s: float) -> Iterator[int]:
         yield min(handful, steps - begun)
 
 
-def _word(state: StateCode) -> str:
+def _word(state: wire.StateCode) -> str:
     return state.name.removeprefix("STATE_").lower().replace("_", " ")

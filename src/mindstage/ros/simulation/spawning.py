@@ -10,16 +10,6 @@ from mindstage.errors import BodyUnknown
 from mindstage.knowledge.names import local_name
 from mindstage.msgs import modul_spawner_msgs
 from mindstage.msgs import simulation_interfaces as wire
-from mindstage.msgs.simulation_interfaces import (
-    Feature,
-    Resource,
-    Result,
-    SimulatorFeatures,
-    Spawnable,
-    SpawnCode,
-    SpawnEntitiesCode,
-    SpawnResult,
-)
 from mindstage.ros.diagnostics import Diagnostics
 from mindstage.ros.names import free_id, map_iri
 from mindstage.ros.offer import ServiceOffer
@@ -34,18 +24,18 @@ __all__ = ["Spawning"]
 
 _PATIENCE_S = 120.0
 _LACKING = {
-    Feature.NAMED_POSES,
-    Feature.POSE_BOUNDS,
-    Feature.ENTITY_BOUNDS_CONVEX,
-    Feature.ENTITY_INFO_SETTING,
-    Feature.SIMULATION_RESET_TIME,
+    wire.Feature.NAMED_POSES,
+    wire.Feature.POSE_BOUNDS,
+    wire.Feature.ENTITY_BOUNDS_CONVEX,
+    wire.Feature.ENTITY_INFO_SETTING,
+    wire.Feature.SIMULATION_RESET_TIME,
 }
 _CODES = {
-    TroubleKind.MISSING: SpawnCode.NO_RESOURCE,
-    TroubleKind.FORMAT: SpawnCode.UNSUPPORTED_FORMAT,
-    TroubleKind.BROKEN: SpawnCode.RESOURCE_PARSE_ERROR,
+    TroubleKind.MISSING: wire.SpawnCode.NO_RESOURCE,
+    TroubleKind.FORMAT: wire.SpawnCode.UNSUPPORTED_FORMAT,
+    TroubleKind.BROKEN: wire.SpawnCode.RESOURCE_PARSE_ERROR,
 }
-_Request = wire.SpawnEntity.Request | wire.messages.SpawnEntity
+_Request = wire.SpawnEntity.Request | wire.SpawnEntityMessage
 
 
 class Spawning:
@@ -69,8 +59,8 @@ class Spawning:
     def features(self, _: wire.GetSimulatorFeatures.Request) -> wire.GetSimulatorFeatures.Response:
         """What works here."""
         told = {"engine": self._stage.engine_name, "step_s": self._step_s}
-        features = SimulatorFeatures(
-            features=tuple(feature for feature in Feature if feature not in _LACKING),
+        features = wire.SimulatorFeatures(
+            features=tuple(feature for feature in wire.Feature if feature not in _LACKING),
             spawn_formats=tuple(FORMATS.values()),
             custom_info=json.dumps(told),
         )
@@ -79,13 +69,16 @@ class Spawning:
     def spawnables(self, request: wire.GetSpawnables.Request) -> wire.GetSpawnables.Response:
         """Each thing of a known map, and each file of the folder; sources, where given, are the maps' IRIs."""
         chosen = set(request.sources)
-        found: list[Spawnable] = []
+        found: list[wire.Spawnable] = []
         for map in self._resources.knowledge.maps():
             if not chosen or map in chosen:
                 found += (_spawnable(body) for body in self._resources.knowledge.world(map).bodies)
         if not chosen:
             files = self._resources.files()
-            found += (Spawnable(entity_resource=Resource(uri=name), description=f"the file {name}") for name in files)
+            found += (
+                wire.Spawnable(entity_resource=wire.Resource(uri=name), description=f"the file {name}")
+                for name in files
+            )
         return wire.GetSpawnables.Response(result=OK, spawnables=tuple(found))
 
     def spawn_entity(self, request: wire.SpawnEntity.Request) -> wire.SpawnEntity.Response:
@@ -99,7 +92,7 @@ class Spawning:
         if not lost:
             return wire.SpawnEntities.Response(result=OK, results=results)
         text = f"{lost} of {len(results)} were not spawned"
-        result = Result(result=SpawnEntitiesCode.ENTITIES_SPAWN_FAILED, error_message=text)
+        result = wire.Result(result=wire.SpawnEntitiesCode.ENTITIES_SPAWN_FAILED, error_message=text)
         return wire.SpawnEntities.Response(result=result, results=results)
 
     def spawn_robot(self, request: modul_spawner_msgs.SpawnRobot.Request) -> modul_spawner_msgs.SpawnRobot.Response:
@@ -114,12 +107,12 @@ class Spawning:
             return modul_spawner_msgs.SpawnRobot.Response(id=name)
         return modul_spawner_msgs.SpawnRobot.Response(id=name, name=name, success=True)
 
-    def _tried(self, request: wire.messages.SpawnEntity) -> SpawnResult:
+    def _tried(self, request: wire.SpawnEntityMessage) -> wire.SpawnResult:
         try:
-            return SpawnResult(result=OK, entity_name=self._spawn(request))
+            return wire.SpawnResult(result=OK, entity_name=self._spawn(request))
         except ResultError as error:
             self._diagnostics.failed("spawn_entities", [(request.name, str(error))])
-            return SpawnResult(result=error.result, entity_name=request.name)
+            return wire.SpawnResult(result=error.result, entity_name=request.name)
 
     def _spawn(self, request: _Request) -> str:
         world, root = self._template(request.entity_resource)
@@ -127,22 +120,22 @@ class Spawning:
         try:
             pose = self._sight.in_world(pose_from(request.initial_pose.pose), request.initial_pose.header.frame_id)
         except BodyUnknown as error:
-            raise ResultError(SpawnCode.INVALID_POSE, str(error)) from error
+            raise ResultError(wire.SpawnCode.INVALID_POSE, str(error)) from error
         self._put(world, root, name=name, pose=pose)
         return name
 
     def _put(self, world: World, root: Body | None, *, name: str, pose: Pose | None) -> None:
         if root is None:
-            raise ResultError(SpawnCode.RESOURCE_PARSE_ERROR, "there is no body in it")
+            raise ResultError(wire.SpawnCode.RESOURCE_PARSE_ERROR, "there is no body in it")
         worlds = self._stage.worlds
         report = self._stage.spawn(
             placed(world, root, name=name, pose=pose, map=worlds[0].iri if worlds else map_iri("spawned"))
         )
         self._diagnostics.spawned("spawn", report)
         if report.failed_bodies:
-            raise ResultError(SpawnCode.INVALID_POSE, "; ".join(each.reason for each in report.failed_bodies[:3]))
+            raise ResultError(wire.SpawnCode.INVALID_POSE, "; ".join(each.reason for each in report.failed_bodies[:3]))
 
-    def _template(self, resource: Resource) -> tuple[World, Body | None]:
+    def _template(self, resource: wire.Resource) -> tuple[World, Body | None]:
         if resource.uri and (known := self._resources.body(resource.uri)):
             world, body = known
             return part_of(world, body.id), body
@@ -155,20 +148,20 @@ class Spawning:
     def _name(self, request: _Request, root: Body | None) -> str:
         taken = self._sight.rows(self._sight.frame())
         if not request.name and not request.allow_renaming:
-            raise ResultError(SpawnCode.NAME_INVALID, "it needs a name, unless it may be renamed")
+            raise ResultError(wire.SpawnCode.NAME_INVALID, "it needs a name, unless it may be renamed")
         if request.name and request.name not in taken:
             return request.name
         if not request.allow_renaming:
-            raise ResultError(SpawnCode.NAME_NOT_UNIQUE, f"{request.name!r} is taken")
+            raise ResultError(wire.SpawnCode.NAME_NOT_UNIQUE, f"{request.name!r} is taken")
         return free_id(request.name or (local_name(root.cls) if root else "Entity"), taken)
 
     def _free(self, stem: str) -> str:
         return free_id(stem or "Robot", self._sight.rows(self._sight.frame()))
 
 
-def _spawnable(body: Body) -> Spawnable:
-    return Spawnable(
-        entity_resource=Resource(uri=body.iri),
+def _spawnable(body: Body) -> wire.Spawnable:
+    return wire.Spawnable(
+        entity_resource=wire.Resource(uri=body.iri),
         description=body.label or local_name(body.cls),
         spawn_bounds=bounds_of(body.size),
     )

@@ -6,7 +6,6 @@ from collections.abc import Iterator
 
 from mindstage.knowledge.names import local_name
 from mindstage.msgs import simulation_interfaces as wire
-from mindstage.msgs.simulation_interfaces import LoadWorldCode, Resource, UnloadWorldCode, WorldResource
 from mindstage.ros.diagnostics import Diagnostics
 from mindstage.ros.offer import ServiceOffer
 from mindstage.ros.resources import Resources, Trouble, TroubleKind
@@ -21,9 +20,9 @@ _LOADING_S = 300.0
 _MAP = "map"
 """The tag of what comes from a map that is known; what lies in the folder has its suffix."""
 _CODES = {
-    TroubleKind.MISSING: LoadWorldCode.NO_RESOURCE,
-    TroubleKind.FORMAT: LoadWorldCode.UNSUPPORTED_FORMAT,
-    TroubleKind.BROKEN: LoadWorldCode.RESOURCE_PARSE_ERROR,
+    TroubleKind.MISSING: wire.LoadWorldCode.NO_RESOURCE,
+    TroubleKind.FORMAT: wire.LoadWorldCode.UNSUPPORTED_FORMAT,
+    TroubleKind.BROKEN: wire.LoadWorldCode.RESOURCE_PARSE_ERROR,
 }
 
 
@@ -54,13 +53,13 @@ class Worlds:
         self._diagnostics.spawned("load_world", report)
         if not report.ok and request.fail_on_unsupported_element:
             self._stage.clear()
-            raise ResultError(LoadWorldCode.UNSUPPORTED_ELEMENTS, "not everything of it can be spawned")
+            raise ResultError(wire.LoadWorldCode.UNSUPPORTED_ELEMENTS, "not everything of it can be spawned")
         return wire.LoadWorld.Response(result=OK, world=_resource(world))
 
     def unload(self, _: wire.UnloadWorld.Request) -> wire.UnloadWorld.Response:
         """Takes everything away."""
         if not self._stage.worlds:
-            raise ResultError(UnloadWorldCode.NO_WORLD_LOADED, "no world is loaded")
+            raise ResultError(wire.UnloadWorldCode.NO_WORLD_LOADED, "no world is loaded")
         self._stage.clear()
         return wire.UnloadWorld.Response(result=OK)
 
@@ -80,12 +79,14 @@ class Worlds:
         return wire.GetAvailableWorlds.Response(result=OK, worlds=worlds)
 
 
-def _resource(world: World) -> WorldResource:
+def _resource(world: World) -> wire.WorldResource:
     text = f"{len(world.bodies)} bodies, {len(world.constraints)} constraints"
     name = world.name or local_name(world.iri)
-    return WorldResource(name=name, world_resource=Resource(uri=world.iri), description=text, tags=(_MAP,))
+    return wire.WorldResource(name=name, world_resource=wire.Resource(uri=world.iri), description=text, tags=(_MAP,))
 
 
-def _file(name: str) -> WorldResource:
+def _file(name: str) -> wire.WorldResource:
     suffix = name.rpartition(".")[2].lower()
-    return WorldResource(name=name, world_resource=Resource(uri=name), description=f"a file ({suffix})", tags=(suffix,))
+    return wire.WorldResource(
+        name=name, world_resource=wire.Resource(uri=name), description=f"a file ({suffix})", tags=(suffix,)
+    )
