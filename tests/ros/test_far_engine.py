@@ -37,7 +37,7 @@ def engine(call: Call) -> Call:
 
 def test_every_service_of_the_package_is_offered_where_it_is_agreed(face: RosFace, hub: Hub) -> None:
     offered = {each.name for each in hub.directory().services}
-    engines = [cls for cls in vars(mindstage_msgs.services).values() if isinstance(cls, type)]
+    engines = [cls for cls in vars(mindstage_msgs).values() if isinstance(cls, type)]
     others = {mindstage_msgs.Ask, mindstage_msgs.SaveScene, mindstage_msgs.Photograph}  # not every engine's business
     expected = {
         engine_service(cls, "unreal")

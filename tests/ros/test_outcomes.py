@@ -54,7 +54,7 @@ def test_the_path_leads_deep(talker: Talkers) -> None:
     answer = client.ask("/unreal/set_model_pose", {"id": "Mug", "pose": {"positon": {}}})
     assert "near: 'position'" in answer["values"]
     answer = client.ask("/unreal/highlight_models", {"id": "Mug", "color": 9})
-    assert "there is 0 NONE, 1 BLACK, 2 RED" in answer["values"]
+    assert "valid: 0 NONE, 1 BLACK, 2 RED" in answer["values"]
 
 
 def test_the_three_ends_are_told_apart(talker: Talkers, hub: Hub) -> None:

@@ -461,12 +461,12 @@ def _message_error(cls: Any, error: Exception) -> MessageRefused:
     if unknown := re.fullmatch(r"object contains unknown field (.*)", cause, re.DOTALL):
         known = [each.name for each in fields_of(inner)]
         near = get_close_matches(unknown[1], known, n=1)
-        remedy = f"near: {near[0]!r}" if near else f"its fields: {', '.join(known)}" if known else "it has no fields"
+        remedy = f"near: {near[0]!r}" if near else f"fields: {', '.join(known)}" if known else "it has no fields"
         path, cause = _joined(path, unknown[1]), f"{type_name(inner)} has no such field"
     elif missing := re.fullmatch(r"object missing required field (.*)", cause):
         path, cause = _joined(path, missing[1]), MISSING
     elif field and field.enum and (number := re.fullmatch(r"invalid enum value (.*)", cause)):
-        remedy = "its codes: " + ", ".join(f"{each.value} {name}" for name, each in field.enum.__members__.items())
+        remedy = "valid: " + ", ".join(f"{each.value} {name}" for name, each in field.enum.__members__.items())
         cause = f"{number[1]} is none of its codes"
     elif re.match(r"expected float [<>]=|number out of range", cause):
         cause = f"expected a finite {field.primitive if field else 'number'}, got NaN or one that is too large"
