@@ -132,8 +132,10 @@ class Matter:
         if form is not None and form.density is not None:
             mass = self.prepared(id).volume * form.density
         else:
-            mass = float(np.prod(self.size(id))) * _DENSITY_ASSUMED
-        return float(np.clip(mass, *_MASS_ASSUMED_KG))
+            depth, width, height = self.size(id)
+            mass = depth * width * height * _DENSITY_ASSUMED
+        least, most = _MASS_ASSUMED_KG
+        return float(min(max(mass, least), most))
 
     def assumptions(self, ids: Iterable[BodyId], moves: Callable[[BodyId], bool]) -> list[Note]:
         """One note for each kind of thing that the map did not say."""
