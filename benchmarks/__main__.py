@@ -5,14 +5,29 @@ from __future__ import annotations
 import pkgutil
 import platform
 import sys
-from collections.abc import Iterable
+import time
 from importlib import import_module
+from typing import Literal
 
 from rich.console import Console
 from rich.table import Table
 
 import benchmarks
 from benchmarks import Measure
+
+
+_COLUMNS: tuple[tuple[str, Literal["left", "right"], int], ...] = (
+    ("what", "left", 50),
+    ("ours", "right", 11),
+    ("peer", "left", 24),
+    ("theirs", "right", 11),
+    ("figure", "right", 12),
+    ("aim", "left", 12),
+    ("", "left", 6),
+    ("MB", "right", 6),
+    ("theirs", "right", 6),
+)
+"""Titles, alignments and widths; fixed, since a row is printed before the next one is measured."""
 
 
 def main(names: list[str]) -> None:
@@ -22,36 +37,33 @@ def main(names: list[str]) -> None:
     console = Console()
     if not console.is_terminal:
         console.width = 160
+    start = time.perf_counter()
     console.print(f"Python {platform.python_version()} on {platform.machine()}, {platform.system()}", highlight=False)
-    missed = 0
+    rows = missed = 0
     for name in names or known:
         module = import_module(f"benchmarks.{name}")
         if not hasattr(module, "measure"):
             continue  # what several benchmarks share
-        with console.status(f"measuring {name} …"):
-            measures = list(module.measure())
-        console.print(_table(name, measures))
-        missed += sum(measure.met is False for measure in measures)
+        began = time.perf_counter()
+        _print_row(console, [title for title, _, _ in _COLUMNS], title=name)
+        for measure in module.measure():
+            _print_row(console, _row(measure))
+            rows += 1
+            missed += measure.met is False
+        console.print(f"{name}: {time.perf_counter() - began:.0f} s\n", highlight=False)
+    minutes, seconds = divmod(round(time.perf_counter() - start), 60)
     console.print("All aims are met." if not missed else f"{missed} aims are missed.")
+    console.print(f"{rows} rows in {minutes} min {seconds:02} s", highlight=False)
 
 
-def _table(name: str, measures: Iterable[Measure]) -> Table:
-    table = Table(title=name, title_justify="left")
-    for column, justify in (
-        ("what", "left"),
-        ("ours", "right"),
-        ("peer", "left"),
-        ("theirs", "right"),
-        ("figure", "right"),
-        ("aim", "left"),
-        ("", "left"),
-        ("MB", "right"),
-        ("theirs", "right"),
-    ):
-        table.add_column(column, justify=justify)  # type: ignore[arg-type]  # rich wants the literals
-    for measure in measures:
-        table.add_row(*_row(measure))
-    return table
+def _print_row(console: Console, cells: list[str], *, title: str = "") -> None:
+    """Prints one row at once, whether the output is a terminal, a pipe or a file."""
+    table = Table(show_header=False, box=None, padding=(0, 1), title=title or None, title_justify="left")
+    for _, justify, width in _COLUMNS:
+        table.add_column(justify=justify, width=width)
+    table.add_row(*cells, style="bold" if title else None)
+    console.print(table)
+    sys.stdout.flush()
 
 
 def _row(measure: Measure) -> list[str]:

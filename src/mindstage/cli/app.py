@@ -10,6 +10,7 @@ import gc
 import signal
 import sys
 import traceback
+from collections.abc import Iterable
 from typing import Annotated, NoReturn
 
 import typer
@@ -35,35 +36,44 @@ from mindstage.cli.validate import validate
 
 __all__ = ["app", "main"]
 
-app = typer.Typer(
-    name="mindstage",
-    help="Turns what a robot knows about a place into a place it can act in.",
-    epilog="Exit codes: 0 done, or yes; 1 the world says no, or a difference was found; 2 trouble.",
-    no_args_is_help=True,
-    rich_markup_mode="rich",
-    pretty_exceptions_enable=False,
-    context_settings={"help_option_names": ["-h", "--help"]},
-)
+_VERBS = {
+    function.__name__: function
+    for function in (
+        demo,
+        spawn,
+        shot,
+        analyse,
+        validate,
+        compare,
+        check,
+        log,
+        serve,
+        convert,
+        furnish,
+        ask,
+        questions,
+        prolog,
+        sparql,
+        tell,
+    )
+}
 
-for function in (
-    demo,
-    spawn,
-    shot,
-    analyse,
-    validate,
-    compare,
-    check,
-    log,
-    serve,
-    convert,
-    furnish,
-    ask,
-    questions,
-    prolog,
-    sparql,
-    tell,
-):
-    app.command()(verb(function))
+
+def _app(verbs: Iterable[str]) -> typer.Typer:
+    """The command line with some of its verbs; typer inspects the signature of each, which takes a while."""
+    app = typer.Typer(
+        name="mindstage",
+        help="Turns what a robot knows about a place into a place it can act in.",
+        epilog="Exit codes: 0 done, or yes; 1 the world says no, or a difference was found; 2 trouble.",
+        no_args_is_help=True,
+        rich_markup_mode="rich",
+        pretty_exceptions_enable=False,
+        context_settings={"help_option_names": ["-h", "--help"]},
+    )
+    for name in verbs:
+        app.command()(verb(_VERBS[name]))
+    app.callback()(_options)
+    return app
 
 
 def main() -> None:
@@ -72,7 +82,8 @@ def main() -> None:
     gc.set_threshold(50_000, 20, 50)
     signal.signal(signal.SIGTERM, _end)
     try:
-        app(prog_name="mindstage")
+        wanted = sys.argv[1:2]
+        _app(wanted if wanted and wanted[0] in _VERBS else _VERBS)(prog_name="mindstage")
     except Exception:
         # A defect of ours. Python would end with 1, which here means "the world says no".
         traceback.print_exc()
@@ -93,10 +104,13 @@ def _show_version(wanted: bool) -> None:
         raise typer.Exit
 
 
-@app.callback()
 def _options(
     version: Annotated[
         bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Show the version and exit.")
     ] = False,
 ) -> None:
     """Options that belong to no verb."""
+
+
+app = _app(_VERBS)
+"""The whole command line."""

@@ -58,20 +58,21 @@ def hollow_out(boxes: Boxes, outer: int, inner: Sequence[int], fronts: Sequence[
     """
     half, turn = boxes.half[outer], boxes.rotation[outer]
     low, high = _extents(boxes, outer, inner)
-    up = turn[2]
-    vertical = int(np.argmax(np.abs(up)))
+    up = turn[2].tolist()
+    vertical = max(range(3), key=lambda axis: abs(up[axis]))
     top = 2 * vertical + (1 if up[vertical] > 0 else 0)
     sides = {_side_towards((front - boxes.centre[outer]) @ turn, half) for front in fronts} - {top ^ 1}
     opening = sides or {top}
     room = _room(half, low, high)
+    reach: list[float] = half.tolist()
     plates = [
-        _plate(half, side // 2, *_wall_range(side, half, room))
+        _plate(reach, side // 2, *_wall_range(side, reach, room))
         for side in range(6)
         if side not in opening and side // 2 != vertical
     ]
     if top not in opening:
-        plates.append(_plate(half, vertical, *_wall_range(top, half, room)))
-    plates += _floors(half, vertical, up[vertical] > 0, low, high)
+        plates.append(_plate(reach, vertical, *_wall_range(top, reach, room)))
+    plates += _floors(reach, vertical, up[vertical] > 0, low, high)
     words = " and ".join(_SIDES[side] for side in sorted(opening))
     return Hollow(tuple(plate for plate in plates if min(plate.size) > 0.0), words)
 
@@ -80,44 +81,50 @@ def _extents(boxes: Boxes, outer: int, inner: Sequence[int]) -> tuple[Array, Arr
     """Lower and upper corners of the inner boxes, each n x 3, in the frame of the outer one."""
     turn, inside = boxes.rotation[outer], list(inner)
     centre = (boxes.centre[inside] - boxes.centre[outer]) @ turn
-    reach = np.einsum("nij,nj->ni", np.abs(turn.T @ boxes.rotation[inside]), boxes.half[inside])
+    reach = (np.abs(turn.T @ boxes.rotation[inside]) @ boxes.half[inside][:, :, None])[:, :, 0]
     return centre - reach, centre + reach
 
 
 def _side_towards(point: Array, half: Array) -> int:
     """The side of the box that a point is farthest out of: 0 is x backwards, 1 x forwards, and so on for y and z."""
-    out = np.abs(point) - half
-    axis = int(np.argmax(out))
-    return 2 * axis + int(point[axis] > 0)
+    place: list[float] = point.tolist()
+    out = [abs(along) - extent for along, extent in zip(place, half.tolist(), strict=True)]
+    axis = max(range(3), key=out.__getitem__)
+    return 2 * axis + int(place[axis] > 0)
 
 
-def _room(half: Array, low: Array, high: Array) -> tuple[Array, Array]:
+def _room(half: Array, low: Array, high: Array) -> tuple[list[float], list[float]]:
     """The room between the walls: as wide as the contents need, no wall thicker than usual."""
-    usual = half - np.minimum(_WALL_M, half / 5)
-    return np.minimum(-usual, low.min(axis=0) - _CLEARANCE_M), np.maximum(usual, high.max(axis=0) + _CLEARANCE_M)
+    usual = [extent - min(_WALL_M, extent / 5) for extent in half.tolist()]
+    start = [min(-each, first - _CLEARANCE_M) for each, first in zip(usual, low.min(axis=0).tolist(), strict=True)]
+    end = [max(each, last + _CLEARANCE_M) for each, last in zip(usual, high.max(axis=0).tolist(), strict=True)]
+    return start, end
 
 
-def _wall_range(side: int, half: Array, room: tuple[Array, Array]) -> tuple[float, float]:
+def _wall_range(side: int, half: list[float], room: tuple[list[float], list[float]]) -> tuple[float, float]:
     """From where to where a wall goes along its own axis; the two are equal where there is no room for one."""
     axis = side // 2
     if side % 2:
-        start, end = float(room[1][axis]), float(half[axis])
+        start, end = room[1][axis], half[axis]
     else:
-        start, end = float(-half[axis]), float(room[0][axis])
+        start, end = -half[axis], room[0][axis]
     return (start, end) if end - start >= _THINNEST_M else (start, start)
 
 
-def _floors(half: Array, vertical: int, upright: bool, low: Array, high: Array) -> list[Plate]:
+def _floors(half: list[float], vertical: int, upright: bool, low: Array, high: Array) -> list[Plate]:
     """A plate under each level of contents that does not stand on other contents."""
     flat = [axis for axis in range(3) if axis != vertical]
     bottoms = (low if upright else -high)[:, vertical]
     tops = (high if upright else -low)[:, vertical]
-    beneath = np.abs(tops - bottoms[:, None]) < _LEVEL_M
-    beside = np.all((low[:, flat] < high[:, None, flat]) & (low[:, None, flat] < high[:, flat]), axis=2)
-    stacked = np.any(beneath & beside & ~np.eye(len(low), dtype=bool), axis=1)
-    bottom = -float(half[vertical])
+    bottom = -half[vertical]
+    lowest = bottoms.tolist()
+    if len(lowest) > 1:  # one alone stands on nothing else
+        beneath = np.abs(tops - bottoms[:, None]) < _LEVEL_M
+        beside = np.all((low[:, flat] < high[:, None, flat]) & (low[:, None, flat] < high[:, flat]), axis=2)
+        stacked = np.any(beneath & beside & ~np.eye(len(low), dtype=bool), axis=1)
+        lowest = bottoms[~stacked].tolist()
     levels: list[float] = []
-    for level in sorted(bottoms[~stacked].tolist()):
+    for level in sorted(lowest):
         if not (levels and level - levels[-1] < _LEVEL_M):
             levels.append(level)
     floors = []
@@ -129,8 +136,8 @@ def _floors(half: Array, vertical: int, upright: bool, low: Array, high: Array) 
     return floors
 
 
-def _plate(half: Array, axis: int, start: float, end: float) -> Plate:
+def _plate(half: list[float], axis: int, start: float, end: float) -> Plate:
     """A plate across the whole box, between two places along one axis."""
-    centre, size = [0.0, 0.0, 0.0], (2 * half).tolist()
+    centre, size = [0.0, 0.0, 0.0], [2 * extent for extent in half]
     centre[axis], size[axis] = (start + end) / 2, end - start
     return Plate((centre[0], centre[1], centre[2]), (size[0], size[1], size[2]))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import builtins
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from math import isfinite
@@ -19,6 +20,8 @@ from mindstage.world.geometry import Array, rotate
 
 __all__ = ["SIZE_ASSUMED_M", "Matter"]
 
+_id_of = builtins.id  # the methods here have an argument `id`
+
 SIZE_ASSUMED_M = 0.1
 _DENSITY_ASSUMED = 200.0
 """[kg/m³]: furniture and full cupboards alike weigh about this much for the box that they fill."""
@@ -34,8 +37,8 @@ class Matter:
     def __init__(self, inventory: Inventory) -> None:
         self.forms: dict[BodyId, Form] = {}
         self._inventory = inventory
-        self._prepared: dict[str, Prepared] = {}
-        """By the keys of forms."""
+        self._prepared: dict[int, tuple[object, Prepared]] = {}
+        """By the identity of a form's tuple of solids, which stands beside it so that it lives as long."""
 
     def copy(self, inventory: Inventory) -> Matter:
         """The same forms for a copy of the inventory; what was made ready never changes, so is shared."""
@@ -76,9 +79,10 @@ class Matter:
         form = self.forms.get(id)
         if form is None:
             return prepare((plain_solid(self._inventory.bodies[id], self.size(id)),))
-        if form.key not in self._prepared:
-            self._prepared[form.key] = prepare(form.solids)
-        return self._prepared[form.key]
+        known = self._prepared.get(_id_of(form.solids))
+        if known is None:
+            known = self._prepared[_id_of(form.solids)] = (form.solids, prepare(form.solids))
+        return known[1]
 
     def has_inside(self, id: BodyId) -> bool:
         """Whether a body has a form that is not just one box of its size."""
@@ -128,8 +132,10 @@ class Matter:
         if form is not None and form.density is not None:
             mass = self.prepared(id).volume * form.density
         else:
-            mass = float(np.prod(self.size(id))) * _DENSITY_ASSUMED
-        return float(np.clip(mass, *_MASS_ASSUMED_KG))
+            depth, width, height = self.size(id)
+            mass = depth * width * height * _DENSITY_ASSUMED
+        least, most = _MASS_ASSUMED_KG
+        return float(min(max(mass, least), most))
 
     def assumptions(self, ids: Iterable[BodyId], moves: Callable[[BodyId], bool]) -> list[Note]:
         """One note for each kind of thing that the map did not say."""

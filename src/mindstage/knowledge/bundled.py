@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from importlib.resources import files
 from pathlib import Path
 
 __all__ = ["bundled_kitchen", "bundled_ontology"]
@@ -20,4 +19,4 @@ def bundled_ontology() -> Path:
 
 def _bundled(name: str) -> Path:
     # Wheels are always unpacked, so that a resource of ours is a file.
-    return Path(str(files("mindstage.knowledge") / "bundled" / name))
+    return Path(__file__).parent / "bundled" / name

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 from mindstage.world import Iri
 
@@ -20,6 +20,8 @@ class ClassHierarchy:
         """
         self._above: dict[Iri, set[Iri]] = {}
         self._below: dict[Iri, set[Iri]] = {}
+        self._ancestors: dict[Iri, dict[Iri, None]] = {}
+        """By class, in the order of `ancestors`; computed when first asked for."""
         for cls, superclass in pairs:
             if cls != superclass:
                 self._above.setdefault(cls, set()).add(superclass)
@@ -37,8 +39,14 @@ class ClassHierarchy:
 
     def ancestors(self, cls: Iri) -> tuple[Iri, ...]:
         """All superclasses, the nearest first; the class itself is not among them, even in a circle."""
-        _, *levels = self.levels([cls])
-        return tuple(superclass for level in levels for superclass in level)
+        return tuple(self._ancestors_of(cls))
+
+    def _ancestors_of(self, cls: Iri) -> Mapping[Iri, None]:
+        found = self._ancestors.get(cls)
+        if found is None:
+            _, *levels = self.levels([cls])
+            found = self._ancestors[cls] = {superclass: None for level in levels for superclass in level}
+        return found
 
     def descendants(self, cls: Iri) -> frozenset[Iri]:
         """All subclasses, without the class itself."""
@@ -56,7 +64,7 @@ class ClassHierarchy:
             return True
         if cls not in self._above or ancestor not in self._below:
             return False
-        return any(ancestor in level for level in self.levels([cls]))
+        return ancestor in self._ancestors_of(cls)
 
     def most_specific(self, classes: Sequence[Iri]) -> Iri:
         """The first of the classes that has none of the others below it; in a circle, the first of all."""

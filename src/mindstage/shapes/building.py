@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import lru_cache
+from threading import Lock
 from hashlib import blake2b
 from typing import Any
 
@@ -19,7 +20,7 @@ from mindstage.shapes.design import Design
 from mindstage.shapes.draft import Draft, Spot, TooSmall
 from mindstage.shapes.kinds import DESIGNS
 from mindstage.shapes.kinds.plain import Box
-from mindstage.shapes.sides import Side, Turn
+from mindstage.shapes.sides import Side, Turn, turn_between
 from mindstage.world import IDENTITY, Pose, Vector
 from mindstage.world.forms import Form, FormSource, Glow, Place, Skin, Solid, Surface
 
@@ -93,9 +94,8 @@ def build(
     kept = (float(size[0]), float(size[1]), float(size[2]))
     form = _built(design, kept, up, front, given, glow, numbers)
     words = "; ".join(part for part in (why, form.why) if part)
-    return Form(
-        key=form.key,
-        skins=form.skins,
+    return Form.deferred(
+        lambda: (form.key, form.skins),
         solids=form.solids,
         source=source,
         why=words,
@@ -119,25 +119,14 @@ def _built(
     numbers: tuple[float | None, ...],
 ) -> Form:
     _check(design, size)
-    turn = Turn(front, up)
+    turn = turn_between(front, up)
     made, draft = _drafted(design, size, turn)
-    given = dict(surfaces)
-    skins = tuple(
-        Skin(
-            points=turn.points(mesh.points),
-            faces=mesh.faces,
-            normals=None if mesh.normals is None else turn.points(mesh.normals),
-            surface=made.surface(role, given),
-        )
-        for (role, _), mesh in draft.meshes().items()
-    )
     solids = tuple(solid for part in draft.touchables if (solid := part.solid(turn)) is not None)
     places = tuple(_place(spot, turn) for spot in draft.spots)
     glows = () if glow is None else (_lit(glow, draft, turn),)
-    key = _digest(made.kind(), skins, solids, places, glows, numbers)
-    return Form(
-        key=key,
-        skins=skins,
+    drawing = _Drawing(made, draft, dict(surfaces), (made.kind(), solids, places, glows, numbers))
+    return Form.deferred(
+        drawing.result,
         solids=solids,
         kind=made.kind(),
         why="; ".join(draft.notes),
@@ -146,12 +135,46 @@ def _built(
     )
 
 
+class _Drawing:
+    """The key and the skins of a form, which are computed once, from what was drafted, when they are first read."""
+
+    def __init__(
+        self,
+        design: Design,
+        draft: Draft,
+        surfaces: Mapping[str, Surface],
+        said: tuple[str, tuple[Solid, ...], tuple[Place, ...], tuple[Glow, ...], tuple[float | None, ...]],
+    ) -> None:
+        self._drafted: tuple[Design, Draft] | None = (design, draft)
+        self._surfaces, self._said = surfaces, said
+        self._result: tuple[str, tuple[Skin, ...]] = ("", ())
+        self._lock = Lock()
+
+    def result(self) -> tuple[str, tuple[Skin, ...]]:
+        """The same objects for each caller."""
+        with self._lock:
+            if self._drafted is not None:
+                design, draft = self._drafted
+                skins = tuple(
+                    Skin(
+                        points=draft.turn.points(mesh.points),
+                        faces=mesh.faces,
+                        normals=None if mesh.normals is None else draft.turn.points(mesh.normals),
+                        surface=design.surface(role, self._surfaces),
+                    )
+                    for (role, _), mesh in draft.meshes().items()
+                )
+                self._result = (_digest(skins, self._said), skins)
+                self._drafted = None
+            return self._result
+
+
 def _drafted(design: Design, size: Vector, turn: Turn) -> tuple[Design, Draft]:
     """What was drawn, and as what: the design, or a box where that has no room."""
     draft = Draft(turn.drawn_size(size), turn)
     try:
         design.draw(draft)
-        if not (draft.touchables and draft.meshes()):
+        if draft.is_empty:
             raise TooSmall("nothing is left of it")
     except TooSmall as reason:
         draft = Draft(turn.drawn_size(size), turn)
@@ -192,15 +215,8 @@ def _lit(glow: Glow, draft: Draft, turn: Turn) -> Glow:
     return msgspec.structs.replace(glow, pose=Pose(turn.vector((x, y, z))))
 
 
-def _digest(
-    kind: str,
-    skins: tuple[Skin, ...],
-    solids: tuple[Solid, ...],
-    places: tuple[Place, ...],
-    glows: tuple[Glow, ...],
-    numbers: tuple[float | None, ...],
-) -> str:
-    digest = blake2b(msgspec.msgpack.encode((kind, solids, places, glows, numbers)), digest_size=16)
+def _digest(skins: tuple[Skin, ...], said: tuple[Any, ...]) -> str:
+    digest = blake2b(msgspec.msgpack.encode(said), digest_size=16)
     for skin in skins:
         digest.update(msgspec.msgpack.encode((skin.surface, skin.points.shape, skin.faces.shape)))
         digest.update((skin.points + 0.0).tobytes())  # -0.0 and 0.0 are one place

@@ -7,14 +7,16 @@ size exactly: the little that round parts miss of it is made up for by stretchin
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mindstage.shapes.holes import Hole, cells, without_slivers
 from mindstage.shapes.meshes import Mesh, boxes, joined, lathe, loft, pierced, stretched, sweep
-from mindstage.shapes.sides import Gap, Side, Turn
+from mindstage.shapes.sides import Gap, Side, Turn, turn_between
 from mindstage.shapes.touchables import Touchable, ring, strips
 from mindstage.world import Vector
 from mindstage.world.forms import SolidKind
@@ -26,6 +28,7 @@ _BEVEL_M = 0.004
 _AROUND = ((0.03, 32), (0.012, 20), (0.0, 12))
 """How many corners a circle has from which radius on [m]."""
 _TIP = 1e-9
+_EXACT = 1e-12
 
 _BLOCK_FACES = np.array(
     [
@@ -51,6 +54,15 @@ class Spot:
         self.level, self.height, self.inside = level, height, inside
 
 
+class _Part(NamedTuple):
+    """One surface of a draft, whose triangles are made only where somebody looks at them."""
+
+    low: Array
+    """The lower corner of the box round its points [m]."""
+    high: Array
+    make: Callable[[], Mesh]
+
+
 class Draft:
     """What has been drawn so far."""
 
@@ -63,7 +75,14 @@ class Draft:
         self.notes: list[str] = []
         self.light: Array | None = None
         self._boxes: dict[tuple[str, int], list[tuple[Array, Array, float]]] = {}
-        self._meshes: dict[tuple[str, bool], list[Mesh]] = {}
+        self._parts: dict[tuple[str, bool], list[_Part]] = {}
+        self._stretch: tuple[Array, Array] | None = None
+        """By what all surfaces are scaled and then moved in the end."""
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether there is nothing to be seen, or nothing to be touched."""
+        return not (self.touchables and (self._boxes or self._parts))
 
     @property
     def least(self) -> float:
@@ -123,16 +142,26 @@ class Draft:
         lower, upper = np.asarray(low, dtype=np.float64), np.asarray(high, dtype=np.float64)
         if (upper - lower).min() <= _TIP:
             return
-        turn = Turn(Side.FRONT if along.axis == 2 else Side.TOP, along)
+        turn = turn_between(Side.FRONT if along.axis == 2 else Side.TOP, along)
         extents = np.array(turn.drawn_size(tuple((upper - lower).tolist())))
         radius, length = float(extents[:2].min()) / 2, float(extents[2])
         shares = np.array(profile)
         corners = around or next(corners for least, corners in _AROUND if radius >= least)
-        mesh = lathe(shares * (radius, length), bevel=bevel, around=corners, closed=closed)  # type: ignore[arg-type]
-        across = extents[:2] / (2 * radius)
-        mesh = stretched(mesh, np.array([*across, 1.0]), np.array([0.0, 0.0, -length / 2]))
-        normals = None if mesh.normals is None else turn.points(mesh.normals)
-        self.mesh(role, Mesh(turn.points(mesh.points) + (lower + upper) / 2, mesh.faces, normals))
+        middle, across = (lower + upper) / 2, extents[:2] / (2 * radius)
+
+        def turned() -> Mesh:
+            profile = shares * (radius, length)
+            mesh = lathe(profile, bevel=bevel, around=corners, closed=closed)  # type: ignore[arg-type]
+            mesh = stretched(mesh, np.array([*across, 1.0]), np.array([0.0, 0.0, -length / 2]))
+            normals = None if mesh.normals is None else turn.points(mesh.normals)
+            return Mesh(turn.points(mesh.points) + middle, mesh.faces, normals)
+
+        # A circle has corners on both axes, so the surface fills the box of its outermost radius and its heights.
+        widest, heights = float(shares[:, 0].max()), shares[:, 1]
+        reach = [*(extents[:2] / 2 * widest), (float(heights.max()) - 0.5) * length]
+        depth = [*(extents[:2] / -2 * widest), (float(heights.min()) - 0.5) * length]
+        ends = turn.points(np.array([depth, reach])) + middle
+        self._add(role, _Part(ends.min(axis=0), ends.max(axis=0), turned), smooth=True)
 
     def disc(
         self,
@@ -157,7 +186,8 @@ class Draft:
 
     def skin(self, role: str, rings: Array) -> None:
         """A skin over rings of points; it is seen only."""
-        self.mesh(role, loft(rings))
+        points = rings.reshape(-1, 3)
+        self._add(role, _Part(points.min(axis=0), points.max(axis=0), partial(loft, rings)), smooth=True)
 
     def plate(
         self,
@@ -214,8 +244,18 @@ class Draft:
             down_to: how far down what can be touched goes, if farther than what is seen [m].
         """
         axes = [(thin + 1) % 3, (thin + 2) % 3, thin]
-        lying = pierced(cuts, kept, thickness)
-        self.mesh(role, Mesh(lying.points[:, np.argsort(axes)], lying.faces, None))
+
+        def standing() -> Mesh:
+            lying = pierced(cuts, kept, thickness)
+            return Mesh(lying.points[:, np.argsort(axes)], lying.faces, None)
+
+        if kept.any():
+            lower, upper = np.empty(3), np.empty(3)
+            for axis, cut, there in zip(axes, cuts, (kept.any(axis=1), kept.any(axis=0)), strict=False):
+                (cells_there,) = there.nonzero()
+                lower[axis], upper[axis] = cut[cells_there[0]], cut[cells_there[-1] + 1]
+            lower[thin], upper[thin] = min(thickness), max(thickness)
+            self._add(role, _Part(lower, upper, standing), smooth=False)
         start = thickness[0] if down_to is None else down_to
         parts = []
         for first, last in strips(cuts, kept):
@@ -242,7 +282,11 @@ class Draft:
 
     def mesh(self, role: str, mesh: Mesh) -> None:
         """Any other closed surface; it is seen only."""
-        self._meshes.setdefault((role, mesh.normals is not None), []).append(mesh)
+        part = _Part(mesh.points.min(axis=0), mesh.points.max(axis=0), lambda: mesh)
+        self._add(role, part, smooth=mesh.normals is not None)
+
+    def _add(self, role: str, part: _Part, *, smooth: bool) -> None:
+        self._parts.setdefault((role, smooth), []).append(part)
 
     # -- what can be touched -----------------------------------------------------------------------------------------
 
@@ -290,15 +334,15 @@ class Draft:
 
     def fit(self) -> float:
         """Stretches all that was drawn to the size; by how much at most, as a share."""
-        meshes = self.meshes()
-        low = np.min([mesh.points.min(axis=0) for mesh in meshes.values()], axis=0)
-        high = np.max([mesh.points.max(axis=0) for mesh in meshes.values()], axis=0)
-        if np.allclose(low, self.low, rtol=0, atol=1e-12) and np.allclose(high, self.high, rtol=0, atol=1e-12):
+        parts = [part for parts in self._parts.values() for part in parts]
+        blocks = [block for blocks in self._boxes.values() for block in blocks]
+        low = np.min([*(part.low for part in parts), *(block[0] for block in blocks)], axis=0)
+        high = np.max([*(part.high for part in parts), *(block[1] for block in blocks)], axis=0)
+        if np.abs(low - self.low).max() <= _EXACT and np.abs(high - self.high).max() <= _EXACT:
             return 0.0
         scale = self.size / (high - low)
         shift = self.low - low * scale
-        self._boxes.clear()
-        self._meshes = {key: [stretched(mesh, scale, shift)] for key, mesh in meshes.items()}
+        self._stretch = (scale, shift)
         self.touchables = [part.stretched(scale, shift).within(self.low, self.high) for part in self.touchables]
         for spot in self.spots:
             spot.low, spot.high = spot.low * scale[:2] + shift[:2], spot.high * scale[:2] + shift[:2]
@@ -311,11 +355,14 @@ class Draft:
 
     def meshes(self) -> dict[tuple[str, bool], Mesh]:
         """One a role, and one more for its parts whose faces have their own normals."""
-        found = {key: list(meshes) for key, meshes in self._meshes.items()}
+        found = {key: [part.make() for part in parts] for key, parts in self._parts.items()}
         for (role, steps), parts in self._boxes.items():
             low, high, rounding = (np.array(column) for column in zip(*parts, strict=True))
             found.setdefault((role, True), []).append(boxes(low, high, rounding, steps=steps))
-        return {key: joined(meshes) for key, meshes in sorted(found.items())}
+        whole = {key: joined(meshes) for key, meshes in sorted(found.items())}
+        if self._stretch is None:
+            return whole
+        return {key: stretched(mesh, *self._stretch) for key, mesh in whole.items()}
 
     def _hole(self, gap: Gap, low: Array, high: Array, thin: int) -> Hole | None:
         """Where a gap is in a plate, across it; None where it takes up less than half of its thickness."""

@@ -23,7 +23,7 @@ def cells(low: Array, high: Array, holes: Sequence[Hole]) -> tuple[tuple[Array, 
     """A plate divided where its holes begin and end, and which cells are left of it."""
     cuts = []
     for axis in range(2):
-        marks = np.unique([low[axis], high[axis], *(corner[axis] for hole in holes for corner in hole)])
+        marks = _each_once([low[axis], high[axis], *(corner[axis] for hole in holes for corner in hole)])
         inner = marks[(marks > low[axis] + 1e-4) & (marks < high[axis] - 1e-4)]
         inner = inner[np.diff(inner, prepend=-np.inf) > 1e-6]
         cuts.append(np.array([low[axis], *inner, high[axis]]))
@@ -47,11 +47,16 @@ def without_slivers(low: Array, high: Array, holes: Sequence[Hole], least: float
     """
     starts, ends = (np.array([hole[end] for hole in holes]).reshape(-1, 2) for end in (0, 1))
     for axis in range(2):
-        marks = np.unique([low[axis], high[axis], *starts[:, axis], *ends[:, axis]])
+        marks = _each_once([low[axis], high[axis], *starts[:, axis], *ends[:, axis]])
         first, last = _groups(marks, least)
         starts[:, axis] = first[np.searchsorted(marks, starts[:, axis])]
         ends[:, axis] = last[np.searchsorted(marks, ends[:, axis])]
     return _joined(list(zip(starts, ends, strict=True)))
+
+
+def _each_once(marks: Sequence[float]) -> Array:
+    """The same numbers in order, each once: `numpy.unique` for few of them, which needs no `numpy.ma`."""
+    return np.array(sorted(set(marks)))
 
 
 def _groups(marks: Array, least: float) -> tuple[Array, Array]:

@@ -7,6 +7,7 @@ sides and up at any that is not opposite; between the two lies a turn by right a
 from __future__ import annotations
 
 from enum import Enum
+from functools import cache
 
 import numpy as np
 
@@ -15,7 +16,7 @@ from mindstage.world import Quaternion, Vector
 from mindstage.world.geometry import Array
 from mindstage.world.values import Value
 
-__all__ = ["Gap", "Side", "Turn"]
+__all__ = ["Gap", "Side", "Turn", "turn_between"]
 
 
 class Side(Enum):
@@ -73,11 +74,8 @@ class Turn:
         self.matrix: Array = np.stack([front.vector, left, up.vector], axis=1)
         self.quaternion = _quaternion(self.matrix)
         self._axes = [int(np.flatnonzero(row)[0]) for row in self.matrix]
-
-    @property
-    def is_none(self) -> bool:
+        self.is_none = bool(np.array_equal(self.matrix, np.eye(3)))
         """Whether both frames are the same."""
-        return bool(np.array_equal(self.matrix, np.eye(3)))
 
     def drawn_size(self, size: Vector) -> Vector:
         """A body's extents along the drawn axes."""
@@ -108,6 +106,12 @@ class Turn:
         """The two corners of a gap in the drawing."""
         corners = np.array([gap.low, gap.high]) @ self.matrix
         return corners.min(axis=0), corners.max(axis=0)
+
+
+@cache
+def turn_between(front: Side, up: Side) -> Turn:
+    """The turn of these two sides; there are only 24, so each is computed once. Its arrays must not be written to."""
+    return Turn(front, up)
 
 
 def _quaternion(matrix: Array) -> Quaternion:

@@ -7,10 +7,11 @@ written back. All lengths are metres in the body's own frame, whose origin is th
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from enum import Enum
 from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, Self
 
 from numpy import uint8, uint32
 from numpy.typing import NDArray
@@ -135,6 +136,32 @@ class Form:
     """Of its solids [kg/m³]; it counts where a map gives no mass."""
     places: tuple[Place, ...] = ()
     glows: tuple[Glow, ...] = ()
+    _draw: Callable[[], tuple[str, tuple[Skin, ...]]] | None = field(default=None, repr=False, compare=False)
+    """Computes `key` and `skins` when one of them is first read, unless they were given."""
+
+    @classmethod
+    def deferred(cls, draw: Callable[[], tuple[str, tuple[Skin, ...]]], **fields: Any) -> Self:
+        """A form whose `key` and `skins` are computed when they are first read: physics alone needs neither.
+
+        Args:
+            draw: computes both; it is called at most once a thread, and must return the same objects each time.
+            fields: all other fields.
+        """
+        form = cls(key="", skins=(), _draw=draw, **fields)
+        # A slot that is not set is looked up by `__getattr__`.
+        object.__delattr__(form, "key")
+        object.__delattr__(form, "skins")
+        return form
+
+    if not TYPE_CHECKING:  # mypy would take any attribute for one that exists
+
+        def __getattr__(self, name: str) -> Any:
+            if name not in ("key", "skins"):
+                raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
+            key, skins = self._draw()
+            object.__setattr__(self, "key", key)
+            object.__setattr__(self, "skins", skins)
+            return key if name == "key" else skins
 
 
 Forms = Mapping[BodyId, Form]

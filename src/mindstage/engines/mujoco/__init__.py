@@ -1,6 +1,18 @@
 """MuJoCo: the embedded engine, robotics' standard physics in the same process."""
 
+from importlib import import_module
+from typing import TYPE_CHECKING
+
 from mindstage.engines.mujoco.engine import MujocoEngine
-from mindstage.engines.mujoco.export import Mjcf, mjcf
+
+if TYPE_CHECKING:
+    from mindstage.engines.mujoco.export import Mjcf, mjcf
 
 __all__ = ["Mjcf", "MujocoEngine", "mjcf"]
+
+
+def __getattr__(name: str) -> object:
+    # Writing models needs an XML library, which running them does not.
+    if name in ("Mjcf", "mjcf"):
+        return getattr(import_module("mindstage.engines.mujoco.export"), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -6,7 +6,8 @@ does becomes geometry of MuJoCo's world, because adding a body costs MuJoCo a wa
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from itertools import repeat
 from typing import Any
 
 import mujoco
@@ -17,7 +18,7 @@ from mindstage.engines.joints import Axis, axes_of, is_ball
 from mindstage.engines.mujoco.blueprint import Blueprint
 from mindstage.engines.mujoco.live import Joint, Live
 from mindstage.engines.mujoco.reach import beyond_reach
-from mindstage.engines.mujoco.shapes import add_geom, inertia_frame, touch_of, unit_inertias
+from mindstage.engines.mujoco.shapes import add_geom, inertia_frame, set_defaults, touch_of, unit_inertias
 from mindstage.engines.mujoco.tuning import add_friction, soften
 from mindstage.errors import EngineUnavailable
 from mindstage.world import BodyId, Mobility, Motion, Solid, SolidKind, Vector
@@ -29,6 +30,8 @@ __all__ = ["build"]
 _STIFF_LIMIT = (0.005, 1.0)
 """Time constant [s] and damping ratio of a hard limit: a strong arm presses a drawer less than 1 mm past it."""
 _HERE = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
+_DIRECTIONS = np.eye(3)
+_UNTURNED = [1.0, 0.0, 0.0, 0.0]
 
 
 class _Builder:
@@ -37,11 +40,13 @@ class _Builder:
     def __init__(self, blueprint: Blueprint) -> None:
         self.blueprint = blueprint
         self.spec = mujoco.MjSpec()
+        set_defaults(self.spec)
         self.inertias = unit_inertias(blueprint.bodies.values(), blueprint.sizes)
         self.meshes: dict[tuple[Vector, ...], str] = {}
         """By the points of hulls."""
         self.standing = Boxes.of(np.zeros((0, 7)), np.zeros((0, 3)))
         """Round each part of the scenery."""
+        self.frames = _frames(blueprint)
         self.made: dict[BodyId, Any] = {}
         self.free: dict[BodyId, Any] = {}
         self.jointed: dict[BodyId, tuple[Branch, tuple[Axis, ...], bool, list[Any], Any]] = {}
@@ -71,30 +76,19 @@ class _Builder:
             self._body(self.made[plan.forest.holders[id]], id, plan.planner.holds[id])
 
     def _branch(self, assembly: Assembly, branch: Branch) -> None:
-        parent_from_frame, frame_from_top, top_from_frame = self._frames(assembly.top, branch)
-        top = self._body(self.made[branch.parent], assembly.top, compose(parent_from_frame, frame_from_top))
+        parent_from_top, top_from_frame = self.frames[assembly.top]
+        top = self._body(self.made[branch.parent], assembly.top, parent_from_top)
         axes = axes_of(branch.constraint, upside_down=branch.upside_down)
         ball = is_ball(axes)
         self._joints(top, branch, axes, ball, top_from_frame)
 
-    def _frames(self, top: BodyId, branch: Branch) -> tuple[Array, Array, Array]:
-        """The joint frame seen from the parent body; the top seen from that frame, and the other way round."""
-        plan = self.blueprint
-        of_parent, of_child = branch.seen_from_root(plan.planner.ends[branch.constraint.id])
-        top_from_frame = of_child
-        if branch.child != top:
-            top_from_child = compose(invert(plan.where[plan.rows[top]]), plan.where[plan.rows[branch.child]])
-            top_from_frame = compose(top_from_child, of_child)
-        return of_parent, invert(top_from_frame), top_from_frame
-
     def _joints(self, body: Any, branch: Branch, axes: tuple[Axis, ...], ball: bool, frame: Array) -> list[Any]:
         """The joints of one constraint, on a body in which its frame is known."""
-        directions = np.eye(3)
         made = []
         for axis in axes:
             if ball and not axis.slides:
                 continue
-            turned = _rotate(frame[3:], directions[axis.direction])
+            turned = _rotate(frame[3:], _DIRECTIONS[axis.direction])
             joint = body.add_joint(
                 type=mujoco.mjtJoint.mjJNT_SLIDE if axis.slides else mujoco.mjtJoint.mjJNT_HINGE,
                 pos=frame[:3],
@@ -129,18 +123,25 @@ class _Builder:
         places = compose(standing, np.concatenate([np.zeros((0, 7)), *local]))
         extents = np.array([solid.size for solids, _ in made for solid in solids]).reshape(-1, 3)
         self.standing = Boxes.of(places, extents)
-        each = iter(places)
+        each = iter(places.tolist())
         for id, (solids, _) in zip(scenery, made, strict=True):
             self._geometry(self.spec.worldbody, id, zip(solids, each, strict=False))
         return scenery
 
     def _body(self, parent: Any, id: BodyId, place: Array) -> Any:
         plan = self.blueprint
-        body = parent.add_body(name=_name(id), pos=place[:3], quat=place[3:])
+        pose = place.tolist()  # MuJoCo takes lists faster than arrays
+        if pose[3:] == _UNTURNED:
+            body = parent.add_body(name=_name(id), pos=pose[:3])
+        else:
+            body = parent.add_body(name=_name(id), pos=pose[:3], quat=pose[3:])
         self.made[id] = body
         description = plan.bodies[id]
         solids, places = plan.planner.solids(id)
-        self._geometry(body, id, zip(solids, _HERE[None] if places is None else places, strict=True))
+        if places is None:
+            self._geometry(body, id, zip(solids, repeat(None), strict=False))
+        else:
+            self._geometry(body, id, zip(solids, places.tolist(), strict=True))
         mass = plan.masses.get(id, 0.0)
         if mass > 0.0:
             body.explicitinertial = True
@@ -156,7 +157,7 @@ class _Builder:
             return inertia_frame(self.blueprint.planner.matter.prepared(id))
         return _HERE[:3], _HERE[3:], self.inertias[self.blueprint.rows[id]]
 
-    def _geometry(self, body: Any, id: BodyId, solids: Iterable[tuple[Solid, Array]]) -> None:
+    def _geometry(self, body: Any, id: BodyId, solids: Iterable[tuple[Solid, Sequence[float] | None]]) -> None:
         """What of one of our bodies can be touched, and where that is on one of MuJoCo's."""
         planner = self.blueprint.planner
         ghost = id in planner.collisions.ghosts
@@ -272,6 +273,23 @@ def build(blueprint: Blueprint, *, scenery: bool = True) -> Live:
     soften(live.model, live.joints.values())
     add_friction(live.model, live.data, live.joints.values())
     return live
+
+
+def _frames(plan: Blueprint) -> dict[BodyId, tuple[Array, Array]]:
+    """Of each hanging assembly: its top seen from the parent body, and the joint's frame seen from the top."""
+    branches = plan.forest.branches
+    if not branches:
+        return {}
+    ends = [branch.seen_from_root(plan.planner.ends[branch.constraint.id]) for branch in branches.values()]
+    top_from_frame = np.array([of_child for _, of_child in ends])
+    inner = [row for row, (top, branch) in enumerate(branches.items()) if branch.child != top]
+    if inner:
+        tops, joined = list(branches), list(branches.values())
+        top_from_world = invert(plan.where[[plan.rows[tops[row]] for row in inner]])
+        world_from_child = plan.where[[plan.rows[joined[row].child] for row in inner]]
+        top_from_frame[inner] = compose(compose(top_from_world, world_from_child), top_from_frame[inner])
+    parent_from_top = compose(np.array([of_parent for of_parent, _ in ends]), invert(top_from_frame))
+    return dict(zip(branches, zip(parent_from_top, top_from_frame, strict=True), strict=True))
 
 
 def _name(id: BodyId) -> str:

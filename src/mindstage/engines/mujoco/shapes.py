@@ -7,7 +7,7 @@ anything about comes last.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from functools import lru_cache
 from math import exp, log, pi
 from typing import Any
@@ -20,14 +20,14 @@ from mindstage.engines.solids import SQUARES, Prepared, shape_solid
 from mindstage.world import Body, Form, Solid, SolidKind
 from mindstage.world.geometry import Array
 
-__all__ = ["Touch", "add_geom", "inertia_frame", "touch_of", "unit_inertias"]
+__all__ = ["Touch", "add_geom", "inertia_frame", "set_defaults", "touch_of", "unit_inertias"]
 
 Touch = dict[str, Any]
 """Options of geoms."""
 
 _FRICTION = (0.8, 0.005, 0.0001)
-_UNTOLD: Touch = {"friction": _FRICTION}
-_GHOST: Touch = {"contype": 0, "conaffinity": 0}
+_UNTOLD: Touch = {}
+_GHOST: Touch = {"contype": 0, "conaffinity": 0, "friction": (1.0, 0.005, 0.0001)}
 _INERTIA_M = 0.005
 """For inertia a body is taken at least this thick, or a sheet of paper would spin without end."""
 _BOUNCY = 0.5
@@ -62,19 +62,28 @@ def touch_of(form: Form | None, timestep_s: float, *, ghost: bool) -> Touch:
     return {"friction": (sliding, *_FRICTION[1:]), "priority": 10_000 + round(1000 * bounce), "solref": solref}
 
 
-def add_geom(body: Any, solid: Solid, place: Array, *, touch: Touch, mesh: str = "") -> None:
-    """Adds a massless solid to one of MuJoCo's bodies.
+def set_defaults(spec: Any) -> None:
+    """What all geoms of a spec have in common, set once: each attribute given to `add_geom` costs more than its rest."""
+    geom = spec.default.geom
+    geom.type, geom.mass, geom.margin, geom.friction = mujoco.mjtGeom.mjGEOM_BOX, 0.0, -GRAZE_M, _FRICTION
+
+
+def add_geom(body: Any, solid: Solid, place: Sequence[float] | None, *, touch: Touch, mesh: str = "") -> None:
+    """Adds a massless solid to one of MuJoCo's bodies, of a spec with `set_defaults`.
 
     Args:
         body: the spec's.
         solid: what is added.
-        place: of its middle on that body, seven numbers.
+        place: of its middle on that body, seven numbers; None for the body's own pose.
         touch: how it feels, and whom.
         mesh: the name of the mesh that a hull was made into.
     """
-    shape = {"meshname": mesh} if mesh else {"size": _extent(solid)}
-    kind = _GEOMS[solid.kind]
-    body.add_geom(type=kind, pos=place[:3], quat=place[3:], mass=0.0, margin=-GRAZE_M, **shape, **touch)
+    options: dict[str, Any] = {"meshname": mesh} if mesh else {"size": _extent(solid)}
+    if place is not None:
+        options["pos"], options["quat"] = place[:3], place[3:]
+    if solid.kind is not SolidKind.BOX:
+        options["type"] = _GEOMS[solid.kind]
+    body.add_geom(**options, **touch)
 
 
 def _extent(solid: Solid) -> list[float]:

@@ -12,7 +12,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import count
 from pathlib import Path
-from xml.sax.saxutils import quoteattr
 
 import pyoxigraph as ox
 
@@ -95,6 +94,8 @@ def _triples(more: Graph) -> list[str]:
 
 
 def _elements(more: Graph) -> list[str]:
+    from xml.sax.saxutils import quoteattr  # it loads urllib and with it ssl and email
+
     return [
         f"<rdf:Description xmlns:rdf={quoteattr(RDF)} rdf:about={quoteattr(subject)}>"
         f"<p:{local_name(fact.property)} xmlns:p={quoteattr(namespace_of(fact.property))}"

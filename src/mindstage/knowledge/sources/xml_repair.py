@@ -8,9 +8,9 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Iterator
+from html import escape
 from html.entities import name2codepoint
 from typing import NamedTuple
-from xml.sax.saxutils import escape
 
 from mindstage.knowledge.sources.xml_tags import Attribute, Element, Holds, ending_of, start_tag
 from mindstage.knowledge.vocabulary import KNOWROB, OWL, RDF, RDFS, XSD
@@ -93,7 +93,7 @@ class _Repairing:
             raise BeyondRepair(self._line(), "the file ends before its outermost element does", is_cut=True)
         for prefix, line in self.missing.items():
             namespace = self._namespace(prefix)
-            self.out[self.root_end] = f' xmlns:{prefix}="{escape(namespace)}"{self.out[self.root_end]}'
+            self.out[self.root_end] = f' xmlns:{prefix}="{escape(namespace, quote=False)}"{self.out[self.root_end]}'
             self.repairs.append(
                 Repair(line, f"nothing declares the prefix {prefix!r}", f"it is taken to mean {namespace}")
             )
@@ -343,7 +343,7 @@ class _Repairing:
             self._warn(f"nothing declares the entity {name!r}", "it is read as it stands")
             return f"&amp;{name};"
         self._warn(f"nothing declares the entity {name!r}", f"it is taken to mean {meaning}")
-        return escape(meaning)
+        return escape(meaning, quote=False)
 
     def _lone(self, ampersand: re.Match[str]) -> str:
         name = ampersand[2]

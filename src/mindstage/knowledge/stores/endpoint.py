@@ -7,14 +7,16 @@ address that was given is ever spoken to: no proxy, no redirection.
 from __future__ import annotations
 
 import base64
-import http.client
-import ssl
 import time
 from collections.abc import Mapping
+from typing import TYPE_CHECKING
 from urllib.parse import SplitResult, unquote, urlencode, urlsplit, urlunsplit
 
 from mindstage.errors import ArgumentRefused, EndpointRefused, EndpointUnreachable
 from mindstage.knowledge.stores.query_process import REPLY_LIMIT
+
+if TYPE_CHECKING:
+    import http.client  # it loads ssl and email, which is worth waiting for only where there is an endpoint
 
 __all__ = ["SOLUTIONS", "TRIPLES", "Endpoint", "Reply"]
 
@@ -75,6 +77,8 @@ class Endpoint:
         self._post(self._update_parts, {"update": update}, "*/*", self.timeout_s)
 
     def _post(self, parts: SplitResult, form: Mapping[str, str], accept: str, timeout_s: float) -> Reply:
+        from http.client import HTTPException
+
         deadline = time.monotonic() + timeout_s
         connection = _connection(parts, timeout_s)
         headers = {"Accept": accept, "Content-Type": "application/x-www-form-urlencoded", "User-Agent": "mindstage"}
@@ -91,7 +95,7 @@ class Endpoint:
             body = _read(response, connection, deadline, limit)
         except TimeoutError as error:
             raise EndpointUnreachable(_shown(parts), cause=f"no answer within {timeout_s:g} s") from error
-        except (OSError, http.client.HTTPException) as error:
+        except (OSError, HTTPException) as error:
             raise EndpointUnreachable(_shown(parts), cause=_cause(error)) from error
         finally:
             connection.close()
@@ -107,6 +111,8 @@ def _read(
     response: http.client.HTTPResponse, connection: http.client.HTTPConnection, deadline: float, limit: int
 ) -> bytes:
     """The body, or a little more than is allowed of it."""
+    from http.client import IncompleteRead
+
     body = bytearray()
     while len(body) <= limit:
         _give_until(deadline, connection)
@@ -115,7 +121,7 @@ def _read(
             break
         body += piece
     if response.length:
-        raise http.client.IncompleteRead(bytes(body[:0]), response.length)
+        raise IncompleteRead(bytes(body[:0]), response.length)
     return bytes(body)
 
 
@@ -128,10 +134,13 @@ def _give_until(deadline: float, connection: http.client.HTTPConnection) -> None
 
 
 def _connection(parts: SplitResult, timeout_s: float) -> http.client.HTTPConnection:
+    import ssl
+    from http.client import HTTPConnection, HTTPSConnection
+
     host = parts.hostname or ""
     if parts.scheme == "https":
-        return http.client.HTTPSConnection(host, parts.port, timeout=timeout_s, context=ssl.create_default_context())
-    return http.client.HTTPConnection(host, parts.port, timeout=timeout_s)
+        return HTTPSConnection(host, parts.port, timeout=timeout_s, context=ssl.create_default_context())
+    return HTTPConnection(host, parts.port, timeout=timeout_s)
 
 
 def _split(url: str) -> SplitResult:
@@ -169,8 +178,10 @@ def _refusal(parts: SplitResult, response: http.client.HTTPResponse, body: bytes
 
 
 def _cause(error: Exception) -> str:
-    if isinstance(error, http.client.IncompleteRead):
+    from http.client import HTTPException, IncompleteRead
+
+    if isinstance(error, IncompleteRead):
         return "the connection ended in the middle of the reply"
-    if isinstance(error, http.client.HTTPException):
+    if isinstance(error, HTTPException):
         return f"it does not speak HTTP ({type(error).__name__})"
     return (error.strerror if isinstance(error, OSError) else None) or str(error) or type(error).__name__

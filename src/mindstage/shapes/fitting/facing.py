@@ -305,7 +305,7 @@ class Faces:
         around, half = self._around.get(row), self._setting.boxes.half[row]
         if around is None or str(self._setting.kinds[row]) not in LOOKING:
             return []
-        walls = np.isin(self._setting.kinds[around.rows].astype(str), _WALLS)
+        walls = np.array([kind in _WALLS for kind in self._setting.kinds[around.rows]], dtype=bool)
         low, high = around.low[walls], around.high[walls]
         found = []
         for side in (Side.of(axis, sign) for axis in axes for sign in (1, -1)):

@@ -15,7 +15,7 @@ from mindstage.shapes.fitting.facing import Facing
 from mindstage.shapes.fitting.insides import Inside, inside_of, let_in, levels_in, openings_in
 from mindstage.shapes.fitting.setting import Around, Setting
 from mindstage.shapes.kinds import DESIGNS
-from mindstage.shapes.sides import Side, Turn
+from mindstage.shapes.sides import Side, turn_between
 from mindstage.world import Body, Form, Glow, LightKind, Pose, ShapeKind, Surface
 
 __all__ = ["Maker"]
@@ -203,5 +203,5 @@ def _glow(rule: ShapeRule, facing: Facing) -> Glow | None:
     if light is None:
         return None
     turned = light.kind is not LightKind.POINT and facing.up is not Side.TOP
-    pose = Pose(quaternion=Turn(facing.front, facing.up).quaternion) if turned else Pose()
+    pose = Pose(quaternion=turn_between(facing.front, facing.up).quaternion) if turned else Pose()
     return Glow(kind=light.kind, pose=pose, colour=light.colour, intensity=light.intensity)

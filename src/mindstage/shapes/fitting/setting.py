@@ -74,7 +74,8 @@ class Setting:
 
     def of_kind(self, *kinds: str) -> NDArray[np.bool_]:
         """For each body, whether it is of one of these kinds."""
-        return np.isin(self.kinds.astype(str), kinds)
+        wanted = frozenset(kinds)
+        return np.array([kind in wanted for kind in self.kinds], dtype=bool)
 
     def named(self, row: int) -> str:
         """A body in a report: "the drawer X"."""
@@ -110,7 +111,10 @@ class Setting:
     def middle(self) -> Array:
         """The middle of the place: half of its things stand on either side."""
         small = self.boxes.half.max(axis=1) < 1.5
-        return np.asarray(np.median(self.boxes.centre[small] if small.any() else self.boxes.centre, axis=0))
+        centres = np.sort(self.boxes.centre[small] if small.any() else self.boxes.centre, axis=0)
+        half = len(centres) // 2
+        # The median; numpy's own would import numpy.ma.
+        return np.asarray(centres[half] if len(centres) % 2 else (centres[half - 1] + centres[half]) / 2)
 
     # -- what belongs together -----------------------------------------------------------------------------------------
 
