@@ -113,7 +113,7 @@ def _edit_seen_by_another() -> Measure:
                 request = {"id": turn, "method": "set_physics", "params": {"id": mug, "mass_kg": 0.3 + 0.01 * turn}}
                 start = time.perf_counter()
                 one.send(json.dumps(request))
-                while '"described"' not in other.recv(timeout=60.0, decode=True):
+                while '"details_changed"' not in other.recv(timeout=60.0, decode=True):
                     pass
                 times.append(time.perf_counter() - start)
     return Measure(
