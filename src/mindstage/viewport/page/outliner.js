@@ -2,7 +2,7 @@
 // stays fast with thousands of bodies.
 
 import { channel } from "./rpcChannel.js";
-import { el, lately } from "./dom.js";
+import { debounce, el } from "./dom.js";
 import { icon } from "./icons.js";
 import { panels } from "./panels.js";
 import { selection } from "./selection.js";
