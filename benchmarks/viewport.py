@@ -110,10 +110,10 @@ def _edit_seen_by_another() -> Measure:
             times = []
             for turn in range(EDITS + 1):
                 _hear(other)
-                request = {"id": turn, "do": "physics", "with": {"id": mug, "mass_kg": 0.3 + 0.01 * turn}}
+                request = {"id": turn, "method": "set_physics", "params": {"id": mug, "mass_kg": 0.3 + 0.01 * turn}}
                 start = time.perf_counter()
                 one.send(json.dumps(request))
-                while '"described"' not in other.recv(timeout=60.0, decode=True):
+                while '"details_changed"' not in other.recv(timeout=60.0, decode=True):
                     pass
                 times.append(time.perf_counter() - start)
     return Measure(
@@ -122,7 +122,7 @@ def _edit_seen_by_another() -> Measure:
 
 
 def _guest(url: str, number: int) -> ClientConnection:
-    address = f"{url.replace('http', 'ws', 1)}/mindstage/channel?visitor=benchmark{number:04}"
+    address = f"{url.replace('http', 'ws', 1)}/mindstage/channel?client=benchmark{number:04}"
     return connect(address, max_size=None)
 
 

@@ -82,7 +82,7 @@ def place(godot: Path, project: Path) -> Iterator[tuple[Editor, RemoteEngine]]:
         editor = open_things.enter_context(closing(Editor(godot, project)))
         assert editor.do(f"open {SCENE}") == "Place"
         editor.do(f"connect_dock ws://127.0.0.1:{server.port} godot")
-        editor.wait("status", "JOINED")
+        editor.wait("status", "CONNECTED")
         address = f"ros://127.0.0.1:{server.port}/godot?profile=mindstage"
         engine = open_things.enter_context(closing(RemoteEngine.connect(address, timeout_s=LONG_S)))
         yield editor, engine
@@ -155,7 +155,7 @@ def test_a_saved_scene_that_is_opened_again_is_still_the_map(furnished: tuple[Ed
 def test_a_saved_scene_that_is_run_lives_as_the_map_says(furnished: tuple[Editor, RemoteEngine], godot: Path) -> None:
     editor, _ = furnished
     assert editor.do("save") == "OK"
-    done = run(godot, editor.project, "--headless", "--script", "tests/editor/live.gd", "--", SCENE, timeout_s=120.0)
+    done = run(godot, editor.project, "--headless", "--script", "tests/editor/run_saved_scene.gd", "--", SCENE, timeout_s=120.0)
     assert done.returncode == 0, done.stdout
     assert "SCRIPT ERROR" not in done.stdout, done.stdout
 

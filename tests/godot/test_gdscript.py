@@ -32,7 +32,7 @@ def test_a_failing_test_in_gdscript_is_noticed(godot: Path, project: Path) -> No
 
 @pytest.mark.parametrize(
     ("argument", "said"),
-    [("--mindstage-url=http://x", "no address of a rosbridge"), ("--wrong", "there is no option --wrong")],
+    [("--mindstage-url=http://x", "is not the URL of a rosbridge"), ("--wrong", "there is no option --wrong")],
 )
 def test_bad_arguments_are_refused_with_what_is_wrong(godot: Path, project: Path, argument: str, said: str) -> None:
     done = run(godot, project, "--headless", "res://main.tscn", "--", argument, timeout_s=120.0)

@@ -17,9 +17,9 @@ def test_programs_at_the_hub_are_guests_while_they_are_connected() -> None:
         client.subscribe("/unreal/clock_of_mine", lambda _: None, type="std_msgs/String")
         client.offer_service("/robot/wave", "std_srvs/Trigger", lambda _: {"success": True, "message": ""})
         heard = "1 topics heard, 1 services offered"
-        wait_until(lambda: [guest.does for guest in stage.company.guests()] == [heard], "the robot is there")
+        wait_until(lambda: [guest.activity for guest in stage.company.guests()] == [heard], "the robot is there")
         (guest,) = stage.company.guests()
-        assert guest.way == "ROS"
+        assert guest.transport == "ROS"
         client.close()
         wait_until(lambda: stage.company.guests() == (), "the robot is gone")
         face.close()
@@ -32,8 +32,8 @@ def test_the_rosbridge_that_a_stage_joined_is_its_guest() -> None:
         with Client(server.url) as client:
             client.wait_connected(30.0)
             face = RosFace(stage, client)
-            assert stage.company.guests() == (Guest(name=server.url, way="ROS", does="connected"),)
+            assert stage.company.guests() == (Guest(name=server.url, transport="ROS", activity="connected"),)
             server.close()
-            wait_until(lambda: stage.company.guests()[0].does in {"lost", "connecting"}, "the loss is told")
+            wait_until(lambda: stage.company.guests()[0].activity in {"lost", "connecting"}, "the loss is told")
             face.close()
         assert stage.company.guests() == ()

@@ -37,11 +37,11 @@ class Guest:
     def ask(self, what: str, **arguments: Any) -> Any:
         """Asks and waits for the answer."""
         number = next(self._numbers)
-        self.socket.send(json.dumps({"id": number, "do": what, "with": arguments}))
+        self.socket.send(json.dumps({"id": number, "method": what, "params": arguments}))
         wait_until(lambda: self.hear() and number in self._replies, f"{what!r} is answered")
         reply = self._replies.pop(number)
         if "error" in reply:
-            raise No(reply["error"]["kind"], reply["error"]["text"])
+            raise No(reply["error"]["type"], reply["error"]["message"])
         return reply["result"]
 
     def hear(self) -> bool:
@@ -66,6 +66,6 @@ class Guest:
 @contextmanager
 def guest_at(url: str, *, key: str | None = None, headers: dict[str, str] | None = None) -> Iterator[Guest]:
     """A guest at the page of that address."""
-    address = f"{url.replace('http', 'ws', 1)}/mindstage/channel?visitor={key or secrets.token_hex(8)}"
+    address = f"{url.replace('http', 'ws', 1)}/mindstage/channel?client={key or secrets.token_hex(8)}"
     with connect(address, additional_headers=headers, open_timeout=PATIENCE_S, max_size=None) as socket:
         yield Guest(socket)

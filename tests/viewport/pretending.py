@@ -17,12 +17,12 @@ class PretendedPage:
         self._channel = channel
         self.visitor: Any = SimpleNamespace(key="pretended", state={})
 
-    def ask(self, do: str, **arguments: object) -> Any:
+    def ask(self, method: str, **arguments: object) -> Any:
         """What the server answers; an error's words are raised as a `Refused`."""
-        request = _Request(id=1, do=do, arguments=msgspec.Raw(msgspec.json.encode(arguments)))
+        request = _Request(id=1, method=method, arguments=msgspec.Raw(msgspec.json.encode(arguments)))
         reply = msgspec.json.decode(self._channel._carry_out(self.visitor, request))
         if "error" in reply:
-            raise Refused(f"{reply['error']['kind']}: {reply['error']['text']}")
+            raise Refused(f"{reply['error']['type']}: {reply['error']['message']}")
         return reply["result"]
 
     def sees(self, topic: str) -> Any:

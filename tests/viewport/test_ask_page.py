@@ -50,11 +50,11 @@ def test_a_question_is_asked_by_keyboard_explained_and_lit(page: Any, stage: Sta
     row = page.locator("#panel-ask tr[data-id=fridge]")
     row.wait_for()
     page.get_by_role("button", name="why").click()
-    lines = page.locator("#panel-ask .reason li")
+    lines = page.locator("#panel-ask .explanation li")
     lines.first.wait_for()
     assert "CowsMilk" in " ".join(lines.all_inner_texts())
-    page.get_by_role("button", name="Show", exact=True).click()
-    page.wait_for_selector("#legend li[data-lit='1']")
+    page.get_by_role("button", name="Highlight", exact=True).click()
+    page.wait_for_selector("#legend li[data-highlighted='1']")
     assert set(stage.frame.highlights) == {"fridge"}
     assert "item=CowsMilk" in page.locator("#legend").inner_text()
     page.locator("#legend button").first.click()
@@ -66,13 +66,13 @@ def test_what_is_missing_is_told_and_then_known(page: Any, stage: Stage) -> None
     page.click("[data-tab=ask]")
     page.locator("[data-role=question]").select_option("storage_place")
     page.get_by_role("combobox", name="item").fill("Door")
-    page.locator("[data-do=ask]").click()
-    lack = page.locator(".lack")
+    page.locator("[data-action=ask]").click()
+    lack = page.locator(".missing-fact")
     lack.wait_for()
     assert "Door has no container" in lack.inner_text()
-    assert page.locator("[data-tell=value]").input_value() == "knowrob:Door"
-    page.locator("[data-tell=subject]").fill("ToolBox")
-    page.locator("[data-do=tell]").click()
+    assert page.locator("[data-statement=value]").input_value() == "knowrob:Door"
+    page.locator("[data-statement=subject]").fill("ToolBox")
+    page.locator("[data-action=tell]").click()
     page.locator("#panel-ask td", has_text="ToolBox").wait_for()
     assert [row.place for row in stage.ask("storage_place", item="Door")] == ["http://mindstage.org/ontology#ToolBox"]
 
@@ -86,7 +86,7 @@ def test_a_query_and_a_wrong_one_are_answered_in_place(page: Any, viewport: View
     page.locator("#panel-ask tr[data-id=fridge]").wait_for()
     text.fill("DROP ALL")
     text.press("Control+Enter")
-    page.locator("[data-role=refusal]", has_text="queries only read").wait_for()
+    page.locator("[data-role=error]", has_text="queries only read").wait_for()
     text.fill('SELECT ("<img src=x onerror=alert(1)>" AS ?x) {}')
     text.press("Control+Enter")
     page.locator("#panel-ask td", has_text="<img src=x").wait_for()
@@ -94,17 +94,17 @@ def test_a_query_and_a_wrong_one_are_answered_in_place(page: Any, viewport: View
 
 
 def test_the_status_is_shown_searched_and_a_fault_is_said_aloud(page: Any, stage: Stage, viewport: Viewport) -> None:
-    stage.company.introduce(lambda: [Guest(name="/robot", way="ROS", does="2 topics heard")])
+    stage.company.introduce(lambda: [Guest(name="/robot", transport="ROS", activity="2 topics heard")])
     page.click("[data-tab=status]")
-    page.locator("[data-figure=engine]", has_text="null").wait_for()
-    assert page.locator("[data-figure=bodies]").inner_text().startswith(str(len(stage.frame.ids)))
-    page.locator("[data-guest='/robot']").wait_for()
+    page.locator("[data-statistic=engine]", has_text="null").wait_for()
+    assert page.locator("[data-statistic=bodies]").inner_text().startswith(str(len(stage.frame.ids)))
+    page.locator("[data-client='/robot']").wait_for()
     entries = page.locator("[data-entry]")
     entries.first.wait_for()
     before = entries.count()
     assert before >= 3
-    page.get_by_role("searchbox", name="Search the remarks").fill("quaternion wxyz")
+    page.get_by_role("searchbox", name="Search the report").fill("quaternion wxyz")
     wait_until(lambda: entries.count() == 1, "one remark is about that")
     now = PretendedPage(viewport.channel).sees("status")
     viewport.channel.publish("status", now | {"fault": "the physics blew up"})
-    page.locator("[data-toast=error]", has_text="The world stands still: the physics blew up").wait_for()
+    page.locator("[data-toast=error]", has_text="The simulation has stopped: the physics blew up").wait_for()

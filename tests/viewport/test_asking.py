@@ -67,36 +67,36 @@ def test_every_declared_question_is_offered_with_its_arguments_and_words(page: P
     assert [argument["name"] for argument in storage["arguments"]] == [
         argument.name for argument in next(q for q in questions() if q.name == storage["name"]).arguments
     ]
-    assert {argument["completed"] for argument in storage["arguments"]} <= {"CLASS", "INDIVIDUAL", "MAP", ""}
+    assert {argument["completion"] for argument in storage["arguments"]} <= {"CLASS", "INDIVIDUAL", "MAP", ""}
     assert storage["text"]
     states = next(argument for argument in offered["openings"]["arguments"] if argument["choices"])
     assert "open" in states["choices"]
 
 
 def test_names_are_completed_by_their_beginning_in_any_case(page: PretendedPage) -> None:
-    found = page.ask("ask.names", start="cowsm", kind="CLASS")
+    found = page.ask("ask.complete", prefix="cowsm", kind="CLASS")
     assert found[0]["name"] == "CowsMilk"
     assert found[0]["iri"].endswith("#CowsMilk")
-    inside = [each["name"] for each in page.ask("ask.names", start="fridgerat", kind="CLASS")]
+    inside = [each["name"] for each in page.ask("ask.complete", prefix="fridgerat", kind="CLASS")]
     assert not inside
-    assert "Refrigerator" in [each["name"] for each in page.ask("ask.names", start="frigerat", kind="CLASS")]
+    assert "Refrigerator" in [each["name"] for each in page.ask("ask.complete", prefix="frigerat", kind="CLASS")]
 
 
 def test_individuals_are_completed_with_their_class(page: PretendedPage) -> None:
-    found = page.ask("ask.names", start="Fridge", kind="INDIVIDUAL")
-    assert {"name": "fridge", "about": "FridgeW60H140"}.items() <= found[0].items()
+    found = page.ask("ask.complete", prefix="Fridge", kind="INDIVIDUAL")
+    assert {"name": "fridge", "description": "FridgeW60H140"}.items() <= found[0].items()
 
 
 def test_names_with_a_prefix_are_completed_too(page: PretendedPage) -> None:
-    assert "CowsMilk" in [each["name"] for each in page.ask("ask.names", start="knowrob:CowsM", kind="CLASS")]
-    assert page.ask("ask.names", start="dul:CowsM", kind="CLASS") == []
+    assert "CowsMilk" in [each["name"] for each in page.ask("ask.complete", prefix="knowrob:CowsM", kind="CLASS")]
+    assert page.ask("ask.complete", prefix="dul:CowsM", kind="CLASS") == []
 
 
 def test_only_so_many_names_are_offered_whatever_a_page_wants(page: PretendedPage) -> None:
-    assert len(page.ask("ask.names", start="", kind="CLASS", most=3)) == 3
-    assert len(page.ask("ask.names", start="", kind="CLASS", most=100_000)) == 50
+    assert len(page.ask("ask.complete", prefix="", kind="CLASS", limit=3)) == 3
+    assert len(page.ask("ask.complete", prefix="", kind="CLASS", limit=100_000)) == 50
     with pytest.raises(Refused, match="no kind of name; there is CLASS"):
-        page.ask("ask.names", start="x", kind="SECRET")
+        page.ask("ask.complete", prefix="x", kind="SECRET")
 
 
 # -- questions ---------------------------------------------------------------------------------------------------------
@@ -128,8 +128,8 @@ def test_a_wrong_name_is_told_with_what_is_near(page: PretendedPage) -> None:
 
 def test_why_is_told_line_by_line(page: PretendedPage) -> None:
     table = page.ask("ask", question="storage_place", args={"item": "CowsMilk"})
-    assert table["explains"]
-    lines = page.ask("ask.why", key=table["key"], row=0)
+    assert table["explainable"]
+    lines = page.ask("ask.explain", key=table["key"], row=0)
     assert len(lines) >= 2
     assert any("Refrigerator" in line for line in lines)
 
@@ -138,17 +138,17 @@ def test_answers_of_long_ago_are_not_kept(page: PretendedPage) -> None:
     first = page.ask("ask", question="storage_place", args={"item": "CowsMilk"})
     for _ in range(8):
         last = page.ask("ask", question="maps")
-    assert page.ask("ask.why", key=last["key"], row=0)
+    assert page.ask("ask.explain", key=last["key"], row=0)
     with pytest.raises(Refused, match="not kept any more; ask again"):
-        page.ask("ask.why", key=first["key"], row=0)
+        page.ask("ask.explain", key=first["key"], row=0)
     with pytest.raises(Refused, match="none with the number 99"):
-        page.ask("ask.why", key=last["key"], row=99)
+        page.ask("ask.explain", key=last["key"], row=99)
 
 
 def test_a_visitor_sees_no_other_visitors_answers(page: PretendedPage, channel: Channel) -> None:
     table = page.ask("ask", question="maps")
     with pytest.raises(Refused, match="ask again"):
-        PretendedPage(channel).ask("ask.show", key=table["key"], colour="blue")
+        PretendedPage(channel).ask("ask.highlight", key=table["key"], color="blue")
 
 
 # -- lights ------------------------------------------------------------------------------------------------------------
@@ -156,15 +156,15 @@ def test_a_visitor_sees_no_other_visitors_answers(page: PretendedPage, channel: 
 
 def test_showing_answers_lights_only_them_and_tells_all_why(page: PretendedPage, desk: AskDesk, stage: Stage) -> None:
     desk.tell(stage.frame)
-    assert page.sees("lit") == []
+    assert page.sees("highlights") == []
     stage.highlight([stage.frame.ids[0]], (1.0, 0.0, 0.0))
     table = page.ask("ask", question="storage_place_in_environment", args={"item": "CowsMilk"})
-    shown = page.ask("ask.show", key=table["key"], colour="#1f5fe0")
-    assert shown["lit"] == sorted(set(table["ids"]), key=table["ids"].index)
+    shown = page.ask("ask.highlight", key=table["key"], color="#1f5fe0")
+    assert shown["highlighted"] == sorted(set(table["ids"]), key=table["ids"].index)
     assert set(stage.frame.highlights) == set(table["ids"])
     desk.tell(stage.frame)
-    (group,) = page.sees("lit")
-    assert (group["label"], group["colour"]) == (table["title"], "#1f5fe0")
+    (group,) = page.sees("highlights")
+    assert (group["label"], group["color"]) == (table["title"], "#1f5fe0")
     assert set(group["ids"]) == set(table["ids"])
 
 
@@ -172,36 +172,36 @@ def test_some_rows_alone_are_lit_beside_what_is_lit_already(page: PretendedPage,
     doors = page.ask("ask", question="individual_of_class", args={"cls": "Door"})
     with_bodies = [row for row, id in enumerate(doors["ids"]) if id]
     assert len(with_bodies) > 2
-    page.ask("ask.show", key=doors["key"], colour="green", rows=with_bodies[:1])
+    page.ask("ask.highlight", key=doors["key"], color="green", rows=with_bodies[:1])
     mugs = page.ask("ask", question="storage_place_in_environment", args={"item": "CowsMilk"})
-    page.ask("ask.show", key=mugs["key"], colour="blue", replace=False)
+    page.ask("ask.highlight", key=mugs["key"], color="blue", replace=False)
     assert set(stage.frame.highlights) == {doors["ids"][with_bodies[0]], *mugs["ids"]}
-    page.ask("ask.put_out", label=mugs["title"])
+    page.ask("ask.clear_highlights", label=mugs["title"])
     assert set(stage.frame.highlights) == {doors["ids"][with_bodies[0]]}
-    page.ask("ask.put_out")
+    page.ask("ask.clear_highlights")
     assert not stage.frame.highlights
 
 
 def test_what_has_no_body_is_told_with_the_reason(page: PretendedPage) -> None:
     table = page.ask("ask", question="storage_place", args={"item": "CowsMilk"})
-    shown = page.ask("ask.show", key=table["key"], colour="blue")
-    assert shown["lit"] == []
-    assert "class" in shown["not_lit"][0]["reason"]
+    shown = page.ask("ask.highlight", key=table["key"], color="blue")
+    assert shown["highlighted"] == []
+    assert "class" in shown["not_highlighted"][0]["reason"]
     with pytest.raises(Refused, match="ColourUnknown"):
-        page.ask("ask.show", key=table["key"], colour="bluue")
+        page.ask("ask.highlight", key=table["key"], color="bluue")
 
 
 # -- queries -----------------------------------------------------------------------------------------------------------
 
 
 def test_a_query_is_answered_as_a_table_whose_rows_are_bodies(page: PretendedPage, stage: Stage) -> None:
-    found = page.ask("ask.query", query="SELECT ?x WHERE { ?x a ms:FridgeW60H140 }")
+    found = page.ask("ask.sparql", query="SELECT ?x WHERE { ?x a ms:FridgeW60H140 }")
     assert found["columns"] == ["x"]
     assert found["ids"]
     assert set(found["ids"]) <= set(stage.frame.ids)
-    page.ask("ask.show", key=found["key"], colour="yellow")
+    page.ask("ask.highlight", key=found["key"], color="yellow")
     assert set(stage.frame.highlights) == set(found["ids"])
-    assert page.ask("ask.query", query="ASK { knowrob:Refrigerator a owl:Class }")["truth"] is True
+    assert page.ask("ask.sparql", query="ASK { knowrob:Refrigerator a owl:Class }")["boolean"] is True
 
 
 @pytest.mark.parametrize(
@@ -216,14 +216,14 @@ def test_a_query_is_answered_as_a_table_whose_rows_are_bodies(page: PretendedPag
 )
 def test_a_query_cannot_write_nor_ask_elsewhere(page: PretendedPage, query: str) -> None:
     with pytest.raises(Refused, match="QueryRefused"):
-        page.ask("ask.query", query=query)
+        page.ask("ask.sparql", query=query)
 
 
 def test_a_query_that_names_a_file_reads_none(page: PretendedPage) -> None:
-    found = page.ask("ask.query", query='SELECT * FROM <file:///etc/passwd> { ?s ?p ?o FILTER(CONTAINS(?o, "root:")) }')
+    found = page.ask("ask.sparql", query='SELECT * FROM <file:///etc/passwd> { ?s ?p ?o FILTER(CONTAINS(?o, "root:")) }')
     assert found["total"] == 0
     with pytest.raises(Refused, match="more than 20000 letters"):
-        page.ask("ask.query", query="#" * 20_001)
+        page.ask("ask.sparql", query="#" * 20_001)
 
 
 # -- lines in Prolog ---------------------------------------------------------------------------------------------------
@@ -231,22 +231,22 @@ def test_a_query_that_names_a_file_reads_none(page: PretendedPage) -> None:
 
 @needs_prolog
 def test_a_line_is_answered_as_a_table_of_its_variables(page: PretendedPage, stage: Stage) -> None:
-    assert page.ask("ask.ways") == {"prolog": True}
+    assert page.ask("ask.languages") == {"prolog": True}
     line = "storage_place_in_environment(Map, knowrob:'CowsMilk', Place), openings(Map, Place, State, Front)"
-    found = page.ask("ask.line", line=line)
+    found = page.ask("ask.prolog", line=line)
     assert found["columns"] == ["Map", "Place", "State", "Front"]
     assert (found["ids"], texts(found, "Front"), texts(found, "State")) == (["fridge"], ["fridge_door"], ["closed"])
-    page.ask("ask.show", key=found["key"], colour="red")
+    page.ask("ask.highlight", key=found["key"], color="red")
     assert set(stage.frame.highlights) == {"fridge"}
-    assert page.ask("ask.line", line="storage_place(knowrob:'CowsMilk', ms:'FridgeW60H140')")["truth"] is False
-    assert page.ask("ask.line", line="1 < 2")["truth"] is True
+    assert page.ask("ask.prolog", line="storage_place(knowrob:'CowsMilk', ms:'FridgeW60H140')")["boolean"] is False
+    assert page.ask("ask.prolog", line="1 < 2")["boolean"] is True
 
 
 @needs_prolog
 def test_a_line_cannot_run_anything(page: PretendedPage, tmp_path: Path) -> None:
     mark = tmp_path / "mark"
     with pytest.raises(Refused, match=r"GoalRefused: .*shell/1 cannot be asked here, only questions"):
-        page.ask("ask.line", line=f"storage_place(X, Y), shell('touch {mark}')")
+        page.ask("ask.prolog", line=f"storage_place(X, Y), shell('touch {mark}')")
     assert not mark.exists()
 
 
@@ -261,7 +261,7 @@ def test_what_is_missing_can_be_told_and_is_known_then(page: PretendedPage) -> N
     (lack,) = before["missing"]
     assert (lack["subject"], lack["value"]) == ("", "knowrob:Door")
     assert lack["property"] == "knowrob:typePrimaryFunction-containerFor"
-    assert "Door" in lack["why"]
+    assert "Door" in lack["reason"]
     assert page.ask("ask.tell", **statement) is True
     try:
         assert "ToolBox" in texts(page.ask("ask", **asked), "place")

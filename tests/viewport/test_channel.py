@@ -122,7 +122,7 @@ def test_a_long_answer_stops_nothing_but_its_own_lane(channel: Channel, guest: G
     channel.offer("slow", Number, wait, lane="slow")
     channel.offer("quick", Number, lambda _, wish: wish.number)
     for number in (1, 2, 3):
-        guest.socket.send(json.dumps({"id": -number, "do": "slow", "with": {"number": number}}))
+        guest.socket.send(json.dumps({"id": -number, "method": "slow", "params": {"number": number}}))
     assert guest.ask("quick", number=7) == 7
     assert done == []
     let_go.set()
@@ -134,9 +134,9 @@ def test_who_asks_too_much_at_once_is_told_so(channel: Channel, guest: Guest) ->
     let_go = threading.Event()
     channel.offer("wait", Nothing, lambda *_: let_go.wait(PATIENCE_S))
     for number in range(-6, 0):
-        guest.socket.send(json.dumps({"id": number, "do": "wait"}))
+        guest.socket.send(json.dumps({"id": number, "method": "wait"}))
     refused = [json.loads(guest.socket.recv(timeout=PATIENCE_S)) for _ in range(2)]
-    assert [reply["error"]["kind"] for reply in refused] == ["TooMany", "TooMany"]
+    assert [reply["error"]["type"] for reply in refused] == ["TooMany", "TooMany"]
     let_go.set()
     answered = [json.loads(guest.socket.recv(timeout=PATIENCE_S)) for _ in range(4)]
     assert all(reply["result"] is True for reply in answered)
@@ -149,9 +149,9 @@ def test_requests_have_a_rate() -> None:
     try:
         with guest_at(address(server)) as guest:
             for number in range(4):
-                guest.socket.send(json.dumps({"id": number, "do": "ask"}))
+                guest.socket.send(json.dumps({"id": number, "method": "ask"}))
             replies = [json.loads(guest.socket.recv(timeout=PATIENCE_S)) for _ in range(4)]
-            assert {reply["error"]["kind"] for reply in replies} == {"TooMany"}
+            assert {reply["error"]["type"] for reply in replies} == {"TooMany"}
     finally:
         shut_down(server)
         slow.close()

@@ -38,7 +38,7 @@ def page(alive: Stage) -> Iterator[Viewport]:
 @pytest.fixture
 def guest(page: Viewport) -> Iterator[Guest]:
     with guest_at(page.url) as guest:
-        wait_until(lambda: guest.sees("world"), "the world is told")
+        wait_until(lambda: guest.sees("scene_tree"), "the world is told")
         yield guest
 
 
@@ -47,7 +47,7 @@ def at(stage: Stage, id: BodyId) -> np.ndarray:
 
 
 def names(guest: Guest) -> set[str]:
-    return {row[0] for row in guest.sees("world")["rows"]}
+    return {row[0] for row in guest.sees("scene_tree")["rows"]}
 
 
 def eventually(guest: Guest, topic: str, value: Callable[[Any], object], what: str) -> None:
@@ -61,16 +61,16 @@ def test_a_page_is_told_of_the_world_its_time_and_what_can_be_undone(guest: Gues
     eventually(guest, "clock", lambda clock: clock["bodies"] == 8 and not clock["playing"], "the clock is told")
     eventually(guest, "history", lambda history: history == {"undo": None, "redo": None}, "nothing was edited")
     assert names(guest) == {body.id for body in kitchenette().bodies}
-    assert guest.sees("world")["engine"] == "mujoco"
+    assert guest.sees("scene_tree")["engine"] == "mujoco"
 
 
 def test_all_are_told_to_look_again_even_where_the_outline_stays_the_same(page: Viewport, guest: Guest) -> None:
     with guest_at(page.url) as other:
-        wait_until(lambda: other.sees("described"), "the other one is there")
-        world, before = other.told["world"], other.told["described"]
-        guest.ask("physics", id="Mug", mass_kg=1.5)
-        eventually(other, "described", lambda now: now > before, "the other one is told that something has changed")
-        assert other.told["world"] == world
+        wait_until(lambda: other.sees("details_changed"), "the other one is there")
+        world, before = other.told["scene_tree"], other.told["details_changed"]
+        guest.ask("set_physics", id="Mug", mass_kg=1.5)
+        eventually(other, "details_changed", lambda now: now > before, "the other one is told that something has changed")
+        assert other.told["scene_tree"] == world
         assert other.ask("details", id="Mug")["mass"] == 1.5
 
 
@@ -97,19 +97,19 @@ def test_time_is_played_paused_stepped_and_reset(alive: Stage, guest: Guest) -> 
         ("move", {"id": "Mug", "position": [0, 0, 1e300], "quaternion": LEVEL}),
         ("move", {"id": "Mug", "position": [0, 0], "quaternion": LEVEL}),
         ("move", {"id": "Mug", "position": [0, 0, 0], "quaternion": [0, 0, 0, 0]}),
-        ("physics", {"id": "Mug", "mass_kg": 0}),
-        ("physics", {"id": "Mug", "mobility": "flying"}),
-        ("material", {"id": "Mug", "colour": "no colour"}),
-        ("joint", {"id": "DrawerSlide", "axis": "y", "value": 0.1}),
-        ("joint", {"id": "DrawerSlide", "axis": "w", "value": 0.1}),
-        ("joint", {"id": "Nothing", "axis": "x", "value": 0.1}),
+        ("set_physics", {"id": "Mug", "mass_kg": 0}),
+        ("set_physics", {"id": "Mug", "mobility": "flying"}),
+        ("set_material", {"id": "Mug", "color": "no color"}),
+        ("move_joint", {"id": "DrawerSlide", "axis": "y", "value": 0.1}),
+        ("move_joint", {"id": "DrawerSlide", "axis": "w", "value": 0.1}),
+        ("move_joint", {"id": "Nothing", "axis": "x", "value": 0.1}),
         ("delete", {"ids": []}),
         ("delete", {"ids": ["Mugg"]}),
-        ("hang", {"child": "Mug", "parent": "Mug"}),
+        ("attach", {"child": "Mug", "parent": "Mug"}),
         ("details", {"id": "Mugg"}),
         ("select", {"id": 5}),
-        ("section", {"height": "high"}),
-        ("label", {"mode": "some"}),
+        ("set_clipping_height", {"height": "high"}),
+        ("set_labels", {"mode": "some"}),
         ("undo", {}),
         ("add", {"class": "NoSuchClassAtAll"}),
         ("add", {"class": "Cup", "size": [0.1, 0.1, -1.0]}),
@@ -132,15 +132,15 @@ def test_what_cannot_be_done_is_said_and_changes_nothing(
 
 def test_what_is_selected_is_told_with_its_pose_and_joints_as_they_are(alive: Stage, guest: Guest) -> None:
     details = guest.ask("details", id="Drawer")
-    assert (details["cls"], details["parts"]) == ("Drawer", ["DrawerHandle"])
+    assert (details["cls"], details["attached_bodies"]) == ("Drawer", ["DrawerHandle"])
     assert [joint["id"] for joint in details["joints"]] == ["DrawerSlide"]
     assert "ContainerArtifact" in details["ancestors"], "the bundled ontology knows drawers"
     guest.ask("select", id="Drawer")
-    eventually(guest, "live", lambda live: live["id"] == "Drawer", "where it is is told")
-    assert guest.told["live"]["joints"] == {"DrawerSlide": {"x": 0.0}}
+    eventually(guest, "live_details", lambda live: live["id"] == "Drawer", "where it is is told")
+    assert guest.told["live_details"]["joints"] == {"DrawerSlide": {"x": 0.0}}
     alive.editing.move(DRAWER, Pose((1.75, 0.0, 0.65)))
-    eventually(guest, "live", lambda live: live["joints"] == {"DrawerSlide": {"x": -0.2}}, "and where it is now")
-    assert guest.told["live"]["pose"]["position"] == [1.75, 0.0, 0.65]
+    eventually(guest, "live_details", lambda live: live["joints"] == {"DrawerSlide": {"x": -0.2}}, "and where it is now")
+    assert guest.told["live_details"]["pose"]["position"] == [1.75, 0.0, 0.65]
 
 
 def test_where_things_are_kept_is_known_of_what_the_ontology_knows() -> None:
@@ -150,8 +150,8 @@ def test_where_things_are_kept_is_known_of_what_the_ontology_knows() -> None:
         stage.spawn()
         milk = next(body.id for body in stage.log().bodies if "Milk" in body.cls)
         with Viewport(stage, port=0) as viewport, guest_at(viewport.url) as guest:
-            eventually(guest, "world", lambda world: len(world["rows"]) > 200, "the kitchen is told")
-            kept = guest.ask("details", id=milk)["kept"]
+            eventually(guest, "scene_tree", lambda world: len(world["rows"]) > 200, "the kitchen is told")
+            kept = guest.ask("details", id=milk)["storage_places"]
             assert any("fridge" in id for place in kept for id in place["ids"])
 
 
@@ -160,19 +160,19 @@ def test_where_things_are_kept_is_known_of_what_the_ontology_knows() -> None:
 
 def test_values_are_changed_through_the_engine_and_undone(alive: Stage, guest: Guest) -> None:
     before = alive.log()
-    guest.ask("physics", id="Mug", mass_kg=2.5)
+    guest.ask("set_physics", id="Mug", mass_kg=2.5)
     assert alive.log().body("Mug").physics.mass_kg == 2.5
     eventually(guest, "history", lambda history: history["undo"] == "mass of Mug", "that can be undone")
-    guest.ask("physics", id="Fridge", mobility="dynamic", gravity=False)
+    guest.ask("set_physics", id="Fridge", mobility="dynamic", gravity=False)
     physics = alive.log().body("Fridge").physics
     assert (physics.mobility, physics.gravity, physics.mass_kg) == (Mobility.DYNAMIC, False, 60.0)
-    guest.ask("material", id="Mug", name="gold", colour="#ffcc00")
+    guest.ask("set_material", id="Mug", name="gold", color="#ffcc00")
     assert [material.name for material in alive.log().body("Mug").materials] == ["gold"]
-    guest.ask("material", id="Mug")
+    guest.ask("set_material", id="Mug")
     assert alive.log().body("Mug").materials == ()
-    guest.ask("hang", child="DrawerHandle")
+    guest.ask("attach", child="DrawerHandle")
     assert all(hold.child != "DrawerHandle" for hold in alive.log().attachments)
-    guest.ask("hang", child="Mug", parent="Drawer")
+    guest.ask("attach", child="Mug", parent="Drawer")
     assert any(hold.child == "Mug" for hold in alive.log().attachments)
     for _ in range(6):
         guest.ask("undo")
@@ -183,7 +183,7 @@ def test_values_are_changed_through_the_engine_and_undone(alive: Stage, guest: G
 
 def test_two_visitors_see_what_one_of_them_edits(page: Viewport, guest: Guest) -> None:
     with guest_at(page.url) as other:
-        wait_until(lambda: other.sees("world"), "the other one sees the world")
+        wait_until(lambda: other.sees("scene_tree"), "the other one sees the world")
         guest.ask("delete", ids=["Mug"])
         wait_until(lambda: "Mug" not in names(other) and "Mug" not in names(guest), "both see that the mug is gone")
         eventually(other, "history", lambda history: history["undo"] == "Mug deleted", "and that it can be undone")
@@ -194,8 +194,8 @@ def test_two_visitors_see_what_one_of_them_edits(page: Viewport, guest: Guest) -
 def test_a_slider_opens_a_drawer_in_physics_and_that_can_be_undone(alive: Stage, guest: Guest) -> None:
     alive.play()
     for value in (-0.05, -0.1, -0.2):
-        guest.ask("joint", id="DrawerSlide", axis="x", value=value, done=False)
-    guest.ask("joint", id="DrawerSlide", axis="x", value=-0.3)
+        guest.ask("move_joint", id="DrawerSlide", axis="x", value=value, done=False)
+    guest.ask("move_joint", id="DrawerSlide", axis="x", value=-0.3)
     wait_until(lambda: at(alive, DRAWER)[0] == pytest.approx(1.65, abs=0.02), "the drawer came out by 30 cm")
     wait_until(lambda: not alive._grips, "the hand lets go by itself")
     assert at(alive, DRAWER)[1:3] == pytest.approx((0.0, 0.65), abs=1e-3)
@@ -206,8 +206,8 @@ def test_a_slider_opens_a_drawer_in_physics_and_that_can_be_undone(alive: Stage,
 
 def test_a_slider_in_a_paused_world_puts_the_drawer_there_in_one_edit(alive: Stage, guest: Guest) -> None:
     for value in (-0.1, -0.2):
-        guest.ask("joint", id="DrawerSlide", axis="x", value=value, done=False)
-    guest.ask("joint", id="DrawerSlide", axis="x", value=-0.3)
+        guest.ask("move_joint", id="DrawerSlide", axis="x", value=value, done=False)
+    guest.ask("move_joint", id="DrawerSlide", axis="x", value=-0.3)
     assert at(alive, DRAWER)[0] == pytest.approx(1.65)
     assert alive.editing.history.undo == ("place of Drawer",)
     guest.ask("undo")
@@ -217,19 +217,19 @@ def test_a_slider_in_a_paused_world_puts_the_drawer_there_in_one_edit(alive: Sta
 def test_a_visitor_who_leaves_lets_go_of_the_slider(alive: Stage, page: Viewport) -> None:
     alive.play()
     with guest_at(page.url) as guest:
-        wait_until(lambda: guest.sees("world"), "the world is told")
-        guest.ask("joint", id="DrawerSlide", axis="x", value=-0.3, done=False)
+        wait_until(lambda: guest.sees("scene_tree"), "the world is told")
+        guest.ask("move_joint", id="DrawerSlide", axis="x", value=-0.3, done=False)
         assert alive._grips
     wait_until(lambda: not alive._grips, "nothing is held any more")
 
 
 def test_a_class_is_found_by_a_part_of_its_name_and_what_is_meant_most_likely_comes_first(guest: Guest) -> None:
-    found = [each["name"] for each in guest.ask("classes", text="cup")]
+    found = [each["name"] for each in guest.ask("find_classes", text="cup")]
     assert found[0] == "Cup"
     assert all("cup" in name.lower() for name in found)
-    assert "DinnerPlate" in {each["name"] for each in guest.ask("classes", text="plate")}
-    assert guest.ask("classes", text="no class is called so") == []
-    assert len(guest.ask("classes")) > 20
+    assert "DinnerPlate" in {each["name"] for each in guest.ask("find_classes", text="plate")}
+    assert guest.ask("find_classes", text="no class is called so") == []
+    assert len(guest.ask("find_classes")) > 20
 
 
 def test_a_new_thing_is_dropped_in_and_taken_away_again(alive: Stage, guest: Guest) -> None:
@@ -278,7 +278,7 @@ def test_a_saved_map_is_loaded_again_and_nothing_is_lost(alive: Stage, guest: Gu
     assert saved["name"] == ("map.ttl" if "format" in way else "map.owl")
     guest.ask("delete", ids=["Fridge", "Mug"])
     told = guest.ask("load", name=saved["name"], text=saved["text"])
-    assert (told["bodies"], told["constraints"], told["failed"]) == (8, 2, [])
+    assert (told["bodies"], told["joints"], told["failed"]) == (8, 2, [])
     lost = difference(before, alive.log())
     assert (lost.only_in_a, lost.only_in_b) == ((), ())
     assert lost.identical(1e-6) or way.get("dialect") == "soma"

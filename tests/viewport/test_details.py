@@ -23,7 +23,7 @@ def details(id: str, body: Body | None = None) -> Details:
     world = kitchenette()
     ancestors = (Iri("http://x#Part"), Iri("http://x#Thing"))
     joints = [hinge(world)] if id == DOOR else []
-    return details_of(body or world.body(id), world, ancestors=ancestors, joints=joints, kept=[])
+    return details_of(body or world.body(id), world, ancestors=ancestors, joints=joints, storage_places=[])
 
 
 def test_a_body_is_named_with_all_that_is_known() -> None:
@@ -31,8 +31,8 @@ def test_a_body_is_named_with_all_that_is_known() -> None:
     assert (handle.id, handle.cls, handle.ancestors) == ("DrawerHandle", "Handle", ("Part", "Thing"))
     assert (handle.size, handle.mass, handle.mobility, handle.gravity) == ((0.04, 0.2, 0.02), 0.2, "kinematic", True)
     assert handle.tags == (("SemLog", "Class", "Handle"), ("SemLog", "Id", "DrawerHandle"))
-    assert (handle.hangs_on, handle.parts) == ("Drawer", ())
-    assert details("Drawer").parts == ("DrawerHandle",)
+    assert (handle.attached_to, handle.attached_bodies) == ("Drawer", ())
+    assert details("Drawer").attached_bodies == ("DrawerHandle",)
 
 
 def test_what_was_not_told_is_told_as_such() -> None:
@@ -61,18 +61,18 @@ def test_facts_are_in_short_names_and_lead_to_bodies() -> None:
 def test_surfaces_have_their_colours_as_browsers_write_them() -> None:
     materials = (Material(name="gold", colour=(1.0, 0.8, 0.0)), Material(name="none"))
     told = details("Mug", replace(kitchenette().body("Mug"), materials=materials)).materials
-    assert told == (MaterialDetails(name="gold", colour="#ffcc00"), MaterialDetails(name="none", colour=None))
+    assert told == (MaterialDetails(name="gold", color="#ffcc00"), MaterialDetails(name="none", color=None))
 
 
 def test_a_joint_is_told_with_its_other_end_and_its_range() -> None:
     (joint,) = details("FridgeDoor").joints
-    assert (joint.id, joint.other, joint.moving) == ("FridgeHinge", "Fridge", "FridgeDoor")
+    assert (joint.id, joint.other_body, joint.moving) == ("FridgeHinge", "Fridge", "FridgeDoor")
     assert [(axis.name, axis.high) for axis in joint.axes] == [("swing1", pytest.approx(np.pi / 4))]
 
 
 def test_where_things_are_kept_is_passed_on() -> None:
-    world, kept = kitchenette(), Kept(place="Cupboard", ids=(BodyId("Cupboard"),))
-    assert details_of(world.body("Mug"), world, ancestors=(), joints=(), kept=[kept]).kept == (kept,)
+    world, kept = kitchenette(), Kept(class_name="Cupboard", ids=(BodyId("Cupboard"),))
+    assert details_of(world.body("Mug"), world, ancestors=(), joints=(), storage_places=[kept]).storage_places == (kept,)
 
 
 def test_what_trembles_is_told_in_the_same_digits() -> None:

@@ -11,7 +11,7 @@ from mindstage.viewport.gate import Gate, view_key
 
 HOME = {"Host": "127.0.0.1:8080"}
 VIEW = "/view/0123456789abcdef"
-CHANNEL = "/mindstage/channel?visitor=0123456789abcdef"
+CHANNEL = "/mindstage/channel?client=0123456789abcdef"
 
 
 @pytest.fixture

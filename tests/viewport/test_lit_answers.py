@@ -53,7 +53,7 @@ def test_answers_light_up_with_a_legend_until_they_are_put_out(
     stage.show(stage.ask("where_is", relation="on", other="Cupboard"), COLOURS["blue"])
     wait_until(lambda: seen(visitor, COLOURS["blue"]) > 50, "the mug is blue, and the handle still red")
     assert seen(visitor, COLOURS["red"]) > 50
-    visitor.page.get_by_role("button", name="Put out all").click()
+    visitor.page.get_by_role("button", name="Clear all").click()
     wait_until(lambda: stage.frame.lit == (), "nothing is lit any more")
     wait_until(lambda: not visitor.says(LABEL), "the legend is gone")
     wait_until(lambda: seen(visitor, COLOURS["red"]) == 0, "nothing is red")

@@ -59,7 +59,7 @@ def test_an_end_that_is_not_there_holds_nothing() -> None:
 
 def test_shells_and_what_moves_are_marked() -> None:
     outline = outline_of(kitchenette(), engine="null", shells={BodyId("Floor")})
-    assert [row.id for row in outline.rows if row.shell] == ["Floor"]
+    assert [row.id for row in outline.rows if row.encloses] == ["Floor"]
     assert {row.id for row in outline.rows if row.movable} == {"Drawer", "FridgeDoor", "Mug"}
 
 

@@ -47,12 +47,12 @@ def test_the_buttons_play_pause_step_and_reset(stage: Stage, viewport: Viewport,
     start = stage.frame.time_s
     visitor.press("step")
     wait_until(lambda: stage.frame.time_s == pytest.approx(start + 0.1), "a tenth of a second has passed")
-    visitor.page.locator("[data-do=speed]").select_option("2")
+    visitor.page.locator("[data-action=speed]").select_option("2")
     visitor.press("play")
     wait_until(lambda: stage.frame.playing and stage.frame.speed == 2.0, "time passes twice as fast")
     wait_until(lambda: visitor.says("playing"), "the page says that it plays")
     stage.play(speed=0.5)
-    speed = visitor.page.locator("[data-do=speed]")
+    speed = visitor.page.locator("[data-action=speed]")
     wait_until(lambda: speed.input_value() == "0.5", "the page follows the stage")
     visitor.press("play")
     wait_until(lambda: not stage.frame.playing and visitor.says("paused"), "time stands still")
@@ -73,10 +73,10 @@ def test_a_lost_connection_is_said_and_comes_back_by_itself(stage: Stage, viewpo
     visitor.choose("Mug")
     port = int(viewport.url.rsplit(":", 1)[1])
     viewport.close()
-    wait_until(lambda: visitor.page.locator("#lost").is_visible(), "the page says that the connection is lost")
+    wait_until(lambda: visitor.page.locator("#disconnected").is_visible(), "the page says that the connection is lost")
     with Viewport(stage, port=port) as again:
         assert again.url == viewport.url
-        wait_until(lambda: not visitor.page.locator("#lost").is_visible(), "it is there again")
+        wait_until(lambda: not visitor.page.locator("#disconnected").is_visible(), "it is there again")
         stage.editing.move(BodyId("Mug"), Pose((1.0, 0.0, 0.85)))
         wait_until(lambda: (visitor.live() or {"pose": {"position": []}})["pose"]["position"][:1] == [1.0], "and tells")
 
@@ -89,24 +89,24 @@ def test_a_thing_is_found_selected_and_described(stage: Stage, viewport: Viewpor
     wait_until(lambda: visitor.rows() == ["Cupboard", "Floor", "Fridge", "Mug"], "only what is above is open")
     visitor.page.locator(".tree-row[data-id=Cupboard] .caret").click()
     assert visitor.rows() == ["Cupboard", "Drawer", "Floor", "Fridge", "Mug"]
-    visitor.page.locator("[data-role=find]").fill("door handle")
+    visitor.page.locator("[data-role=find-body]").fill("door handle")
     wait_until(lambda: visitor.says("0 of 8 found"), "no door is a handle")
-    visitor.page.locator("[data-role=find]").fill("refrigerator")
+    visitor.page.locator("[data-role=find-body]").fill("refrigerator")
     wait_until(lambda: visitor.rows() == ["Fridge"], "it is found by its class")
-    visitor.page.locator("[data-role=find]").fill("handle")
+    visitor.page.locator("[data-role=find-body]").fill("handle")
     wait_until(lambda: visitor.says("2 of 8 found"), "two handles, with what they hang on")
     assert visitor.rows() == ["Cupboard", "Drawer", "DrawerHandle", "Fridge", "FridgeDoor", "FridgeHandle"]
     visitor.choose("FridgeHandle")
-    assert visitor.says("hangs on")
+    assert visitor.says("attached to")
     assert visitor.says("0.04 \N{MULTIPLICATION SIGN} 0.02 \N{MULTIPLICATION SIGN} 0.3 m")
-    visitor.page.locator("[data-link=FridgeDoor]").first.click()
+    visitor.page.locator("[data-body-link=FridgeDoor]").first.click()
     wait_until(lambda: visitor.selected == "FridgeDoor" and visitor.says("FridgeHinge"), "a link leads on")
 
 
 def test_the_outline_is_walked_by_keyboard(viewport: Viewport, visit: Visiting) -> None:
     visitor = visit(viewport)
     wait_until(lambda: len(visitor.rows()) == 4, "the tree is there")
-    visitor.page.locator("[data-role=find]").press("ArrowDown")
+    visitor.page.locator("[data-role=find-body]").press("ArrowDown")
     wait_until(lambda: visitor.selected == "Cupboard", "the first row")
     keys = {"ArrowRight": "Cupboard", "ArrowDown": "Drawer", "End": "Mug", "Home": "Cupboard"}
     for key, expected in keys.items():
@@ -129,19 +129,19 @@ def test_five_thousand_bodies_are_a_few_rows(visit: Visiting) -> None:
             visitor = visit(viewport)
             state = "mindstage.outliner.state"
             wait_until(lambda: visitor.page.evaluate(f"{state}.bodies") == 5000, "all are known")
-            assert visitor.page.evaluate(f"{state}.drawn") < 80
+            assert visitor.page.evaluate(f"{state}.rendered") < 80
             visitor.choose("Mug4321")
-            assert visitor.page.evaluate(f"{state}.drawn") == 1
+            assert visitor.page.evaluate(f"{state}.rendered") == 1
 
 
 def test_what_is_hidden_is_hidden_for_all(viewport: Viewport, visit: Visiting) -> None:
     visitor, other = visit(viewport), visit(viewport)
     wait_until(visitor.rows, "the tree is there")
     visitor.page.locator(".tree-row[data-id=Fridge]").hover()
-    visitor.page.locator(".tree-row[data-id=Fridge] [data-do=eye]").click()
+    visitor.page.locator(".tree-row[data-id=Fridge] [data-action=toggle-visibility]").click()
     hidden = {"Fridge", "FridgeDoor", "FridgeHandle"}
     wait_until(lambda: viewport.sights.hidden == hidden, "the fridge is hidden with all that belongs to it")
-    wait_until(lambda: other.page.locator(".tree-row.away[data-id=Fridge]").count() == 1, "the other one sees it")
+    wait_until(lambda: other.page.locator(".tree-row.hidden-body[data-id=Fridge]").count() == 1, "the other one sees it")
 
 
 def test_values_are_typed_in_and_undone(stage: Stage, viewport: Viewport, visit: Visiting) -> None:
@@ -163,7 +163,7 @@ def test_values_are_typed_in_and_undone(stage: Stage, viewport: Viewport, visit:
     wait_until(lambda: stage.log().body("Mug").physics.mobility.value == "static", "and static")
     page.locator("[data-field=mass]").fill("-1")
     page.keyboard.press("Enter")
-    wait_until(lambda: visitor.says("a mass is above 0 kg"), "nonsense is refused in words")
+    wait_until(lambda: visitor.says("The mass must be greater than 0 kg."), "nonsense is refused in words")
     for _ in range(4):
         visitor.press("undo")
     wait_until(lambda: not stage.editing.history.undo, "all is undone")
@@ -174,11 +174,11 @@ def test_a_body_is_attached_by_choosing_its_holder(stage: Stage, viewport: Viewp
     visitor = visit(viewport)
     visitor.choose("Mug")
     visitor.press("attach")
-    visitor.page.locator("[data-role=find]").fill("drawer")
+    visitor.page.locator("[data-role=find-body]").fill("drawer")
     wait_until(lambda: "Drawer" in visitor.rows(), "the drawer is found")
     visitor.page.locator(".tree-row[data-id=Drawer] .tree-name").click()
     wait_until(lambda: any(hold.child == "Mug" for hold in stage.log().attachments), "the mug hangs on the drawer")
-    wait_until(lambda: visitor.selected == "Mug" and visitor.details()["hangs_on"] == "Drawer", "and the page says so")
+    wait_until(lambda: visitor.selected == "Mug" and visitor.details()["attached_to"] == "Drawer", "and the page says so")
     visitor.press("detach")
     wait_until(lambda: all(hold.child != "Mug" for hold in stage.log().attachments), "it is loose again")
 
@@ -191,7 +191,7 @@ def test_deleting_by_key_is_seen_by_the_other_visitor_and_undone_by_key(
     visitor.choose("Mug")
     visitor.page.keyboard.press("Delete")
     wait_until(lambda: "Mug" not in stage.frame.ids, "the mug is gone")
-    wait_until(lambda: other.selected is None and other.says("Nothing is selected"), "the other one sees it")
+    wait_until(lambda: other.selected is None and other.says("No body is selected"), "the other one sees it")
     other.page.locator("[data-role=tree]").press("Control+z")
     wait_until(lambda: "Mug" in stage.frame.ids, "the other one brings it back")
 
@@ -219,7 +219,7 @@ def test_a_thing_is_added_from_the_list(alive: Stage, visit: Visiting) -> None:
         visitor.open("add")
         visitor.page.locator("[data-role=find-class]").fill("dinnerplate")
         visitor.page.locator("[data-class=DinnerPlate]").click()
-        assert visitor.page.locator("[data-role=where]").input_value() == "on"
+        assert visitor.page.locator("[data-role=placement]").input_value() == "on"
         visitor.press("add")
         wait_until(lambda: len(alive.frame.ids) == 9, "there is a plate")
         new = next(id for id in alive.frame.ids if "DinnerPlate" in id)
@@ -232,21 +232,21 @@ def test_the_map_is_saved_and_loaded_by_file_and_by_drop(
 ) -> None:
     visitor = visit(viewport)
     with visitor.page.expect_download() as download:
-        visitor.page.locator("[data-do=save]").select_option("turtle semlog")
+        visitor.page.locator("[data-action=save]").select_option("turtle semlog")
     saved = tmp_path / download.value.suggested_filename
     download.value.save_as(saved)
     assert saved.name == "map.ttl"
     stage.editing.delete([BodyId("Mug"), BodyId("Fridge")])
     visitor.page.locator("[data-role=upload]").set_input_files(saved)
     wait_until(lambda: len(stage.frame.ids) == 8, "all is back")
-    wait_until(lambda: visitor.says("map: 8 bodies, 2 constraints"), "and the page says so")
+    wait_until(lambda: visitor.says("map: 8 bodies, 2 joints"), "and the page says so")
     stage.editing.delete([BodyId("Mug")])
     drop = """text => {
         const transfer = new DataTransfer();
         transfer.items.add(new File([text], "dropped.ttl"));
         const event = type => new DragEvent(type, {dataTransfer: transfer, bubbles: true, cancelable: true});
         window.dispatchEvent(event("dragenter"));
-        document.getElementById("drop").dispatchEvent(event("drop"));
+        document.getElementById("drop-target").dispatchEvent(event("drop"));
     }"""
     visitor.page.evaluate(drop, saved.read_text(encoding="utf-8"))
     wait_until(lambda: "Mug" in stage.frame.ids, "a dropped map is loaded too")
@@ -261,17 +261,17 @@ def test_the_map_is_saved_and_loaded_by_file_and_by_drop(
 def test_on_a_phone_panels_are_sheets_over_the_view(viewport: Viewport, visit: Visiting) -> None:
     visitor = visit(viewport, size=(390, 844))
     page = visitor.page
-    assert not page.locator("#left").is_visible()
+    assert not page.locator("#left-sidebar").is_visible()
     page.locator("[data-sheet=outline]").click()
-    assert page.locator("#left").is_visible()
+    assert page.locator("#left-sidebar").is_visible()
     page.locator(".tree-row[data-id=Mug] .tree-name").click()
     page.locator("[data-sheet=details]").click()
-    assert not page.locator("#left").is_visible()
+    assert not page.locator("#left-sidebar").is_visible()
     wait_until(
         lambda: visitor.says("0.08 \N{MULTIPLICATION SIGN} 0.08 \N{MULTIPLICATION SIGN} 0.1 m"), "the mug is described"
     )
     page.locator("[data-sheet=details]").click()
-    assert not page.locator("#right").is_visible()
+    assert not page.locator("#right-sidebar").is_visible()
     assert page.evaluate("document.documentElement.scrollWidth") <= 390
 
 

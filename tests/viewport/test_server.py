@@ -63,7 +63,7 @@ def test_our_page_is_at_the_top_and_the_view_below(server: viser.ViserServer) ->
     assert page == page_files()["index.html"].content
     status, headers, view = get(server, f"/view/{KEY}/")
     assert status == 200
-    assert b"/mindstage/view.css" in view
+    assert b"/mindstage/viserOverrides.css" in view
     assert len(view) > 100_000
     assert "frame-ancestors 'self'" in headers["Content-Security-Policy"]
     _, headers, small = get(server, f"/view/{KEY}/", **{"Accept-Encoding": "gzip"})
@@ -80,7 +80,7 @@ def test_every_file_that_the_page_names_is_there(server: viser.ViserServer) -> N
         for word in file.content.decode().split('"')
         if word.startswith(("./", "/mindstage/")) and word.endswith((".js", ".css", ".svg"))
     }
-    assert {"./channel.js", "/mindstage/style.css"} <= named
+    assert {"./rpcChannel.js", "/mindstage/style.css"} <= named
     for name in named:
         status, headers, _ = get(server, f"/mindstage/{name.rpartition('/')[2]}")
         assert status == 200, name
@@ -173,21 +173,21 @@ def test_garbage_is_told_and_ends_nothing(server: viser.ViserServer) -> None:
             "[]",
             "null",
             "{",
-            '{"id": "x", "do": "echo"}',
+            '{"id": "x", "method": "echo"}',
             "[" * 5000,
             b"\xff\x00",
             '{"id":1}',
-            '{"id":1,"do":"echo","extra":1}',
+            '{"id":1,"method":"echo","extra":1}',
         ):
             guest.socket.send(garbage)
             reply = json.loads(guest.socket.recv(timeout=PATIENCE_S))
-            assert reply["error"]["kind"] == "RequestRefused", garbage
+            assert reply["error"]["type"] == "RequestRefused", garbage
         assert guest.ask("echo", text="still there") == "still there"
 
 
 def test_what_is_too_large_is_not_taken_in(server: viser.ViserServer) -> None:
     with guest_at(address(server)) as guest:
-        guest.socket.send(json.dumps({"id": 1, "do": "echo", "with": {"text": "x" * 20_000}}))
+        guest.socket.send(json.dumps({"id": 1, "method": "echo", "params": {"text": "x" * 20_000}}))
         with pytest.raises(ConnectionClosed) as closed:
             guest.socket.recv(timeout=PATIENCE_S)
         assert closed.value.rcvd is not None

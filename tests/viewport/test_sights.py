@@ -306,7 +306,7 @@ def test_one_flies_home_and_above_it_all(sights: Sights, ann: Client, monkeypatc
 def test_a_section_is_a_place_that_the_page_looks_at(sights: Sights, ann: Client) -> None:
     sights.section(1.2, visitor=1)
     sights.turn()
-    assert state(ann, "/section")["position"] == (0.0, 0.0, 1.2)
+    assert state(ann, "/clipping_plane")["position"] == (0.0, 0.0, 1.2)
     sights.section(None, visitor=1)
     sights.turn()
-    assert "/section" not in ann.scene.nodes
+    assert "/clipping_plane" not in ann.scene.nodes

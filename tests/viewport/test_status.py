@@ -103,9 +103,9 @@ def test_the_report_is_looked_at_again_only_when_there_is_more_to_report(
 
 
 def test_who_is_connected_is_told_until_they_are_gone(stage: Stage, channel: Channel) -> None:
-    farewell = stage.company.introduce(lambda: [Guest(name="/robot", way="ROS", does="calls only")])
+    farewell = stage.company.introduce(lambda: [Guest(name="/robot", transport="ROS", activity="calls only")])
     StatusDesk(stage, channel).tell(stage.frame)
-    assert PretendedPage(channel).sees("status")["guests"] == [{"name": "/robot", "way": "ROS", "does": "calls only"}]
+    assert PretendedPage(channel).sees("status")["clients"] == [{"name": "/robot", "transport": "ROS", "activity": "calls only"}]
     farewell()
     farewell()
     assert stage.company.guests() == ()
@@ -115,8 +115,8 @@ def test_the_report_groups_what_was_decided_the_gravest_first(channel: Channel, 
     report = PretendedPage(channel).ask("status.report")
     assert report["groups"] == [{"name": "not spawned", "count": 1}, {"name": "hollow", "count": 1}]
     failed, hollow = report["entries"]
-    assert (failed["grave"], failed["text"]) == (True, "Ghost: it has no size")
-    assert (hollow["grave"], hollow["ids"]) == (False, ["Fridge", "Mug"])
+    assert (failed["is_error"], failed["text"]) == (True, "Ghost: it has no size")
+    assert (hollow["is_error"], hollow["ids"]) == (False, ["Fridge", "Mug"])
     assert report["total"] == 2
 
 
@@ -130,8 +130,8 @@ def test_what_was_assumed_and_found_about_a_map_is_in_the_report(channel: Channe
         stage.spawn()
         StatusDesk(stage, channel)
         report = PretendedPage(channel).ask("status.report")
-    assumed = [entry["text"] for entry in report["entries"] if entry["group"] == "assumed about the map"]
-    assert any("units assumed as m" in text for text in assumed)
-    told = [entry for entry in report["entries"] if entry["group"] in {"odd in the map", "not in the world"}]
+    assumed = [entry["text"] for entry in report["entries"] if entry["group"] == "assumption"]
+    assert any("units assumed to m" in text for text in assumed)
+    told = [entry for entry in report["entries"] if entry["group"] in {"map warning", "map error"}]
     assert len(told) == len(knowledge.findings()) > 0
     assert any("upright" in entry["text"] for entry in told)

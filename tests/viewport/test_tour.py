@@ -58,7 +58,7 @@ def test_a_first_visit_from_the_open_page_to_the_saved_map(kitchen: Stage, brows
 
 def find_the_fridge(visitor: Visit) -> None:
     wait_until(lambda: visitor.says("254 bodies"), "the outline is there")
-    visitor.page.locator("[data-role=find]").fill("fridge")
+    visitor.page.locator("[data-role=find-body]").fill("fridge")
     wait_until(lambda: "fridge_door_handle" in visitor.rows(), "what is called so is found, with what belongs to it")
     assert "coffee_mug_1" not in visitor.rows()
     visitor.page.locator(".tree-row[data-id=fridge] .tree-name").click()
@@ -105,8 +105,8 @@ def ask_where_milk_is_kept(visitor: Visit, kitchen: Stage) -> None:
     page.get_by_role("combobox", name="item").fill("CowsMilk")
     visitor.press("ask")
     page.locator("#panel-ask tr[data-id=fridge]").wait_for()
-    visitor.press("show-all")
-    page.wait_for_selector("#legend li[data-lit='1']")
+    visitor.press("highlight-all")
+    page.wait_for_selector("#legend li[data-highlighted='1']")
     assert set(kitchen.frame.highlights) == {"fridge"}
     wait_until(lambda: blue(visitor) > 200, "the fridge is lit in the picture")
 
@@ -129,7 +129,7 @@ def lay_a_plate_on_the_table(visitor: Visit, kitchen: Stage) -> BodyId:
     visitor.open("add")
     visitor.page.locator("[data-role=find-class]").fill("dinnerplate")
     visitor.page.locator("[data-class=DinnerPlate]").click()
-    assert visitor.page.locator("[data-role=where]").input_value() == "on"
+    assert visitor.page.locator("[data-role=placement]").input_value() == "on"
     visitor.press("add")
     wait_until(lambda: len(kitchen.frame.ids) == len(before) + 1, "there is one more body")
     (plate,) = set(kitchen.frame.ids) - before
@@ -142,7 +142,7 @@ def lay_a_plate_on_the_table(visitor: Visit, kitchen: Stage) -> BodyId:
 
 def save_the_map(visitor: Visit, folder: Path) -> Path:
     with visitor.page.expect_download() as download:
-        visitor.page.locator("[data-do=save]").select_option("turtle semlog")
+        visitor.page.locator("[data-action=save]").select_option("turtle semlog")
     saved = folder / download.value.suggested_filename
     download.value.save_as(saved)
     return saved

@@ -55,7 +55,7 @@ class Visit(Pointing):
 
     @property
     def key(self) -> str:
-        return str(self.page.evaluate("mindstage.key"))
+        return str(self.page.evaluate("mindstage.clientKey"))
 
     @property
     def camera(self) -> View | None:
@@ -88,7 +88,7 @@ class Visit(Pointing):
 
     def press(self, what: str) -> None:
         """Presses the button that does something."""
-        self.page.locator(f"[data-do={what}]:visible").first.click()
+        self.page.locator(f"[data-action={what}]:visible").first.click()
 
     def open(self, panel: str) -> None:
         """Brings a panel to the front."""
@@ -108,18 +108,18 @@ class Visit(Pointing):
 
     def choose(self, id: str) -> None:
         """Selects a body in the outline."""
-        self.page.locator("[data-role=find]").fill(id)
+        self.page.locator("[data-role=find-body]").fill(id)
         wait_until(lambda: id in self.rows(), f"the outline shows {id}")
         self.page.locator(f".tree-row[data-id='{id}'] .tree-name").click()
         wait_until(lambda: self.details() is not None and self.details()["id"] == id, f"{id} is described")
 
     def details(self) -> dict[str, Any] | None:
         """What the page knows of the selected."""
-        return self.page.evaluate("mindstage.details.details")  # type: ignore[no-any-return]
+        return self.page.evaluate("mindstage.detailsPanel.details")  # type: ignore[no-any-return]
 
     def live(self) -> dict[str, Any] | None:
         """What of it changes all the time."""
-        return self.page.evaluate("mindstage.details.live")  # type: ignore[no-any-return]
+        return self.page.evaluate("mindstage.detailsPanel.live")  # type: ignore[no-any-return]
 
     # -- the mouse in the view -------------------------------------------------------------------------------------
 

@@ -11,13 +11,13 @@ from mindstage.stage import Guest
 
 __all__ = ["guests_at"]
 
-_WAY = "ROS"
+_TRANSPORT = "ROS"
 
 
 def guests_at(participant: Participant) -> tuple[Guest, ...]:
     """Who is connected to a hub of ours, or the rosbridge that we are connected to."""
     if isinstance(participant, Client):
-        return (Guest(name=participant.url, way=_WAY, does=participant.state.value),)
+        return (Guest(name=participant.url, transport=_TRANSPORT, activity=participant.state.value),)
     if not isinstance(participant, Hub) or participant.closed:
         return ()
     try:
@@ -34,4 +34,4 @@ def _at_hub(directory: Directory, ours: str) -> Iterator[Guest]:
         if peer != ours:
             parts = ((hears[peer], "topics heard"), (says[peer], "told"), (offers[peer], "services offered"))
             does = ", ".join(f"{count} {what}" for count, what in parts if count)
-            yield Guest(name=peer, way=_WAY, does=does or "calls only")
+            yield Guest(name=peer, transport=_TRANSPORT, activity=does or "calls only")

@@ -16,9 +16,9 @@ class Guest(msgspec.Struct, frozen=True, kw_only=True):
     """One who is connected."""
 
     name: str
-    way: str
+    transport: str
     """By which way, in a word or two: "ROS"."""
-    does: str = ""
+    activity: str = ""
     """What it does here, in a few words."""
 
 

@@ -37,7 +37,7 @@ class Lack(msgspec.Struct, frozen=True, kw_only=True):
     subject: str
     property: str
     value: str
-    why: str
+    reason: str
 
 
 class AnswerTable(msgspec.Struct, frozen=True, kw_only=True):
@@ -52,9 +52,9 @@ class AnswerTable(msgspec.Struct, frozen=True, kw_only=True):
     """Of each row, the body that it is about; empty where it has none."""
     total: int
     missing: tuple[Lack, ...] = ()
-    explains: bool = False
+    explainable: bool = False
     """Whether it can be asked why."""
-    truth: bool | None = None
+    boolean: bool | None = None
     """The answer of a query that asks for yes or no."""
 
 
@@ -62,7 +62,7 @@ class _Parameter(msgspec.Struct, frozen=True):
     name: str
     kind: str
     choices: tuple[str, ...]
-    completed: str
+    completion: str
     """The kind of name that can be completed; empty where it is none."""
 
 
@@ -113,11 +113,11 @@ def table_of(kb: KnowledgeBase, answers: Answers[Any], bodies: Mapping[str, Body
                 subject="" if lack.as_value else shortened(lack.cls),
                 property=shortened(lack.property),
                 value=shortened(lack.cls) if lack.as_value else "",
-                why=lack.why,
+                reason=lack.why,
             )
             for lack in answers.missing
         ),
-        explains=answers.question.explains,
+        explainable=answers.question.explains,
     )
 
 
@@ -131,7 +131,7 @@ def line_table(rows: Sequence[Mapping[str, Any]], bodies: Mapping[str, BodyId], 
         rows=tuple(cells) if columns else (),
         ids=tuple(map(_row_id, cells)) if columns else (),
         total=len(rows),
-        truth=None if columns else bool(rows),
+        boolean=None if columns else bool(rows),
     )
 
 
@@ -148,7 +148,7 @@ def query_table(found: Table, bodies: Mapping[str, BodyId], *, title: str) -> An
     rows = [tuple(_term_cell(term, bodies) for term in row) for row in found.rows[:MOST_ROWS]]
     ids = tuple(map(_row_id, rows))
     total = len(found.rows)
-    return AnswerTable(title=title, columns=found.columns, rows=tuple(rows), ids=ids, total=total, truth=found.truth)
+    return AnswerTable(title=title, columns=found.columns, rows=tuple(rows), ids=ids, total=total, boolean=found.truth)
 
 
 def _cell(value: object, bodies: Mapping[str, BodyId]) -> Cell:

@@ -64,14 +64,14 @@ class AskDesk:
         self._lit: object = None
         self._bodies: tuple[int, Mapping[str, BodyId]] = (-1, {})
         channel.offer("ask.questions", Everything, self._list, lane="ask.words")
-        channel.offer("ask.names", Names, self._complete, lane="ask.words")
+        channel.offer("ask.complete", Names, self._complete, lane="ask.words")
         channel.offer("ask", Ask, self._ask, lane="ask")
-        channel.offer("ask.query", Query, self._query, lane="ask")
-        channel.offer("ask.line", Line, self._line, lane="ask")
-        channel.offer("ask.ways", Everything, self._ways, lane="ask.words")
-        channel.offer("ask.why", Why, self._why, lane="ask")
-        channel.offer("ask.show", Show, self._show, lane="ask")
-        channel.offer("ask.put_out", PutOut, self._put_out, lane="ask.words")
+        channel.offer("ask.sparql", Query, self._query, lane="ask")
+        channel.offer("ask.prolog", Line, self._line, lane="ask")
+        channel.offer("ask.languages", Everything, self._ways, lane="ask.words")
+        channel.offer("ask.explain", Why, self._why, lane="ask")
+        channel.offer("ask.highlight", Show, self._show, lane="ask")
+        channel.offer("ask.clear_highlights", PutOut, self._put_out, lane="ask.words")
         channel.offer("ask.tell", Tell, self._tell, lane="ask")
 
     def tell(self, frame: Frame) -> None:
@@ -79,10 +79,10 @@ class AskDesk:
         if frame.lit is not self._lit:
             self._lit = frame.lit
             groups = [
-                {"label": group.label, "colour": hex_text(group.colour), "ids": group.ids, "question": group.question}
+                {"label": group.label, "color": hex_text(group.colour), "ids": group.ids, "question": group.question}
                 for group in frame.lit
             ]
-            self._channel.publish("lit", groups)
+            self._channel.publish("highlights", groups)
 
     # -- words ---------------------------------------------------------------------------------------------------------
 
@@ -98,10 +98,10 @@ class AskDesk:
         found: list[dict[str, str]] = []
         with kb.turn:
             for kind in _kinds(wish.kind):
-                for name, iri in kb.names.like(wish.start, kind, most=min(wish.most, _MOST_NAMES)):
+                for name, iri in kb.names.like(wish.prefix, kind, most=min(wish.limit, _MOST_NAMES)):
                     cls = kb.index.class_of(iri) if kind is NameKind.INDIVIDUAL else None
-                    about = local_name(cls) if cls else kind.value
-                    found.append({"name": name, "iri": iri, "about": about})
+                    description = local_name(cls) if cls else kind.value
+                    found.append({"name": name, "iri": iri, "description": description})
         return found
 
     # -- questions -----------------------------------------------------------------------------------------------------
@@ -152,7 +152,7 @@ class AskDesk:
 
     def _show(self, visitor: Visitor, wish: Show) -> dict[str, object]:
         """Lights answers up; says what has no body, and why."""
-        told, colour = _told(visitor, wish.key), colour_from(wish.colour)
+        told, colour = _told(visitor, wish.key), colour_from(wish.color)
         table = told.table
         if wish.rows is None and told.answers is not None:
             shown = self._stage.show(told.answers, colour, label=table.title, replace=wish.replace)
@@ -160,7 +160,7 @@ class AskDesk:
             rows = range(len(table.rows)) if wish.rows is None else [_row(row, table) for row in wish.rows]
             ids = dict.fromkeys(table.ids[row] for row in rows if table.ids[row])
             shown = self._stage.show(ids, colour, label=table.title, replace=wish.replace)
-        return {"lit": shown.lit, "not_lit": shown.not_lit}
+        return {"highlighted": shown.lit, "not_highlighted": shown.not_lit}
 
     def _put_out(self, _: Visitor, wish: PutOut) -> None:
         if wish.label is None:
@@ -178,7 +178,7 @@ class AskDesk:
         work = partial(act, wish.subject.strip(), wish.property.strip(), value)
         done = self._patience.run(work, what="what was told")
         if done:
-            words = "taken back" if wish.retract else "told"
+            words = "retracted" if wish.retract else "asserted"
             text = f"{words}: {wish.subject} {wish.property} {wish.value}"
             self._channel.announce("toast", {"text": text, "kind": "info"})
         return done

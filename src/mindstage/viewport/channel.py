@@ -1,7 +1,7 @@
 """Channel: what the page asks and is told, as small JSON messages over one websocket for each visitor.
 
-    page → server   {"id": 7, "do": "select", "with": {"id": "Mug"}}
-    server → page   {"id": 7, "result": …}   or   {"id": 7, "error": {"kind": "BodyUnknown", "text": "no body …"}}
+    page → server   {"id": 7, "method": "select", "params": {"id": "Mug"}}
+    server → page   {"id": 7, "result": …}   or   {"id": 7, "error": {"type": "BodyUnknown", "message": "no body …"}}
     server → page   {"topic": "clock", "value": …}                                                  (unasked)
 
 Every request is answered. Requests are typed: what is not in the struct of its kind is refused with the path to it.
@@ -49,9 +49,9 @@ class Limits(msgspec.Struct, frozen=True, kw_only=True):
     """Requests of one visitor; twice as many in a burst."""
 
 
-class _Request(msgspec.Struct, frozen=True, forbid_unknown_fields=True, rename={"arguments": "with"}):
+class _Request(msgspec.Struct, frozen=True, forbid_unknown_fields=True, rename={"arguments": "params"}):
     id: int
-    do: str
+    method: str
     arguments: msgspec.Raw = msgspec.Raw(b"{}")
 
 
@@ -84,8 +84,8 @@ class Channel:
         """Lets pages ask for something.
 
         Args:
-            name: the request's `do`.
-            kind: a struct of what comes `with` it; it should forbid unknown fields.
+            name: the request's `method`.
+            kind: a struct of its `params`; it should forbid unknown fields.
             handler: called in a worker thread.
             lane: requests of one lane and one visitor are carried out one after the other.
 
@@ -171,7 +171,7 @@ class Channel:
             if len(waiting) >= self.limits.waiting or not budget.take():
                 visitor.send(_refusal(request.id, "TooMany", "too much is asked at once; wait for the answers"))
                 continue
-            task = asyncio.create_task(self._answer(visitor, request, lanes[self._offers[request.do].lane]))
+            task = asyncio.create_task(self._answer(visitor, request, lanes[self._offers[request.method].lane]))
             waiting.add(task)
             task.add_done_callback(waiting.discard)
             tasks[1:] = waiting
@@ -183,8 +183,8 @@ class Channel:
         except (msgspec.DecodeError, UnicodeError, RecursionError) as error:
             visitor.send(_refusal(None, "RequestRefused", str(RequestRefused("a message", cause=str(error)))))
             return None
-        if request.do not in self._offers:
-            refused = RequestRefused(repr(request.do), cause="nobody answers that", known=self._offers)
+        if request.method not in self._offers:
+            refused = RequestRefused(repr(request.method), cause="nobody answers that", known=self._offers)
             visitor.send(_refusal(request.id, "RequestRefused", str(refused)))
             return None
         return request
@@ -199,18 +199,18 @@ class Channel:
         visitor.put(text)
 
     def _carry_out(self, visitor: Visitor, request: _Request) -> bytes:
-        offer = self._offers[request.do]
+        offer = self._offers[request.method]
         try:
             arguments = msgspec.json.decode(request.arguments, type=offer.kind)
         except (msgspec.DecodeError, RecursionError) as error:
-            refused = RequestRefused(repr(request.do), cause=str(error))
+            refused = RequestRefused(repr(request.method), cause=str(error))
             return _refusal(request.id, "RequestRefused", str(refused))
         try:
             return msgspec.json.encode({"id": request.id, "result": offer.handler(visitor, arguments)})
         except MindstageError as error:
             return _refusal(request.id, type(error).__name__, str(error))
         except Exception as error:  # whatever it is, the page is told, and whoever runs the server
-            _log.error("a page's request %r failed", request.do, exc_info=error)
+            _log.error("a page's request %r failed", request.method, exc_info=error)
             return _refusal(request.id, "Defect", f"{type(error).__name__}: {error}; this is a defect of Mindstage")
 
     async def _run_all(self, reactions: list[Callable[[Visitor], None]], visitor: Visitor) -> None:
@@ -242,9 +242,9 @@ class _Budget:
 
 
 def _refusal(id: int | None, kind: str, text: str) -> bytes:
-    return msgspec.json.encode({"id": id, "error": {"kind": kind, "text": text}})
+    return msgspec.json.encode({"id": id, "error": {"type": kind, "message": text}})
 
 
 def _key(path: str) -> str:
-    shown = parse_qs(urlsplit(path).query).get("visitor", [""])[0]
+    shown = parse_qs(urlsplit(path).query).get("client", [""])[0]
     return shown if re.fullmatch("[a-z0-9]{8,40}", shown) else secrets.token_hex(8)

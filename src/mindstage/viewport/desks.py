@@ -66,4 +66,4 @@ class Desks:
 
     def say_fault(self, text: str) -> None:
         """Says what is wrong with the page itself; nothing, where all is well again."""
-        self._channel.publish("fault", text)
+        self._channel.publish("viewer_error", text)

@@ -23,7 +23,7 @@ class JointDetails(msgspec.Struct, frozen=True, kw_only=True):
     """A constraint that the body is part of."""
 
     id: BodyId
-    other: BodyId
+    other_body: BodyId
     """The other end."""
     moving: BodyId
     """The end that moves."""
@@ -34,7 +34,7 @@ class MaterialDetails(msgspec.Struct, frozen=True, kw_only=True):
     """A surface."""
 
     name: str
-    colour: str | None
+    color: str | None
     """#rrggbb."""
 
 
@@ -50,7 +50,7 @@ class FactLine(msgspec.Struct, frozen=True, kw_only=True):
 class Kept(msgspec.Struct, frozen=True, kw_only=True):
     """Where things of such a class are kept."""
 
-    place: str
+    class_name: str
     """The class of the place."""
     ids: tuple[BodyId, ...]
     """The bodies that are such places."""
@@ -70,14 +70,14 @@ class Details(msgspec.Struct, frozen=True, kw_only=True):
     gravity: bool | None
     overlap_events: bool | None
     materials: tuple[MaterialDetails, ...]
-    hangs_on: BodyId | None
-    parts: tuple[BodyId, ...]
+    attached_to: BodyId | None
+    attached_bodies: tuple[BodyId, ...]
     joints: tuple[JointDetails, ...]
     tags: tuple[tuple[str, str, str], ...]
     facts: tuple[FactLine, ...]
-    kept: tuple[Kept, ...]
-    form: str
-    """What its form is and why, where it has one."""
+    storage_places: tuple[Kept, ...]
+    geometry: str
+    """What its geometry is and why, where it has one."""
 
 
 class Live(msgspec.Struct, frozen=True, kw_only=True):
@@ -89,7 +89,7 @@ class Live(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def details_of(
-    body: Body, world: World, *, ancestors: Sequence[Iri], joints: Iterable[Joint], kept: Iterable[Kept], form: str = ""
+    body: Body, world: World, *, ancestors: Sequence[Iri], joints: Iterable[Joint], storage_places: Iterable[Kept], geometry: str = ""
 ) -> Details:
     """What there is to know about a body.
 
@@ -98,8 +98,8 @@ def details_of(
         world: that it is in.
         ancestors: of its class, nearest first.
         joints: that it is part of.
-        kept: where its kind is kept.
-        form: what its form is and why.
+        storage_places: where its kind is kept.
+        geometry: what its geometry is and why.
     """
     ids = {str(other.iri): other.id for other in world.bodies}
     physics = body.physics
@@ -114,14 +114,14 @@ def details_of(
         mobility=physics.mobility.value if physics.mobility else None,
         gravity=physics.gravity,
         overlap_events=physics.overlap_events,
-        materials=tuple(MaterialDetails(name=each.name, colour=_hex(each.colour)) for each in body.materials),
-        hangs_on=next((hold.parent for hold in world.attachments if hold.child == body.id), None),
-        parts=tuple(hold.child for hold in world.attachments if hold.parent == body.id),
+        materials=tuple(MaterialDetails(name=each.name, color=_hex(each.colour)) for each in body.materials),
+        attached_to=next((hold.parent for hold in world.attachments if hold.child == body.id), None),
+        attached_bodies=tuple(hold.child for hold in world.attachments if hold.parent == body.id),
         joints=tuple(_joint(joint, body.id) for joint in joints),
         tags=tuple((tag.type, tag.key, tag.value) for tag in body.tags),
         facts=tuple(_line(fact, ids) for fact in body.facts[:_MOST_FACTS]),
-        kept=tuple(kept),
-        form=form,
+        storage_places=tuple(storage_places),
+        geometry=geometry,
     )
 
 
@@ -151,7 +151,7 @@ def live_of(id: BodyId, poses: Mapping[BodyId, Array], joints: Iterable[Joint]) 
 def _joint(joint: Joint, id: BodyId) -> JointDetails:
     ends = (joint.constraint.parent, joint.constraint.child)
     other = ends[1] if ends[0] == id else ends[0]
-    return JointDetails(id=joint.constraint.id, other=other, moving=joint.moving, axes=joint.axes)
+    return JointDetails(id=joint.constraint.id, other_body=other, moving=joint.moving, axes=joint.axes)
 
 
 def _line(fact: Fact, ids: Mapping[str, BodyId]) -> FactLine:

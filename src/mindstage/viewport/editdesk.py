@@ -54,7 +54,7 @@ class ChangeMaterial(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     id: BodyId
     name: Annotated[str, msgspec.Meta(max_length=200)] = ""
-    colour: str | None = None
+    color: str | None = None
 
 
 class MoveJoint(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -116,14 +116,14 @@ class EditDesk:
         self._slides: dict[BodyId, _Slide] = {}
         editing = stage.editing
         channel.offer("move", MoveTo, self._move)
-        channel.offer("physics", ChangePhysics, self._physics)
-        channel.offer("material", ChangeMaterial, self._material)
-        channel.offer("joint", MoveJoint, self._joint)
-        channel.offer("hang", Hang, self._hang)
+        channel.offer("set_physics", ChangePhysics, self._physics)
+        channel.offer("set_material", ChangeMaterial, self._material)
+        channel.offer("move_joint", MoveJoint, self._joint)
+        channel.offer("attach", Hang, self._hang)
         channel.offer("delete", Delete, lambda _, wish: editing.delete(wish.ids))
         channel.offer("undo", Nothing, lambda _, wish: editing.undo())
         channel.offer("redo", Nothing, lambda _, wish: editing.redo())
-        channel.offer("classes", FindClasses, self._classes, lane="look")
+        channel.offer("find_classes", FindClasses, self._classes, lane="look")
         channel.offer("add", Add, self._add)
         channel.on_leave(self._let_go)
 
@@ -159,11 +159,11 @@ class EditDesk:
         self._stage.editing.set_physics(wish.id, physics, what=" and ".join(changes).replace("_kg", "") or "physics")
 
     def _material(self, _: Visitor, wish: ChangeMaterial) -> None:
-        if not wish.name and wish.colour is None:
+        if not wish.name and wish.color is None:
             self._stage.editing.set_materials(wish.id, ())
             return
         known = next((each for each in self._body(wish.id).materials if each.name == wish.name), None)
-        colour = None if wish.colour is None else colour_from(wish.colour)
+        colour = None if wish.color is None else colour_from(wish.color)
         material = Material(name=wish.name or "paint", path=known.path if known else "", colour=colour)
         self._stage.editing.set_materials(wish.id, (material,))
 

@@ -82,7 +82,7 @@ class FileDesk:
         return {
             "name": world.name,
             "bodies": report.bodies,
-            "constraints": report.constraints,
+            "joints": report.constraints,
             "failed": [{"id": each.id, "reason": each.reason} for each in failed[:50]],
             "findings": len(knowledge.findings()),
         }

@@ -162,7 +162,7 @@ class Gate:
         why = "That is not the token." if wrong else "A token is needed."
         if place != "/":
             return _refused(HTTPStatus.UNAUTHORIZED, why)
-        body = page_files()["sign-in.html"].content.replace(b"{{why}}", why.encode())
+        body = page_files()["sign-in.html"].content.replace(b"{{message}}", why.encode())
         style = hashlib.sha256(body.partition(b"<style>")[2].partition(b"</style>")[0]).digest()
         policy = f"default-src 'none'; style-src 'sha256-{_base64(style)}'; form-action 'self'; frame-ancestors 'none'"
         headers = {"Content-Type": "text/html; charset=utf-8", "Content-Security-Policy": policy}

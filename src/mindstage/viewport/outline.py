@@ -40,7 +40,7 @@ class OutlineRow(msgspec.Struct, frozen=True, array_like=True):
     """The constraint by which it is linked."""
     movable: bool
     """Whether the physics moves it."""
-    shell: bool
+    encloses: bool
     """Whether it encloses the place, so that only its outline is drawn."""
 
 
@@ -90,7 +90,7 @@ def outline_of(world: World, *, engine: str, shells: Container[BodyId] = ()) -> 
                 link=link,
                 joint=joint_id,
                 movable=body.physics.simulates,
-                shell=body.id in shells,
+                encloses=body.id in shells,
             )
         )
     return Outline(

@@ -39,8 +39,8 @@ class State(msgspec.Struct, frozen=True, kw_only=True):
     bodies: int
     statistics: Statistics | None
     """None where the engine does not say."""
-    guests: tuple[Guest, ...]
-    visitors: int
+    clients: tuple[Guest, ...]
+    browsers: int
     report: int
     """Counts up when the report is another."""
     errors: int
@@ -63,7 +63,7 @@ class Entry(msgspec.Struct, frozen=True, kw_only=True):
     text: str
     ids: tuple[str, ...] = ()
     """Bodies that it is about."""
-    grave: bool = False
+    is_error: bool = False
     """Whether something is missing because of it."""
 
 
@@ -111,7 +111,7 @@ class StatusDesk:
         if now != self._reported:
             self._reported = now
             entries = list(entries_about(self._stage))
-            grave = sum(entry.grave for entry in entries)
+            grave = sum(entry.is_error for entry in entries)
             assumed = sum(entry.group == _ASSUMED for entry in entries)
             self._counted = (self._counted[0] + 1, grave, len(entries) - grave - assumed, assumed)
 
@@ -126,8 +126,8 @@ class StatusDesk:
             fault=frame.fault,
             bodies=len(frame.ids),
             statistics=frame.statistics,
-            guests=self._guests,
-            visitors=len(self._channel.visitors),
+            clients=self._guests,
+            browsers=len(self._channel.visitors),
             report=report,
             errors=errors,
             warnings=warnings,
@@ -138,15 +138,15 @@ class StatusDesk:
         return report_about(self._stage)
 
 
-_MISSING = "not in the world"
-_ODD = "odd in the map"
+_MISSING = "map error"
+_ODD = "map warning"
 _FAILED = "not spawned"
-_ASSUMED = "assumed about the map"
+_ASSUMED = "assumption"
 
 
 def report_about(stage: Stage) -> Report:
     """All that is to be told about what is on a stage."""
-    entries = sorted(entries_about(stage), key=lambda entry: not entry.grave)
+    entries = sorted(entries_about(stage), key=lambda entry: not entry.is_error)
     counts = dict.fromkeys((entry.group for entry in entries), 0)
     for entry in entries:
         counts[entry.group] += 1
@@ -162,13 +162,13 @@ def entries_about(stage: Stage) -> Iterator[Entry]:
         about = ", ".join(local_name(name) for name in (finding.individual, finding.property) if name)
         text = f"{about}: {finding.what}; {finding.did}"
         ids = (by_iri[finding.individual],) if finding.individual in by_iri else ()
-        yield Entry(group=_MISSING if grave else _ODD, text=text, ids=ids, grave=grave)
+        yield Entry(group=_MISSING if grave else _ODD, text=text, ids=ids, is_error=grave)
     for assumption in stage.knowledge.assumptions():
-        how = "told" if assumption.overridden else "assumed"
-        text = f"{local_name(assumption.map)}: {assumption.about} {how} as {assumption.value}, {assumption.evidence}"
+        how = "set" if assumption.overridden else "assumed"
+        text = f"{local_name(assumption.map)}: {assumption.about} {how} to {assumption.value}, {assumption.evidence}"
         yield Entry(group=_ASSUMED, text=text)
     for report in stage.reports:
         for failure in (*report.failed_bodies, *report.failed_constraints, *report.failed_attachments):
-            yield Entry(group=_FAILED, text=f"{failure.id}: {failure.reason}", grave=True)
+            yield Entry(group=_FAILED, text=f"{failure.id}: {failure.reason}", is_error=True)
         for note in report.notes:
             yield Entry(group=note.kind.value, text=note.text, ids=note.ids)

@@ -79,18 +79,18 @@ class ViewDesk:
         channel.offer(
             "focus", Focus, self._in_view(lambda view, wish: sights.focus(wish.ids, visitor=view)), lane="look"
         )
-        channel.offer("home", Nothing, self._in_view(lambda view, wish: sights.home(visitor=view)), lane="look")
-        channel.offer("top", Nothing, self._in_view(lambda view, wish: sights.top(visitor=view)), lane="look")
+        channel.offer("reset_camera", Nothing, self._in_view(lambda view, wish: sights.home(visitor=view)), lane="look")
+        channel.offer("view_from_top", Nothing, self._in_view(lambda view, wish: sights.top(visitor=view)), lane="look")
         section = self._in_view(lambda view, wish: sights.section(wish.height, visitor=view))
-        channel.offer("section", Section, section, lane="look")
+        channel.offer("set_clipping_height", Section, section, lane="look")
         channel.offer(
-            "label", Label, self._in_view(lambda view, wish: sights.label(wish.mode, visitor=view)), lane="look"
+            "set_labels", Label, self._in_view(lambda view, wish: sights.label(wish.mode, visitor=view)), lane="look"
         )
         channel.offer(
-            "gizmo", Gizmo, self._in_view(lambda view, wish: sights.gizmo(wish.mode, visitor=view)), lane="look"
+            "set_gizmo", Gizmo, self._in_view(lambda view, wish: sights.gizmo(wish.mode, visitor=view)), lane="look"
         )
-        channel.offer("show_bodies", ShowBodies, self._show_bodies, lane="look")
-        channel.offer("show_shells", ShowShells, self._show_shells, lane="look")
+        channel.offer("set_visible", ShowBodies, self._show_bodies, lane="look")
+        channel.offer("show_enclosures", ShowShells, self._show_shells, lane="look")
         sights.on_change(self._chosen_in_view)
         self.tell()
 
@@ -114,7 +114,7 @@ class ViewDesk:
     def tell(self) -> None:
         """Tells all what nobody sees."""
         hidden = tuple(sorted(self._sights.hidden))
-        self._channel.publish("shown", {"hidden": hidden, "shells": self._sights.shells_shown})
+        self._channel.publish("visibility", {"hidden": hidden, "enclosures": self._sights.shells_shown})
 
     # -- what the page asks --------------------------------------------------------------------------------------------
 

@@ -12,8 +12,8 @@ from mindstage.viewport.gate import Answer, Headers
 
 __all__ = ["ViewPage"]
 
-_LINKED = ("view.css",)
-_RUN = ("section.js", "shadows.js")
+_LINKED = ("viserOverrides.css",)
+_RUN = ("clippingPlane.js", "shadowBias.js")
 """Of our files, those that the picture itself needs."""
 
 

@@ -35,7 +35,7 @@ _WORDS_PERIOD_S = 0.1
 """Words change more slowly than things: nobody can read faster."""
 _RETRY_S = 1.0
 """After a fault the page waits so long before it tries again."""
-_PAUSED = "The world is paused: press Play, and it will follow your hand."
+_PAUSED = "The simulation is paused: press Play to pull bodies."
 
 _log = logging.getLogger(__name__)
 

@@ -29,17 +29,17 @@ class Line(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True
 class Names(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """The beginning of a name."""
 
-    start: str
+    prefix: str
     kind: str = ""
     """Such as CLASS; any if empty."""
-    most: int = 20
+    limit: int = 20
 
 
 class Show(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Answers that shall be lit up: all of them, or some rows."""
 
     key: int
-    colour: str
+    color: str
     rows: tuple[int, ...] | None = None
     replace: bool = True
 

@@ -56,7 +56,7 @@ class Clock(msgspec.Struct, frozen=True, kw_only=True):
     time_s: float
     playing: bool
     speed: float
-    factor: float
+    real_time_factor: float
     """Simulated seconds in a second."""
     bodies: int
     fault: str
@@ -97,10 +97,10 @@ class WorldDesk:
         self._constraints, self._joints = constraints, {}
         self._spawned = Spawned.of(self._stage.worlds)
         self._world = world
-        self._channel.publish("world", outline_of(world, engine=self._stage.engine_name, shells=shells))
+        self._channel.publish("scene_tree", outline_of(world, engine=self._stage.engine_name, shells=shells))
         # The outline is the same where only a mass has changed; whoever reads the details has to look again.
         self._editions += 1
-        self._channel.publish("described", self._editions)
+        self._channel.publish("details_changed", self._editions)
 
     def tell(self, frame: Frame) -> None:
         """Tells what changes all the time; called some times in a second."""
@@ -113,7 +113,7 @@ class WorldDesk:
                 if id not in told:
                     told[id] = self._live(id, frame)
                 if told[id] is not None:
-                    visitor.let_see("live", told[id])
+                    visitor.let_see("live_details", told[id])
 
     def joint(self, id: BodyId) -> Joint:
         """A constraint of the world.
@@ -140,8 +140,8 @@ class WorldDesk:
             world,
             ancestors=self._stage.knowledge.ancestors(body.cls),
             joints=self._joints_of(body.id),
-            kept=self._kept(body.cls),
-            form="" if form is None else f"{form.kind}: {form.why}" if form.why else form.kind,
+            storage_places=self._kept(body.cls),
+            geometry="" if form is None else f"{form.kind}: {form.why}" if form.why else form.kind,
         )
 
     def _described(self, id: BodyId) -> tuple[Body, World]:
@@ -170,7 +170,7 @@ class WorldDesk:
             if row.individual in ids:
                 places.setdefault(row.place, []).append(ids[row.individual])
         for place, found in places.items():
-            yield Kept(place=place.rpartition("#")[2], ids=tuple(dict.fromkeys(found)))
+            yield Kept(class_name=place.rpartition("#")[2], ids=tuple(dict.fromkeys(found)))
 
     # -- joints --------------------------------------------------------------------------------------------------------
 
@@ -209,7 +209,7 @@ def _clock(frame: Frame) -> Clock:
         time_s=round(frame.time_s, 2),
         playing=frame.playing,
         speed=frame.speed,
-        factor=round(frame.real_time_factor, 2),
+        real_time_factor=round(frame.real_time_factor, 2),
         bodies=len(frame.ids),
         fault=frame.fault,
     )

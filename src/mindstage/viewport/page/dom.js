@@ -1,5 +1,8 @@
-// Elements by name, attributes and children. Text is always text, never HTML.
+// DOM helpers: creating elements with attributes and children. Strings become text nodes and are never parsed as HTML.
 
+const present = (children) => children.flat().filter((child) => child !== undefined && child !== null && child !== false);
+
+// Creates an element. Attributes that start with "on" are event listeners; undefined, null and false are left out.
 export function el(name, attributes = {}, ...children) {
   const element = document.createElement(name);
   for (const [key, value] of Object.entries(attributes)) {
@@ -8,27 +11,24 @@ export function el(name, attributes = {}, ...children) {
     else if (key === "value" || key === "checked" || key === "disabled") element[key] = value;
     else element.setAttribute(key, value === true ? "" : value);
   }
-  element.append(...children.flat().filter((child) => child !== undefined && child !== null && child !== false));
+  element.append(...present(children));
   return element;
 }
 
-export function fill(element, ...children) {
-  element.replaceChildren(...children.flat().filter((child) => child !== undefined && child !== null && child !== false));
+export function replaceChildren(element, ...children) {
+  element.replaceChildren(...present(children));
 }
 
-// The part of an IRI that people read.
-export const localName = (iri) => iri.slice(Math.max(iri.lastIndexOf("#"), iri.lastIndexOf("/")) + 1);
-
-// A number as people read it: not more digits than say something.
-export function number(value, digits = 3) {
+// Formats a number with at most `digits` decimals, without trailing zeros and without negative zero.
+export function formatNumber(value, digits = 3) {
   return String(Number(value.toFixed(digits)) + 0);
 }
 
-// Calls a function when nothing has happened for a moment.
-export function lately(action, pause = 120) {
+// Returns a function that calls `callback` after `delayMs` without another call.
+export function debounce(callback, delayMs = 120) {
   let timer = 0;
-  return (...given) => {
+  return (...args) => {
     clearTimeout(timer);
-    timer = setTimeout(() => action(...given), pause);
+    timer = setTimeout(() => callback(...args), delayMs);
   };
 }

@@ -1,4 +1,4 @@
-// Small signs, drawn with strokes on a field of 16 by 16.
+// Icons as stroked SVG paths in a 16 x 16 view box.
 
 const PATHS = {
   play: "M5 3l8 5-8 5z",
@@ -10,10 +10,10 @@ const PATHS = {
   home: "M2.5 8L8 3l5.5 5M4 7v6h8V7",
   top: "M3 3h10v10H3zM3 8h10M8 3v10",
   focus: "M2 5V2h3M11 2h3v3M14 11v3h-3M5 14H2v-3M8 6a2 2 0 1 0 0 4 2 2 0 0 0 0-4",
-  section: "M2 9h12M4 9v4h8V9M4 6V3h8v3",
+  clip: "M2 9h12M4 9v4h8V9M4 6V3h8v3",
   label: "M2 4h8l4 4-4 4H2zM5 8h3",
-  move: "M8 1v14M1 8h14M6 3l2-2 2 2M6 13l2 2 2-2M3 6L1 8l2 2M13 6l2 2-2 2",
-  turn: "M13 8a5 5 0 1 1-1.6-3.7M13 2v3h-3",
+  translate: "M8 1v14M1 8h14M6 3l2-2 2 2M6 13l2 2 2-2M3 6L1 8l2 2M13 6l2 2-2 2",
+  rotate: "M13 8a5 5 0 1 1-1.6-3.7M13 2v3h-3",
   save: "M8 2v8M5 7l3 3 3-3M3 13h10",
   open: "M8 10V2M5 5l3-3 3 3M3 13h10",
   trash: "M3 4h10M6 4V2.5h4V4M4.5 4l.6 9.5h5.8l.6-9.5",
@@ -21,8 +21,8 @@ const PATHS = {
   unlink: "M7 4.500l1.500-1.500a2.500 2.500 0 0 1 3.600 3.600L10.500 8M9 11.500l-1.500 1.500A2.500 2.500 0 0 1 3.900 9.400L5.500 8M3 3l10 10",
   eye: "M1.500 8S4 3.800 8 3.800 14.500 8 14.500 8 12 12.200 8 12.200 1.500 8 1.500 8zM8 6.200a1.800 1.800 0 1 0 0 3.600 1.800 1.800 0 0 0 0-3.600",
   hidden: "M1.500 8S4 3.800 8 3.800 14.500 8 14.500 8 12 12.200 8 12.200 1.500 8 1.500 8zM3 13L13 3",
-  right: "M6 4l4 4-4 4",
-  down: "M4 6l4 4 4-4",
+  chevronRight: "M6 4l4 4-4 4",
+  chevronDown: "M4 6l4 4 4-4",
   joint: "M3 13V8h5M8 8a2 2 0 1 0 4-.5M8 8a2 2 0 0 1 4-.5M12 3v3",
   close: "M4 4l8 8M12 4l-8 8",
 };

@@ -1,22 +1,22 @@
-// The page: each import below brings one part of it.
+// Entry point of the page: importing a module creates its part of the interface.
 
-import { channel, key } from "./channel.js";
+import { channel, clientKey } from "./rpcChannel.js";
 import { selection } from "./selection.js";
 import { panels } from "./panels.js";
-import "./view.js";
+import "./viewFrame.js";
 import "./toasts.js";
-import "./tools.js";
-import "./maps.js";
+import "./toolbar.js";
+import "./mapFiles.js";
 import { outliner } from "./outliner.js";
-import { details } from "./details.js";
-import "./add.js";
-import "./ask.js";
-import "./status.js";
+import { detailsPanel } from "./detailsPanel.js";
+import "./addObjectPanel.js";
+import "./askPanel.js";
+import "./statusPanel.js";
 
 channel.on("connection", (connected) => {
-  document.getElementById("lost").hidden = connected;
+  document.getElementById("disconnected").hidden = connected;
   document.body.dataset.connected = String(connected);
 });
 
-// For whoever looks into the page from outside: tests, and people with a console.
-window.mindstage = { channel, key, panels, selection, outliner, details };
+// Exposed for tests and for the browser's console.
+window.mindstage = { channel, clientKey, panels, selection, outliner, detailsPanel };

@@ -1,6 +1,7 @@
-// The selection: which body this visitor looks at; the view and the server know it too.
+// The body that is selected in this page, kept in step with the 3D view and the server.
 
-import { channel } from "./channel.js";
+import { channel } from "./rpcChannel.js";
+import { el } from "./dom.js";
 import { toast } from "./toasts.js";
 
 class Selection {
@@ -8,10 +9,10 @@ class Selection {
   #listeners = new Set();
 
   constructor() {
-    // The server says what was clicked in the view, and what was deleted meanwhile.
-    channel.on("selected", (id) => this.#take(id));
+    // Sent by the server when a body was clicked in the view, or when the selected body was deleted.
+    channel.on("selected", (id) => this.#set(id));
     channel.on("connection", (connected) => {
-      if (connected && this.#id) channel.ask("select", { id: this.#id }).catch(() => this.#take(null));
+      if (connected && this.#id) channel.call("select", { id: this.#id }).catch(() => this.#set(null));
     });
   }
 
@@ -19,26 +20,32 @@ class Selection {
     return this.#id;
   }
 
-  // Selects a body, or nothing; `focus` flies the camera there.
-  async choose(id, { focus = false } = {}) {
-    this.#take(id);
+  // Selects a body, or nothing with null; with `focus` the camera flies to it.
+  async select(id, { focus = false } = {}) {
+    this.#set(id);
     try {
-      await channel.ask("select", { id, focus });
+      await channel.call("select", { id, focus });
     } catch (error) {
       toast(error.message, "error");
     }
   }
 
-  on(react) {
-    this.#listeners.add(react);
-    react(this.#id);
+  // Calls a listener now and whenever the selection changes.
+  onChange(listener) {
+    this.#listeners.add(listener);
+    listener(this.#id);
   }
 
-  #take(id) {
+  #set(id) {
     if (id === this.#id) return;
     this.#id = id;
-    for (const react of this.#listeners) react(id);
+    for (const listener of this.#listeners) listener(id);
   }
 }
 
 export const selection = new Selection();
+
+// A button that shows a body's id and selects the body.
+export function bodyLink(id) {
+  return el("button", { type: "button", class: "body-link", "data-body-link": id, title: `Select ${id}`, onclick: () => selection.select(id, { focus: true }) }, id);
+}

@@ -1,27 +1,27 @@
-// Toasts: what went wrong, or well, in a sentence that goes away by itself.
+// Toasts: short notifications that disappear after some seconds.
 
-import { channel } from "./channel.js";
+import { channel } from "./rpcChannel.js";
 import { el } from "./dom.js";
 
-const SHOWN_MS = { info: 5000, error: 12000 };
-const MOST = 5;
+const DURATION_MS = { info: 5000, error: 12000 };
+const MAX_TOASTS = 5;
 
-// Shows a sentence; the same one only once at a time.
+// Shows a text; a text that is already shown is replaced, not repeated.
 export function toast(text, kind = "info") {
   const log = document.getElementById("toasts");
-  const same = [...log.children].find((other) => other.dataset.text === text);
-  same?.remove();
-  const close = el("button", { type: "button", class: "quiet", "aria-label": "Close", onclick: () => box.remove() }, "×");
+  const duplicate = [...log.children].find((other) => other.dataset.text === text);
+  duplicate?.remove();
+  const close = el("button", { type: "button", class: "flat", "aria-label": "Close", onclick: () => box.remove() }, "×");
   const box = el("div", { class: `toast ${kind}`, "data-toast": kind, "data-text": text }, el("span", {}, text), close);
   log.append(box);
-  while (log.children.length > MOST) log.firstChild.remove();
-  setTimeout(() => box.remove(), SHOWN_MS[kind] ?? SHOWN_MS.info);
+  while (log.children.length > MAX_TOASTS) log.firstChild.remove();
+  setTimeout(() => box.remove(), DURATION_MS[kind] ?? DURATION_MS.info);
 }
 
-// Asks the server, and shows its sentence where it says no; gives undefined then.
-export async function attempt(what, args = {}) {
+// Calls a method of the server. An error is shown as a toast, and the result is undefined.
+export async function callOrToast(method, params = {}) {
   try {
-    return await channel.ask(what, args);
+    return await channel.call(method, params);
   } catch (error) {
     toast(error.message, "error");
     return undefined;
@@ -29,4 +29,4 @@ export async function attempt(what, args = {}) {
 }
 
 channel.on("toast", ({ text, kind }) => toast(text, kind));
-channel.on("refused", ({ text }) => toast(text, "error"));
+channel.on("error", ({ message }) => toast(message, "error"));

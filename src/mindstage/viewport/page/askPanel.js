@@ -1,0 +1,141 @@
+// The Ask panel: forms for the declared questions, SPARQL queries and Prolog goals; and the legend of highlighted bodies.
+
+import { answerTable } from "./answerTable.js";
+import { channel } from "./rpcChannel.js";
+import { nameField } from "./nameCompletion.js";
+import { el, replaceChildren } from "./dom.js";
+import { panels } from "./panels.js";
+import { callOrToast } from "./toasts.js";
+
+const EXAMPLE_PROLOG = "storage_place_in_environment(Map, knowrob:'CowsMilk', Place),\nopenings(Map, Place, State, Front)";
+const EXAMPLE_SPARQL = "SELECT ?thing ?class WHERE {\n  ?thing a ?class .\n  ?class rdfs:subClassOf* knowrob:Container\n} LIMIT 50";
+const DEFAULT_QUESTION = "storage_place_in_environment";
+
+class AskPanel {
+  #questions = [];
+  #inputs = new Map();
+  #requests = 0;
+  #form = el("div", { class: "ask-form" });
+  #answers = el("div", { "aria-live": "polite", "aria-busy": "false", "data-role": "answers" });
+  #modes = el("div", { class: "modes", role: "group", "aria-label": "Query language" });
+
+  build(root) {
+    root.append(this.#modes, this.#form, this.#answers);
+    replaceChildren(this.#modes, this.#modeButton("question", "Question"), this.#modeButton("sparql", "SPARQL"));
+    channel.on("connection", (connected) => connected && !this.#questions.length && this.#loadQuestions());
+  }
+
+  async #loadQuestions() {
+    const questions = await callOrToast("ask.questions");
+    if (!questions) return;
+    this.#questions = questions;
+    const { prolog } = (await callOrToast("ask.languages")) ?? {};
+    if (prolog) this.#modes.append(this.#modeButton("prolog", "Prolog"));
+    this.#setMode("question");
+  }
+
+  #modeButton(name, title) {
+    return el("button", { type: "button", "data-mode": name, "aria-pressed": "false", onclick: () => this.#setMode(name) }, title);
+  }
+
+  #setMode(mode) {
+    for (const button of this.#modes.children) button.setAttribute("aria-pressed", String(button.dataset.mode === mode));
+    replaceChildren(this.#answers);
+    if (mode === "question") this.#showQuestions();
+    else if (mode === "sparql") this.#showEditor("SPARQL query", EXAMPLE_SPARQL, "7", (query) => this.#ask("ask.sparql", { query }));
+    else this.#showEditor("Prolog goal", EXAMPLE_PROLOG, "4", (line) => this.#ask("ask.prolog", { line }));
+  }
+
+  // -- question forms ----------------------------------------------------------------------------------------------
+
+  #showQuestions() {
+    const first = this.#questions.find(({ name }) => name === DEFAULT_QUESTION) ?? this.#questions[0];
+    const menu = el("select", { "aria-label": "Question", "data-role": "question", onchange: () => this.#showQuestion(menu.value, form) },
+      this.#questions.map(({ name }) => el("option", { value: name, selected: name === first.name }, name.replaceAll("_", " "))));
+    const form = el("form", { onsubmit: (event) => event.preventDefault() });
+    replaceChildren(this.#form, menu, form);
+    this.#showQuestion(first.name, form);
+  }
+
+  #showQuestion(name, form) {
+    const question = this.#questions.find((each) => each.name === name);
+    const ask = () => this.#ask("ask", { question: name, args: this.#arguments() });
+    this.#inputs.clear();
+    replaceChildren(this.#answers);
+    replaceChildren(form,
+      el("p", { class: "muted description" }, question.text.split("\n\n")[0]),
+      question.arguments.map((argument) => this.#argumentField(argument, ask)),
+      el("div", { class: "row" },
+        el("button", { type: "button", class: "primary", "data-action": "ask", onclick: ask }, "Ask"),
+        question.live ? el("span", { class: "muted" }, "uses the current simulation state") : null));
+  }
+
+  #argumentField({ name, kind, choices, completion }, ask) {
+    const label = name.replaceAll("_", " ");
+    const attributes = { "data-argument": name };
+    let field;
+    let input;
+    if (choices.length) {
+      field = input = el("select", { "aria-label": label, ...attributes }, el("option", { value: "" }, "any"), choices.map((choice) => el("option", { value: choice }, choice)));
+    } else if (completion) {
+      ({ root: field, input } = nameField({ kind: completion, label, onEnter: ask, placeholder: kind, ...attributes }));
+    } else {
+      const onkeydown = (event) => event.key === "Enter" && ask();
+      field = input = el("input", { type: kind === "number" ? "number" : "text", step: "any", "aria-label": label, placeholder: kind, onkeydown, ...attributes });
+    }
+    this.#inputs.set(name, input);
+    return el("label", { class: "argument" }, el("span", {}, label), field);
+  }
+
+  // The arguments that are filled in; the server answers with values for the others.
+  #arguments() {
+    const values = [...this.#inputs].map(([name, input]) => [name, input.value.trim()]);
+    return Object.fromEntries(values.filter(([, text]) => text));
+  }
+
+  // -- SPARQL and Prolog -------------------------------------------------------------------------------------------
+
+  #showEditor(label, example, rows, run) {
+    const text = el("textarea", { rows, spellcheck: "false", "aria-label": label, "data-role": "text" }, example);
+    const ask = () => run(text.value);
+    text.addEventListener("keydown", (event) => event.key === "Enter" && (event.ctrlKey || event.metaKey) && ask());
+    replaceChildren(this.#form, text, el("div", { class: "row" }, el("button", { type: "button", class: "primary", "data-action": "ask", onclick: ask }, "Ask"), el("span", { class: "muted" }, "or Ctrl+Enter")));
+  }
+
+  // -- requests ----------------------------------------------------------------------------------------------------
+
+  // Sends a question and shows its answers, unless another one was sent meanwhile.
+  async #ask(method, params) {
+    const request = ++this.#requests;
+    this.#answers.setAttribute("aria-busy", "true");
+    replaceChildren(this.#answers, el("p", { class: "muted pending" }, "Running the query…"));
+    try {
+      const answers = await channel.call(method, params);
+      if (request === this.#requests) replaceChildren(this.#answers, answerTable(answers, () => this.#ask(method, params)));
+    } catch (error) {
+      if (request === this.#requests) replaceChildren(this.#answers, el("p", { class: "error-text", role: "alert", "data-role": "error" }, error.message));
+    } finally {
+      if (request === this.#requests) this.#answers.setAttribute("aria-busy", "false");
+    }
+  }
+}
+
+const panel = new AskPanel();
+panels.add({ id: "ask", title: "Ask", side: "right", order: 30, build: (root) => panel.build(root) });
+
+// -- the legend over the 3D view ---------------------------------------------------------------------------------------
+
+const legend = el("div", { id: "legend", "aria-label": "Highlighted bodies", hidden: true });
+document.getElementById("center").append(legend);
+
+channel.on("highlights", (groups) => {
+  legend.hidden = !groups.length;
+  const items = [...groups].reverse().map((group) => {
+    const dot = el("span", { class: "dot", "aria-hidden": "true" });
+    dot.style.background = group.color;
+    const count = el("span", { class: "muted" }, String(group.ids.length));
+    const clear = el("button", { type: "button", class: "flat", "aria-label": `Clear ${group.label || "highlight"}`, onclick: () => callOrToast("ask.clear_highlights", group.label ? { label: group.label } : {}) }, "×");
+    return el("li", { "data-highlighted": String(group.ids.length), "data-color": group.color }, dot, el("span", { class: "grow" }, group.label || "highlighted"), count, clear);
+  });
+  replaceChildren(legend, el("ul", {}, items), groups.length > 1 ? el("button", { type: "button", class: "flat", onclick: () => callOrToast("ask.clear_highlights") }, "Clear all") : null);
+});

@@ -1,0 +1,54 @@
+// Clipping plane: hides everything above a height. Runs inside the viewer iframe.
+//
+// The server sets the height as the position of a scene node of this client. Clipping is done by three.js
+// (`renderer.clippingPlanes`), and hits of the raycaster above the plane are dropped, so that the mouse reaches what
+// is visible below.
+
+const NODE = "/clipping_plane";
+const INTERVAL_MS = 100;
+let height = null; // [m]; null while nothing is clipped
+let patchedRaycaster = null;
+
+function requestedHeight(view) {
+  const pose = view.nodePoseData[NODE];
+  return pose && view.nodeRefFromName[NODE] ? pose.position[2] : null;
+}
+
+function fiberState(view) {
+  return view.scene?.__r3f?.root?.getState();
+}
+
+// Drops intersections with clipped geometry. The y axis of the three.js scene is the z axis of the world.
+function patchRaycaster(raycaster) {
+  if (raycaster === patchedRaycaster) return;
+  for (const name of ["intersectObject", "intersectObjects"]) {
+    const intersect = raycaster[name].bind(raycaster);
+    raycaster[name] = (...args) => {
+      const hits = intersect(...args);
+      if (height !== null) {
+        const visible = hits.filter((hit) => hit.point.y <= height);
+        hits.length = 0;
+        hits.push(...visible);
+      }
+      return hits;
+    };
+  }
+  patchedRaycaster = raycaster;
+}
+
+function update() {
+  const view = window.__viserMutable;
+  const state = view && fiberState(view);
+  if (state) {
+    patchRaycaster(state.raycaster);
+    const requested = requestedHeight(view);
+    if (requested !== height) {
+      height = requested;
+      state.gl.clippingPlanes = height === null ? [] : [{ normal: { x: 0, y: -1, z: 0 }, constant: height }];
+      view.requestRender();
+    }
+  }
+  setTimeout(update, INTERVAL_MS);
+}
+
+update();

@@ -1,0 +1,72 @@
+// Map files: saves the world as a map to the user's disk, and loads a map that is chosen or dropped on the page.
+
+import { el } from "./dom.js";
+import { icon } from "./icons.js";
+import { callOrToast, toast } from "./toasts.js";
+import { viewFrame } from "./viewFrame.js";
+
+const MAX_BYTES = 20_000_000;
+const FORMATS = [
+  ["", "Original format"],
+  ["rdf/xml semlog", "SemLog, OWL"],
+  ["turtle semlog", "SemLog, Turtle"],
+  ["rdf/xml soma", "SOMA, OWL"],
+  ["turtle soma", "SOMA, Turtle"],
+];
+
+async function save(choice) {
+  const [format, dialect] = choice.split(" ");
+  const map = await callOrToast("save", { ...(format && { format }), ...(dialect && { dialect }) });
+  if (!map) return;
+  const url = URL.createObjectURL(new Blob([map.text], { type: map.type }));
+  el("a", { href: url, download: map.name }).click();
+  setTimeout(() => URL.revokeObjectURL(url), 60_000);
+}
+
+async function load(file) {
+  if (file.size > MAX_BYTES) return toast(`${file.name} is larger than ${MAX_BYTES / 1e6} MB; load it with: mindstage spawn`, "error");
+  const report = await callOrToast("load", { name: file.name, text: await file.text() });
+  if (!report) return;
+  const failed = report.failed.length ? `; ${report.failed.length} could not be spawned, the first: ${report.failed[0].id}: ${report.failed[0].reason}` : "";
+  const findings = report.findings ? `; ${report.findings} findings, see Status` : "";
+  toast(`${report.name}: ${report.bodies} bodies, ${report.joints} joints${failed}${findings}`, failed ? "error" : "info");
+}
+
+const formatMenu = el("select", { "aria-label": "Save as a map", title: "Save as a map", "data-action": "save", onchange: () => {
+  save(formatMenu.value);
+  formatMenu.selectedIndex = 0;
+} }, el("option", { value: "none", disabled: true, selected: true }, "Save map…"), FORMATS.map(([value, text]) => el("option", { value }, text)));
+
+const fileInput = el("input", { type: "file", accept: ".owl,.rdf,.xml,.ttl,.urdf", "aria-label": "Map file", "data-role": "upload", hidden: true, onchange: async () => {
+  if (fileInput.files.length) await load(fileInput.files[0]);
+  fileInput.value = "";
+} });
+const loadButton = el("button", { type: "button", "data-action": "load", title: "Replace this world with a map from your disk", onclick: () => fileInput.click() }, icon("open"), "Load map");
+document.getElementById("file-controls").append(formatMenu, loadButton, fileInput);
+
+// -- drag and drop -----------------------------------------------------------------------------------------------------
+
+const dropTarget = el("div", { id: "drop-target", hidden: true }, el("p", {}, "Drop a map file to replace this world"));
+document.body.append(dropTarget);
+
+const hasFiles = (event) => [...(event.dataTransfer?.types ?? [])].includes("Files");
+
+for (const target of [window, viewFrame]) {
+  target.addEventListener("dragenter", (event) => {
+    if (!hasFiles(event)) return;
+    event.preventDefault();
+    dropTarget.hidden = false;
+  });
+}
+dropTarget.addEventListener("dragover", (event) => event.preventDefault());
+dropTarget.addEventListener("dragleave", () => {
+  dropTarget.hidden = true;
+});
+for (const target of [dropTarget, viewFrame]) {
+  target.addEventListener("drop", (event) => {
+    event.preventDefault();
+    dropTarget.hidden = true;
+    if (event.dataTransfer.files.length) load(event.dataTransfer.files[0]);
+  });
+}
+viewFrame.addEventListener("dragover", (event) => event.preventDefault());
