@@ -39,13 +39,37 @@ def graph_of(quads: Iterable[ox.Quad], taken: set[str]) -> Graph:
     """
     labels = _Labels(taken)
     graph: dict[Iri, list[Fact]] = {}
+    same: dict[str, Iri] = {}  # one string for each name, so that it is hashed and kept once
     with bulk_work():
-        for quad in dict.fromkeys(quads):
-            subject = labels.name(quad.subject)
+        for quad in quads:
+            node = quad.subject
+            subject = Iri(node.value) if type(node) is ox.NamedNode else labels.name(node)
             facts = graph.get(subject)
             if facts is None:
                 facts = graph[subject] = []
-            facts.append(Fact(Iri(quad.predicate.value), _value(quad.object, labels)))
+            property = quad.predicate.value
+            property = same.setdefault(property, Iri(property))
+            term = quad.object
+            kind = type(term)
+            value: FactValue
+            if kind is ox.NamedNode:
+                name = term.value
+                value = Reference(same.setdefault(name, Iri(name)))
+            elif kind is ox.Literal:
+                language = term.language
+                if language:
+                    value = Literal(term.value, None, language)
+                else:
+                    datatype = term.datatype.value
+                    value = Literal(
+                        term.value, None if datatype == STRING else same.setdefault(datatype, Iri(datatype))
+                    )
+            else:
+                value = Reference(labels.name(term))
+            facts.append(Fact(property, value))
+        for facts in graph.values():
+            if len(set(facts)) != len(facts):
+                facts[:] = dict.fromkeys(facts)
     taken.update(labels.own.values())
     return graph
 
@@ -82,12 +106,3 @@ class _Labels:
         if label not in self._taken:
             return label
         return next(other for n in count(2) if (other := Iri(f"{label}-{n}")) not in self._taken)
-
-
-def _value(term: object, labels: _Labels) -> FactValue:
-    if not isinstance(term, ox.Literal):
-        return Reference(labels.name(term))
-    if term.language:
-        return Literal(term.value, None, term.language)
-    datatype = term.datatype.value
-    return Literal(term.value, None if datatype == STRING else Iri(datatype))
