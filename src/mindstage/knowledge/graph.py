@@ -43,30 +43,25 @@ def graph_of(quads: Iterable[ox.Quad], taken: set[str]) -> Graph:
     with bulk_work():
         for quad in quads:
             node = quad.subject
-            subject = Iri(node.value) if type(node) is ox.NamedNode else labels.name(node)
+            subject = Iri(node.value) if isinstance(node, ox.NamedNode) else labels.name(node)
             facts = graph.get(subject)
             if facts is None:
                 facts = graph[subject] = []
             property = quad.predicate.value
-            property = same.setdefault(property, Iri(property))
             term = quad.object
-            kind = type(term)
             value: FactValue
-            if kind is ox.NamedNode:
+            if isinstance(term, ox.NamedNode):
                 name = term.value
                 value = Reference(same.setdefault(name, Iri(name)))
-            elif kind is ox.Literal:
-                language = term.language
-                if language:
-                    value = Literal(term.value, None, language)
-                else:
-                    datatype = term.datatype.value
-                    value = Literal(
-                        term.value, None if datatype == STRING else same.setdefault(datatype, Iri(datatype))
-                    )
-            else:
+            elif not isinstance(term, ox.Literal):
                 value = Reference(labels.name(term))
-            facts.append(Fact(property, value))
+            elif language := term.language:
+                value = Literal(term.value, None, language)
+            else:
+                datatype = term.datatype.value
+                plain = datatype == STRING
+                value = Literal(term.value, None if plain else same.setdefault(datatype, Iri(datatype)))
+            facts.append(Fact(same.setdefault(property, Iri(property)), value))
         for facts in graph.values():
             if len(set(facts)) != len(facts):
                 facts[:] = dict.fromkeys(facts)
