@@ -15,7 +15,6 @@ from rich.table import Table
 import benchmarks
 from benchmarks import Measure
 
-
 _COLUMNS: tuple[tuple[str, Literal["left", "right"], int], ...] = (
     ("what", "left", 50),
     ("ours", "right", 11),

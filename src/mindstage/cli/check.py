@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 from collections.abc import Iterable
 from itertools import chain
 from pathlib import Path
@@ -27,7 +28,7 @@ from mindstage.cli.options import (
     UnitNames,
     Verbose,
 )
-from mindstage.cli.outcome import Outcome
+from mindstage.cli.outcome import Outcome, at_end
 from mindstage.cli.output import findings_json, print_findings, print_json, print_table, working
 from mindstage.cli.reading import print_reading, reading_json
 from mindstage.cli.report import everything_stands, print_report, report_json
@@ -69,6 +70,9 @@ def check(
     The world goes the whole way round: map, engine, logger, OWL file in the map's own dialect, map. Compared are the
     two worlds, and every statement of the map.
     """
+    if gc.isenabled():  # nothing here makes circular garbage, and all that is made is needed until the end
+        gc.disable()
+        at_end(gc.enable)
     running = make_engine(engine)  # first: a wrong name is told before a long map is read
     watch = Stopwatch()
     with working("reading"), watch.measure("load"):

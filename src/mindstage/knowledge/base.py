@@ -14,6 +14,7 @@ import pyoxigraph as ox
 from mindstage.errors import ArgumentRefused, MapAmbiguous, MapMissing
 from mindstage.knowledge.analysis import Analysis, analyse
 from mindstage.knowledge.answering import Answering
+from mindstage.knowledge.bulk import bulk_work
 from mindstage.knowledge.findings import Finding, Severity
 from mindstage.knowledge.hierarchy import ClassHierarchy
 from mindstage.knowledge.names import local_name
@@ -152,7 +153,8 @@ class KnowledgeBase(Answering):
         with self.turn:
             iri = self._chosen(map)
             if iri not in self._worlds:
-                self._worlds[iri] = read_world(self._excerpt(iri))
+                with bulk_work():
+                    self._worlds[iri] = read_world(self._excerpt(iri))
             return self._worlds[iri]
 
     def origin(self, map: str | None = None) -> Origin:

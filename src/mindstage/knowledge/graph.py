@@ -39,13 +39,32 @@ def graph_of(quads: Iterable[ox.Quad], taken: set[str]) -> Graph:
     """
     labels = _Labels(taken)
     graph: dict[Iri, list[Fact]] = {}
+    same: dict[str, Iri] = {}  # one string for each name, so that it is hashed and kept once
     with bulk_work():
-        for quad in dict.fromkeys(quads):
-            subject = labels.name(quad.subject)
+        for quad in quads:
+            node = quad.subject
+            subject = Iri(node.value) if isinstance(node, ox.NamedNode) else labels.name(node)
             facts = graph.get(subject)
             if facts is None:
                 facts = graph[subject] = []
-            facts.append(Fact(Iri(quad.predicate.value), _value(quad.object, labels)))
+            property = quad.predicate.value
+            term = quad.object
+            value: FactValue
+            if isinstance(term, ox.NamedNode):
+                name = term.value
+                value = Reference(same.setdefault(name, Iri(name)))
+            elif not isinstance(term, ox.Literal):
+                value = Reference(labels.name(term))
+            elif language := term.language:
+                value = Literal(term.value, None, language)
+            else:
+                datatype = term.datatype.value
+                plain = datatype == STRING
+                value = Literal(term.value, None if plain else same.setdefault(datatype, Iri(datatype)))
+            facts.append(Fact(same.setdefault(property, Iri(property)), value))
+        for facts in graph.values():
+            if len(set(facts)) != len(facts):
+                facts[:] = dict.fromkeys(facts)
     taken.update(labels.own.values())
     return graph
 
@@ -82,12 +101,3 @@ class _Labels:
         if label not in self._taken:
             return label
         return next(other for n in count(2) if (other := Iri(f"{label}-{n}")) not in self._taken)
-
-
-def _value(term: object, labels: _Labels) -> FactValue:
-    if not isinstance(term, ox.Literal):
-        return Reference(labels.name(term))
-    if term.language:
-        return Literal(term.value, None, term.language)
-    datatype = term.datatype.value
-    return Literal(term.value, None if datatype == STRING else Iri(datatype))

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import lru_cache
-from threading import Lock
 from hashlib import blake2b
+from threading import Lock
 from typing import Any
 
 import msgspec

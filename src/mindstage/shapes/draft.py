@@ -252,7 +252,7 @@ class Draft:
         if kept.any():
             lower, upper = np.empty(3), np.empty(3)
             for axis, cut, there in zip(axes, cuts, (kept.any(axis=1), kept.any(axis=0)), strict=False):
-                (cells_there,) = there.nonzero()
+                cells_there = np.flatnonzero(there)
                 lower[axis], upper[axis] = cut[cells_there[0]], cut[cells_there[-1] + 1]
             lower[thin], upper[thin] = min(thickness), max(thickness)
             self._add(role, _Part(lower, upper, standing), smooth=False)

@@ -77,13 +77,13 @@ def _parts(facts: Iterable[Fact]) -> Mapping[str, list[str]]:
     return parts
 
 
-def _statements(world: World) -> Iterator[tuple[Iri, Fact]]:
+def _statements(world: World) -> Iterator[tuple[Iri, Iterable[Fact]]]:
     owners: list[World | Body | Constraint | Light | Resource]
     owners = [world, *world.bodies, *world.constraints, *world.lights, *world.resources]
-    yield from ((owner.iri, fact) for owner in owners for fact in owner.facts)
+    yield from ((owner.iri, owner.facts) for owner in owners)
     for body in world.bodies:
         if is_label(body.cls):
-            yield body.iri, Fact(Iri("cls"), Reference(body.cls))
+            yield body.iri, (Fact(Iri("cls"), Reference(body.cls)),)
 
 
 def _labels_in(fact: Fact) -> Iterator[str]:
@@ -108,14 +108,18 @@ class _Labels:
         self.places: dict[str, list[Place]] = defaultdict(list)
         """Where a name, label or not, mentions labels."""
         mentioned: set[str] = set()
-        for owner, fact in _statements(world):
-            if is_label(owner):
+        for owner, facts in _statements(world):
+            if facts and is_label(owner):
                 mentioned.add(owner)
-                self.said_by[owner].append(fact)
-            for label in _labels_in(fact):
-                mentioned.add(label)
-                self.said_with[label].append((owner, fact))
-                self.at[owner, fact.property].add(label)
+                self.said_by[owner].extend(facts)
+            for fact in facts:
+                value = fact.value
+                if not isinstance(value, Anonymous) and not (isinstance(value, Reference) and is_label(value.iri)):
+                    continue
+                for label in _labels_in(fact):
+                    mentioned.add(label)
+                    self.said_with[label].append((owner, fact))
+                    self.at[owner, fact.property].add(label)
         for place in sorted(self.at):
             self.places[place[0]].append(place)
         self.all = sorted(mentioned)

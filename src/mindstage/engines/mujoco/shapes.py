@@ -63,7 +63,7 @@ def touch_of(form: Form | None, timestep_s: float, *, ghost: bool) -> Touch:
 
 
 def set_defaults(spec: Any) -> None:
-    """What all geoms of a spec have in common, set once: each attribute given to `add_geom` costs more than its rest."""
+    """Sets what all geoms of a spec have in common: each attribute given to `add_geom` costs as much as its rest."""
     geom = spec.default.geom
     geom.type, geom.mass, geom.margin, geom.friction = mujoco.mjtGeom.mjGEOM_BOX, 0.0, -GRAZE_M, _FRICTION
 

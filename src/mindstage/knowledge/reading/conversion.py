@@ -11,6 +11,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from decimal import Decimal
 from enum import Enum
+from functools import lru_cache
 from typing import Any
 
 from mindstage.knowledge.names import local_name
@@ -48,6 +49,7 @@ CONVERTED = frozenset({HAS_VALUE, *_WORDS})
 _MIRRORED = frozenset({Y_MIDDLE.property, *_ANGLES})
 
 
+@lru_cache(maxsize=1024)
 def given(property: Iri) -> Iri:
     """The name under which a map's own statement is kept, where one in SI stands in its place."""
     name = local_name(property)

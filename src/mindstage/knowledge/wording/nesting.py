@@ -41,12 +41,16 @@ def nested(graph: Graph) -> Graph:
     mentions = _mentions(graph)
     if not mentions and not any(subject.startswith("_:") for subject in graph):
         return graph
-    told = {subject: list(facts) for subject, facts in graph.items()}
+    told = dict(graph)
     inside = _inside(graph, mentions)
+    changed: dict[Iri, list[Fact]] = {}
     for label in inside:
         owner, index = mentions[label][0]
         inner = Anonymous(sorted_facts(told.pop(label, ())))
-        told[owner][index] = Fact(told[owner][index].property, inner)
+        facts = changed.get(owner)
+        if facts is None:
+            told[owner] = facts = changed[owner] = list(told[owner])
+        facts[index] = Fact(facts[index].property, inner)
     return _numbered(told, [label for label in mentions if label not in inside])
 
 

@@ -62,10 +62,13 @@ class ClassSizes:
 
     def of(self, classes: tuple[Iri, ...]) -> Axes:
         """The extents of a thing of these classes; each axis is found, or not, by itself."""
-        if classes not in self._known:
-            x, y, z = (self._find(axis, classes) for axis in range(3))
-            self._known[classes] = (x, y, z)
-        return self._known[classes]
+        known = self._known.get(classes)
+        if known is None:
+            levels = self._hierarchy.levels(classes) if self._told else ()
+            telling = [told for level in levels if (told := [cls for cls in level if cls in self._told])]
+            x, y, z = (self._find(axis, classes, telling) for axis in range(3))
+            known = self._known[classes] = (x, y, z)
+        return known
 
     def _learn(self, cls: Iri, fact: Fact, source: Graph) -> None:
         restriction = (
@@ -75,6 +78,8 @@ class ClassSizes:
             if isinstance(fact.value, Reference) and fact.value.iri.startswith("_:")
             else ()
         )
+        if not restriction:
+            return
         for axis, word in enumerate(SIZE):
             if Fact(ON_PROPERTY, Reference(word.property)) not in restriction:
                 continue
@@ -89,9 +94,9 @@ class ClassSizes:
                 elif told[axis] != number:
                     self._warn(cls, axis, f"it is told twice: {told[axis]!r} and {number!r}", "the first counts")
 
-    def _find(self, axis: int, classes: tuple[Iri, ...]) -> float | None:
-        for level in self._hierarchy.levels(classes):
-            sizes = {cls: size for cls in level if cls in self._told and (size := self._told[cls][axis]) is not None}
+    def _find(self, axis: int, classes: tuple[Iri, ...], levels: Iterable[Sequence[Iri]]) -> float | None:
+        for level in levels:
+            sizes = {cls: size for cls in level if (size := self._told[cls][axis]) is not None}
             if sizes:
                 cls, size = next(iter(sizes.items()))
                 if any(other != size for other in sizes.values()):

@@ -94,8 +94,11 @@ class Heard:
             word: what is looked for.
             keep: whether a value stays a fact all the same.
         """
-        if word.property not in self._at:
+        places = self._at.get(word.property)
+        if places is None:
             return None
+        if len(places) == 1 and keep is None and not self._untold:
+            return self._only_value(word, places[0])
         if word.property in self._untold:
             if self.told(word) is not None:
                 self.take_mark(word.property)
@@ -103,7 +106,7 @@ class Heard:
         found: T | None = None
         repeated: list[int] = []
         stays: T | None = None
-        for index in self.at(word.property):
+        for index in places:
             told = self.facts[index].value
             value = word.understand(told)
             if value is None:
@@ -120,6 +123,16 @@ class Heard:
         if self._is_part or stays != found:
             self._taken.update(repeated)  # a fact that stays and gives the same value is all that would be written
         return found
+
+    def _only_value(self, word: Word[T], index: int) -> T | None:
+        """`value` where one statement alone tells it, as is usual."""
+        told = self.facts[index].value
+        value = word.understand(told)
+        if value is None:
+            self.warn(word.property, _misfit(word, told), "it stays a fact without meaning")
+        elif word.repeats(value, told):
+            self._taken.add(index)
+        return value
 
     def lead(self, index: int) -> None:
         """Marks the one fact that counts among several of its property: it stays, and comes first."""
