@@ -87,7 +87,7 @@ def described(option: Any) -> str:
 def metavar(parameter: Any) -> str:
     """The placeholder of a value."""
     text = parameter.metavar or str(parameter.name).upper()
-    return text.replace("|", "\\|")
+    return text.replace("|", " or ")  # a pipe would end the table cell
 
 
 def plain(text: str | None) -> str:

@@ -18,10 +18,11 @@ from tests.knowledge.serving import Server
 
 ROOT = Path(__file__).resolve().parent.parent
 README = (ROOT / "README.md").read_text(encoding="utf-8")
-DOCUMENTS = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").glob("*.md"))]
+DOCUMENTS = [*sorted(ROOT.glob("*.md")), *sorted((ROOT / "docs").rglob("*.md"))]
 
 
-ASKING = (ROOT / "docs" / "asking.md").read_text(encoding="utf-8")
+ASKING = (ROOT / "docs" / "how-to" / "asking.md").read_text(encoding="utf-8")
+STORES = (ROOT / "docs" / "how-to" / "stores.md").read_text(encoding="utf-8")
 ENDPOINT = "http://localhost:7878/query"
 
 
@@ -79,7 +80,7 @@ def test_the_shell_about_asking_ends_as_it_says(
     server = Server(oxigraph)
     try:
         server.put(bundled_kitchen(), bundled_ontology())
-        for line in "".join(blocks("sh", ASKING)).splitlines():
+        for line in "".join([*blocks("sh", ASKING), *blocks("sh", STORES)]).splitlines():
             command, _, promise = line.partition("  # ends with ")
             code, _, said = promise.partition(": ")
             typed = shlex.split(command.replace(ENDPOINT, server.url))
@@ -93,7 +94,7 @@ def test_the_shell_about_asking_ends_as_it_says(
 
 def test_the_pages_are_short_enough_to_be_read() -> None:
     assert len(ASKING.splitlines()) <= 150
-    assert ENDPOINT in ASKING
+    assert ENDPOINT in STORES
 
 
 def test_the_readme_can_be_read_in_one_go() -> None:
