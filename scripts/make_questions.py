@@ -21,7 +21,7 @@ HEAD = """# Questions
 
 <!-- Written by scripts/make_questions.py: change the declarations in src/mindstage/knowledge/queries instead. -->
 
-Every declared question. [Ask questions](../how-to/asking.md) shows how to ask them in Python, the shell, Prolog and ROS:
+All declared questions. [Ask questions](../how-to/asking.md) shows how to ask them in Python, the shell and Prolog:
 
 ```sh
 mindstage ask storage_place CowsMilk --map bundled:kitchen
@@ -31,8 +31,8 @@ mindstage ask storage_place CowsMilk --map bundled:kitchen
 
 Arguments are positional or named (`item=CowsMilk`). Arguments that are left out are the unknowns; `_` leaves out a
 positional one. Names are short (`CowsMilk`), prefixed (`knowrob:CowsMilk`) or full IRIs; the name of a class stands for
-an individual if the class has exactly one. `--why` (`knowledge.why(question, row)`) explains an answer. Without an answer,
-`missing` lists the statements that would give one; `knowledge.tell` and `knowledge.retract` change the statements.
+an individual if the class has exactly one. `--why` (`knowledge.why(question, row)`) explains an answer. Without an
+answer, `missing` lists the statements that would give one; `knowledge.tell` and `knowledge.retract` change them.
 
 Each answer is a row with the columns listed below. The examples are answered for the bundled kitchen.
 """

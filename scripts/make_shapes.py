@@ -1,4 +1,4 @@
-"""Writes docs/reference/shapes.md and its images: the shape of every class of the bundled ontology that a map may contain.
+"""Writes docs/reference/shapes.md and its images: the shape of every physical class of the bundled ontology.
 
 With --check the page is only compared. An image shows the geometry that a body of the class gets in a world, in the
 typical size stated by the ontology, otherwise in the usual size of the shape.
@@ -104,18 +104,18 @@ HEAD = """# Shapes
 <!-- Written by scripts/make_shapes.py: change the ontology, or the classes in src/mindstage/geometry/procedural. -->
 
 A map gives the size and class of a body; its geometry follows from the class. Annotations in the ontology give the
-**kind** of shape of a class, its materials, and the parameters of the kind; each is inherited by subclasses. One statement
-defines the shape of a class, in any ontology that is loaded with the map:
+**kind** of shape of a class, its materials, and the parameters of the kind; each is inherited by subclasses. One
+statement defines the shape of a class, in any ontology that is loaded with the map:
 
 ```turtle
 my:CutleryTray ms:shapedAs knowrob:Drawer ; ms:wall 0.006 .
 ```
 
 A shape fits the size of its body exactly. Its visual meshes are closed, with normals facing outwards; its collision
-shapes are a few convex parts (boxes, cylinders, hulls) that leave cavities free, so that a mug can be placed in a drawer.
-Front, top and openings are inferred from the map: the positions of doors and drawers, and the directions in which joints
-open. A body that is too small for its parts becomes a plain box, which its geometry states; so does a class that no
-ontology contains, unless a word in its name is that of a known class.
+shapes are a few convex parts (boxes, cylinders, hulls) that leave cavities free, so that a mug can be placed in a
+drawer. Front, top and openings are inferred from the map: the positions of doors and drawers, and the directions in
+which joints open. A body that is too small for its parts becomes a plain box, which its geometry states; so does a
+body of an unknown class, unless a word in the name of its class is that of a known class.
 [Give bodies geometry and place objects](../how-to/furnishing.md) has the details.
 
 A shape in Python, without a map:
@@ -127,8 +127,8 @@ geometry = build_geometry(template_by_name("drawer", {"wall": 0.01}), (0.5, 0.6,
 print(len(geometry.visuals), len(geometry.collisions), geometry.support_surfaces[0].size)
 ```
 
-Below are all kinds, each with its parameters (lengths in meters, with default values), its material roles, and every class
-of the bundled ontology that has the shape.
+Below are all kinds, each with its parameters (lengths in meters, with default values), its material roles, and every
+class of the bundled ontology that has the shape.
 """
 
 
