@@ -22,6 +22,7 @@ DOCUMENTS = [*sorted(ROOT.glob("*.md")), *sorted((ROOT / "docs").rglob("*.md"))]
 
 
 ASKING = (ROOT / "docs" / "how-to" / "asking.md").read_text(encoding="utf-8")
+TUTORIAL = (ROOT / "docs" / "tutorial" / "first-hour.md").read_text(encoding="utf-8")
 STORES = (ROOT / "docs" / "how-to" / "stores.md").read_text(encoding="utf-8")
 ENDPOINT = "http://localhost:7878/query"
 
@@ -60,15 +61,16 @@ def test_the_shell_of_the_readme_runs(script: str, tmp_path: Path) -> None:
     assert result.returncode == 0, result.stdout + result.stderr
 
 
-def test_the_python_about_asking_runs_and_prints_what_it_says(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("page", "least"), [(ASKING, 8), (TUTORIAL, 3)], ids=["asking", "tutorial"])
+def test_the_python_of_a_page_runs_and_prints_what_it_says(page: str, least: int, tmp_path: Path) -> None:
     """All of it is one program."""
-    code = "".join(blocks("python", ASKING))
+    code = "".join(blocks("python", page))
     result = subprocess.run(
         [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False, timeout=120
     )
     assert result.returncode == 0, result.stderr
     promised = re.findall(r"^(?:\s*print\(.*\)  )?# (.+)$", code, re.MULTILINE)
-    assert len(promised) >= 8
+    assert len(promised) >= least
     assert result.stdout.splitlines() == promised
 
 
