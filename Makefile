@@ -36,7 +36,7 @@ check: .venv/dev.stamp  ## style, types, package structure, and that generated f
 	@$(python) -m pytest -q tests/test_project.py
 
 docs: .venv/docs.stamp  ## the documentation site, in build/site
-	@NO_MKDOCS_2_WARNING=1 $(python) -m mkdocs build --strict --quiet
+	@NO_MKDOCS_2_WARNING=1 $(python) -m mkdocs build --strict
 
 bench: .venv/dev.stamp  ## all benchmarks, as ratios against named peers
 	@scripts/install_system.sh swipl:swi-prolog-nox
