@@ -1,6 +1,6 @@
-# Everything that a checkout needs: Python 3.11 or later, git and make. `make` alone lists what there is.
+# Requirements: Python 3.11 or later, git and make. `make` without a target lists the targets.
 #
-# Stamps in .venv remember what is installed, so that nothing is done twice.
+# Stamp files in .venv record what is installed, so that nothing is installed twice.
 
 SHELL := /bin/bash
 PYTHON ?=
@@ -10,13 +10,13 @@ python := .venv/bin/python
 pytest_options ?= -ra -n auto --dist worksteal
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test check bench kitchen pictures pin clean
+.PHONY: help demo test check docs bench kitchen pictures pin clean
 .DELETE_ON_ERROR:
 
-help:  ## what can be made
+help:  ## list the targets
 	@grep -hE '^[a-z]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z]+):.*## (.*)/  make \1\t\2/' | expand -t 16
 
-demo: .venv/run.stamp  ## the bundled kitchen, alive in the browser
+demo: .venv/run.stamp  ## the bundled kitchen in the browser
 	@.venv/bin/mindstage demo
 
 test: .venv/dev.stamp  ## all tests; `make test pytest_options="-k word"` for some
@@ -25,7 +25,7 @@ test: .venv/dev.stamp  ## all tests; `make test pytest_options="-k word"` for so
 	@scripts/install_godot.sh || test -z "$$CI"
 	@$(python) -m pytest $(pytest_options)
 
-check: .venv/dev.stamp  ## style, types, packages, and that generated files are what their scripts make
+check: .venv/dev.stamp  ## style, types, package structure, and that generated files are up to date
 	@$(python) -m ruff check .
 	@$(python) -m ruff format --check .
 	@$(python) -m mypy
@@ -33,23 +33,27 @@ check: .venv/dev.stamp  ## style, types, packages, and that generated files are 
 	@$(python) scripts/make_kitchen.py --check
 	@$(python) scripts/make_shapes.py --check
 	@$(python) scripts/make_messages.py --check
+	@$(python) scripts/make_command_line.py --check
 	@$(python) -m pytest -q tests/test_project.py
 
-bench: .venv/dev.stamp  ## every benchmark, as ratios against a named peer
+docs: .venv/docs.stamp  ## the documentation site, in build/site
+	@NO_MKDOCS_2_WARNING=1 $(python) -m mkdocs build --strict
+
+bench: .venv/dev.stamp  ## all benchmarks, as ratios against named peers
 	@scripts/install_system.sh swipl:swi-prolog-nox
 	@$(python) -m benchmarks
 
-kitchen: .venv/dev.stamp  ## writes the bundled kitchen anew
+kitchen: .venv/dev.stamp  ## regenerate the bundled kitchen
 	@$(python) scripts/make_kitchen.py
 
-pictures: .venv/run.stamp  ## takes the docs' pictures of the page anew
+pictures: .venv/run.stamp  ## regenerate the documentation's screenshots of the viewer
 	@scripts/install_system.sh chromium:chromium
 	@scripts/photograph_page.sh
 
-pin:  ## pins the newest versions that pyproject.toml allows
+pin:  ## pin the newest versions that pyproject.toml allows
 	@scripts/pin.sh
 
-clean:  ## removes everything that was made here
+clean:  ## remove everything that make created
 	@rm -rf .venv build dist .hypothesis .mypy_cache .pytest_cache .ruff_cache MUJOCO_LOG.TXT
 	@find . -name __pycache__ -type d -not -path './.git/*' -prune -exec rm -rf {} +
 
@@ -57,7 +61,11 @@ clean:  ## removes everything that was made here
 	@scripts/install_python.sh run
 	@touch $@
 
-# After the other, never beside it: both write into the same folder.
+# After run.stamp, never in parallel: both install into the same environment.
 .venv/dev.stamp: requirements/dev.txt .venv/run.stamp
 	@scripts/install_python.sh dev
+	@touch $@
+
+.venv/docs.stamp: requirements/docs.txt .venv/run.stamp
+	@scripts/install_python.sh docs
 	@touch $@

@@ -1,10 +1,10 @@
 #!/usr/bin/env bash
-# install_python.sh run|dev: makes .venv where there is none, puts the pinned packages of requirements/PART.txt into it
-# (wheels only, every hash checked) and the project itself, editable, with nothing fetched for its build.
+# install_python.sh run|dev|docs: creates .venv if it is missing, installs the pinned packages of requirements/PART.txt
+# (wheels only, every hash checked) and the project itself, editable, without fetching anything for its build.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
-readonly part=${1:?run or dev}
+readonly part=${1:?run, dev or docs}
 readonly oldest='(3, 11)'
 export PIP_DISABLE_PIP_VERSION_CHECK=1 PIP_NO_INPUT=1 PIP_RETRIES=8 PIP_DEFAULT_TIMEOUT="${PIP_DEFAULT_TIMEOUT:-60}"
 

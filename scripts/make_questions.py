@@ -1,4 +1,4 @@
-"""Writes docs/questions.md from the declared questions; with --check only says whether it is up to date."""
+"""Writes docs/reference/questions.md from the declared questions; with --check only compares."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from mindstage.knowledge.questions import Answers, Question, cell_text, question
 
 __all__ = ["main"]
 
-PAGE = Path(__file__).resolve().parent.parent / "docs" / "questions.md"
+PAGE = Path(__file__).resolve().parent.parent / "docs" / "reference" / "questions.md"
 SHOWN = 3
 """More answers to an example than this are only counted."""
 
 HEAD = """# Questions
 
-<!-- Written by scripts/make_questions.py: change the declarations in src/mindstage/knowledge/questions instead. -->
+<!-- Written by scripts/make_questions.py: change the declarations in src/mindstage/knowledge/queries instead. -->
 
-What a robot can be asked, in the shell and in Python alike; [asking.md](asking.md) tells of all ways to ask:
+All declared questions. [Ask questions](../how-to/asking.md) shows how to ask them in Python, the shell and Prolog:
 
 ```sh
 mindstage ask storage_place CowsMilk --map bundled:kitchen
@@ -29,12 +29,12 @@ mindstage ask storage_place CowsMilk --map bundled:kitchen
 
     knowledge.ask("storage_place", item="CowsMilk")
 
-Arguments go by place or by name (`item=CowsMilk`); whatever is left out is asked for, and `_` leaves out one that
-others follow. Names are short (`CowsMilk`), with a prefix (`knowrob:CowsMilk`) or whole; an individual that is the only
-one of its class may be called by the name of that class. `--why` (`knowledge.why(question, row)`) shows what led to an
-answer. Without an answer, `missing` says what nobody has told; `knowledge.tell` and `knowledge.retract` change that.
+Arguments are positional or named (`item=CowsMilk`). Arguments that are left out are the unknowns; `_` leaves out a
+positional one. Names are short (`CowsMilk`), prefixed (`knowrob:CowsMilk`) or full IRIs; the name of a class stands for
+an individual if the class has exactly one. `--why` (`knowledge.why(question, row)`) explains an answer. Without an
+answer, `missing` lists the statements that would give one; `knowledge.tell` and `knowledge.retract` change them.
 
-Each answer is a row with the columns that are named below. The examples are asked in the bundled kitchen.
+Each answer is a row with the columns listed below. The examples are answered for the bundled kitchen.
 """
 
 

@@ -1,7 +1,7 @@
-"""Writes docs/shapes.md and its pictures: every class of the bundled ontology that a map may hold, as it is built.
+"""Writes docs/reference/shapes.md and its images: the shape of every physical class of the bundled ontology.
 
-With --check it only says whether the page names all of them. A picture is that of the very form a body of the class
-would get in a world, in the size that the ontology calls typical, else in one that is usual for the shape.
+With --check the page is only compared. An image shows the geometry that a body of the class gets in a world, in the
+typical size stated by the ontology, otherwise in the usual size of the shape.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from mindstage.shapes.fitting import forms_for
 from mindstage.world import Body, BodyId, Form, Iri, Pose, Surface, Vector, World
 
 DOCS = Path(__file__).resolve().parent.parent / "docs"
-PAGE = DOCS / "shapes.md"
+PAGE = DOCS / "reference" / "shapes.md"
 PICTURES = DOCS / "images" / "shapes"
 PIXELS = 108
 THING = Iri("http://knowrob.org/kb/knowrob.owl#EnduringThing-Localized")
@@ -101,33 +101,34 @@ ELSE_M: Vector = (0.2, 0.24, 0.18)
 
 HEAD = """# Shapes
 
-<!-- Written by scripts/make_shapes.py: change the ontology, or the classes in src/mindstage/shapes/kinds instead. -->
+<!-- Written by scripts/make_shapes.py: change the ontology, or the classes in src/mindstage/geometry/procedural. -->
 
-A map says how large a body is and of which class; what it looks like and what of it can be touched is knowledge, too.
-The ontology says which **kind** of shape a class has, what it is made of, and the kind's parameters; subclasses inherit
-each of them. One line teaches a class its shape, in any ontology that is loaded with the map:
+A map gives the size and class of a body; its geometry follows from the class. Annotations in the ontology give the
+**kind** of shape of a class, its materials, and the parameters of the kind; each is inherited by subclasses. One
+statement defines the shape of a class, in any ontology that is loaded with the map:
 
 ```turtle
 my:CutleryTray ms:shapedAs knowrob:Drawer ; ms:wall 0.006 .
 ```
 
-A shape fits the size of its body exactly. Its skins are closed and look outwards; what can be touched of it is a few
-convex parts (boxes, cylinders, hulls) that leave free what is hollow, so that a mug stands in a drawer. Front, top and
-openings follow from the map: where doors and drawers are, and where joints let them go. A body that is too small for
-its parts becomes a plain box, and its form says so; so does a class that no ontology knows, after its name was searched
-for a word that one does. [furnishing.md](furnishing.md) says more, and how new things are put into a place.
+A shape fits the size of its body exactly. Its visual meshes are closed, with normals facing outwards; its collision
+shapes are a few convex parts (boxes, cylinders, hulls) that leave cavities free, so that a mug can be placed in a
+drawer. Front, top and openings are inferred from the map: the positions of doors and drawers, and the directions in
+which joints open. A body that is too small for its parts becomes a plain box, which its geometry states; so does a
+body of an unknown class, unless a word in the name of its class is that of a known class.
+[Give bodies geometry and place objects](../how-to/furnishing.md) has the details.
 
-In Python, a shape without a map:
+A shape in Python, without a map:
 
 ```python
-from mindstage.shapes import build, design_of
+from mindstage.geometry.procedural import build_geometry, template_by_name
 
-form = build(design_of("drawer", {"wall": 0.01}), (0.5, 0.6, 0.2))
-print(len(form.skins), len(form.solids), form.places[0].size)
+geometry = build_geometry(template_by_name("drawer", {"wall": 0.01}), (0.5, 0.6, 0.2))
+print(len(geometry.visuals), len(geometry.collisions), geometry.support_surfaces[0].size)
 ```
 
-Below are all kinds, each with its parameters (lengths in metres, and what they are unless told), the roles that
-surfaces can be told for, and every class of the bundled ontology that has the shape.
+Below are all kinds, each with its parameters (lengths in meters, with default values), its material roles, and every
+class of the bundled ontology that has the shape.
 """
 
 
@@ -204,7 +205,7 @@ def chapter(module: ModuleType, seen: list[Seen]) -> Iterator[str]:
         yield from section(design)
     names = [one for one in seen if DESIGNS[one.form.kind] in here]
     if names:
-        yield from ("", f"![{title}](images/shapes/{short_name(module)}.png)", "")
+        yield from ("", f"![{title}](../images/shapes/{short_name(module)}.png)", "")
     for design in here:
         if classes := [one.name for one in names if one.form.kind == design.kind()]:
             yield f"- as a {design.kind()}: {', '.join(classes)}"

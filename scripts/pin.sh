@@ -1,9 +1,9 @@
 #!/usr/bin/env bash
-# Writes requirements/run.txt and requirements/dev.txt anew from pyproject.toml: exact versions with the hashes of all
-# their files, good for Python 3.11 to 3.13 on every platform. pip enforces them (`--require-hashes`).
+# Writes requirements/{run,dev,docs}.txt from pyproject.toml: exact versions with the hashes of all their files, valid for
+# Python 3.11 to 3.13 on every platform. pip enforces the hashes (`--require-hashes`).
 #
-# The build backend is pinned among them, so that installing the project fetches nothing unpinned. No address of an
-# index is written: where packages come from is the business of whoever installs.
+# The build backend is pinned with them, so that installing the project fetches nothing unpinned. No index URL is
+# written: the package source is configured by the person or machine that installs.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
@@ -15,7 +15,7 @@ trap 'rm -rf "$workshop"' EXIT
 "${PYTHON:-python3}" -m venv "$workshop/venv"
 "$workshop/venv/bin/pip" install --quiet uv
 
-pin() {  # pin OUT OPTIONS...: one version for all Pythons, so that a bug seen on one is there on the other
+pin() {  # pin OUT OPTIONS...: one version for all Python versions, so that a bug is reproducible on each of them
     local out=$1
     shift
     "$workshop/venv/bin/uv" pip compile pyproject.toml - "$@" --quiet --upgrade --universal --python-version 3.11 \
@@ -26,6 +26,15 @@ pin() {  # pin OUT OPTIONS...: one version for all Pythons, so that a bug seen o
 }
 
 mkdir -p requirements
-pin requirements/dev.txt --all-extras
-# What runs is a part of what develops: the same versions, whatever appeared in between.
+# Every extra but `docs`, which only `make docs` installs.
+mapfile -t extras < <("$workshop/venv/bin/python" - <<'EOF'
+import tomllib
+with open("pyproject.toml", "rb") as file:
+    extras = tomllib.load(file)["project"]["optional-dependencies"]
+print(*(f"--extra={extra}" for extra in extras if extra != "docs"), sep="\n")
+EOF
+)
+pin requirements/dev.txt "${extras[@]}"
+# The other sets use the versions of dev.txt, even if newer ones were released in between.
 pin requirements/run.txt --constraints requirements/dev.txt
+pin requirements/docs.txt --extra docs --constraints requirements/dev.txt

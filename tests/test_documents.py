@@ -18,10 +18,12 @@ from tests.knowledge.serving import Server
 
 ROOT = Path(__file__).resolve().parent.parent
 README = (ROOT / "README.md").read_text(encoding="utf-8")
-DOCUMENTS = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").glob("*.md"))]
+DOCUMENTS = [*sorted(ROOT.glob("*.md")), *sorted((ROOT / "docs").rglob("*.md"))]
 
 
-ASKING = (ROOT / "docs" / "asking.md").read_text(encoding="utf-8")
+ASKING = (ROOT / "docs" / "how-to" / "asking.md").read_text(encoding="utf-8")
+TUTORIAL = (ROOT / "docs" / "tutorial" / "first-hour.md").read_text(encoding="utf-8")
+STORES = (ROOT / "docs" / "how-to" / "stores.md").read_text(encoding="utf-8")
 ENDPOINT = "http://localhost:7878/query"
 
 
@@ -59,15 +61,16 @@ def test_the_shell_of_the_readme_runs(script: str, tmp_path: Path) -> None:
     assert result.returncode == 0, result.stdout + result.stderr
 
 
-def test_the_python_about_asking_runs_and_prints_what_it_says(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("page", "least"), [(ASKING, 8), (TUTORIAL, 3)], ids=["asking", "tutorial"])
+def test_the_python_of_a_page_runs_and_prints_what_it_says(page: str, least: int, tmp_path: Path) -> None:
     """All of it is one program."""
-    code = "".join(blocks("python", ASKING))
+    code = "".join(blocks("python", page))
     result = subprocess.run(
         [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False, timeout=120
     )
     assert result.returncode == 0, result.stderr
     promised = re.findall(r"^(?:\s*print\(.*\)  )?# (.+)$", code, re.MULTILINE)
-    assert len(promised) >= 8
+    assert len(promised) >= least
     assert result.stdout.splitlines() == promised
 
 
@@ -79,7 +82,7 @@ def test_the_shell_about_asking_ends_as_it_says(
     server = Server(oxigraph)
     try:
         server.put(bundled_kitchen(), bundled_ontology())
-        for line in "".join(blocks("sh", ASKING)).splitlines():
+        for line in "".join([*blocks("sh", ASKING), *blocks("sh", STORES)]).splitlines():
             command, _, promise = line.partition("  # ends with ")
             code, _, said = promise.partition(": ")
             typed = shlex.split(command.replace(ENDPOINT, server.url))
@@ -93,7 +96,7 @@ def test_the_shell_about_asking_ends_as_it_says(
 
 def test_the_pages_are_short_enough_to_be_read() -> None:
     assert len(ASKING.splitlines()) <= 150
-    assert ENDPOINT in ASKING
+    assert ENDPOINT in STORES
 
 
 def test_the_readme_can_be_read_in_one_go() -> None:

@@ -1,6 +1,6 @@
 """The house is as it is drawn: rooms, modules, errors, sizes.
 
-The rooms are read from the table in `docs/architecture.md`, so that the document cannot drift away from the code.
+The packages are read from the table in `docs/explanation/architecture.md`, so that document and code agree.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ class Room(NamedTuple):
 
 @cache
 def rooms() -> dict[str, Room]:
-    text = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    text = (ROOT / "docs" / "explanation" / "architecture.md").read_text(encoding="utf-8")
     rows = re.findall(r"^\| `([a-z_/]+)` \|(.*)\|(.*)\|(.*)\|$", text, re.MULTILINE)
     names = {name for name, *_ in rows}
     found = {}
@@ -248,5 +248,6 @@ def test_no_package_index_is_named() -> None:
     hosts = re.compile(
         "|".join(re.escape(f"{name}.org") for name in ("py" + "pi", "files.python" + "hosted", "npm" + "js"))
     )
-    texts = [*ROOT.glob("*.*"), *ROOT.glob("requirements/*"), *ROOT.glob("docs/*.md"), *EVERYTHING, ROOT / "Makefile"]
+    documents = [*ROOT.glob("*.*"), *ROOT.glob("docs/**/*.md"), *ROOT.glob(".github/**/*")]
+    texts = [*documents, *ROOT.glob("requirements/*"), *EVERYTHING, ROOT / "Makefile"]
     assert not [shown(path) for path in texts if path.is_file() and hosts.search(path.read_text(encoding="utf-8"))]

@@ -5,7 +5,7 @@ from pathlib import Path
 from mindstage.knowledge import KnowledgeBase
 from tests.cli.typed import Run, told
 
-GUIDE = (Path(__file__).resolve().parents[2] / "docs" / "furnishing.md").read_text(encoding="utf-8")
+GUIDE = (Path(__file__).resolve().parents[2] / "docs" / "how-to" / "furnishing.md").read_text(encoding="utf-8")
 ITEMS = GUIDE.split("```turtle\n")[2].split("```")[0]
 
 

@@ -16,7 +16,7 @@ from mindstage.knowledge.questions import questions
 
 ROOT = Path(__file__).parents[2]
 SCRIPT = ROOT / "scripts" / "make_questions.py"
-PAGE = ROOT / "docs" / "questions.md"
+PAGE = ROOT / "docs" / "reference" / "questions.md"
 EXAMPLES = re.findall(r"^(?: {4})?mindstage (ask .*)$", PAGE.read_text(encoding="utf-8"), re.MULTILINE)
 
 

@@ -1,4 +1,4 @@
-"""What docs/prolog.md shows is what the console says."""
+"""The sessions in docs/how-to/prolog.md print what the console prints."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import pytest
 
 from tests.prolog.test_verb import run
 
-DOCS = Path(__file__).resolve().parents[2] / "docs"
+DOCS = Path(__file__).resolve().parents[2] / "docs" / "how-to"
 PAGE = (DOCS / "prolog.md").read_text(encoding="utf-8")
 
 

@@ -26,7 +26,7 @@ from mindstage.world import (
 from tests.kitchenette import KNOWROB
 
 MY = "http://example.org/my#"
-GUIDE = Path(__file__).resolve().parents[2] / "docs" / "furnishing.md"
+GUIDE = Path(__file__).resolve().parents[2] / "docs" / "how-to" / "furnishing.md"
 TEN_LINES = GUIDE.read_text(encoding="utf-8").split("```turtle\n")[1].split("```")[0]
 
 

@@ -103,7 +103,7 @@ def test_on_a_bench_of_a_mesh_a_cup_stands_on_the_seat_and_not_at_the_height_of_
 
 
 def test_the_python_of_the_guide_runs_and_prints_what_it_says(capsys: pytest.CaptureFixture[str]) -> None:
-    guide = Path(__file__).resolve().parents[2] / "docs" / "furnishing.md"
+    guide = Path(__file__).resolve().parents[2] / "docs" / "how-to" / "furnishing.md"
     code = guide.read_text(encoding="utf-8").split("```python\n")[1].split("```")[0]
     exec(compile(code, guide.name, "exec"), {})
     promised = [line.rpartition("# ")[2] for line in code.splitlines() if "print(" in line]

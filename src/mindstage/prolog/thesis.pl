@@ -1,4 +1,4 @@
-% The names of B. Veit's thesis, in its order of arguments. docs/prolog.md says what it leaves open.
+% The names of B. Veit's thesis, in its order of arguments. docs/how-to/prolog.md describes them.
 
 :- module(mindstage_thesis,
           [ map_instance/1, map_root_object/2, get_subclass_in_map/3,
