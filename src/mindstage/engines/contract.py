@@ -11,7 +11,7 @@ world is unchanged; or it raises an `EngineError`, because the engine broke.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from enum import Enum
+from enum import StrEnum
 from typing import NewType, Protocol, runtime_checkable
 
 import msgspec
@@ -29,7 +29,7 @@ State = NewType("State", object)
 """What `save` returns; only the engine that made it can read it."""
 
 
-class Ability(Enum):
+class Ability(StrEnum):
     """What only some engines can do; ask `engine.abilities` before calling."""
 
     SAVE = "save"
@@ -60,7 +60,7 @@ class Failure(msgspec.Struct, frozen=True):
     reason: str
 
 
-class NoteKind(Enum):
+class NoteKind(StrEnum):
     """What an engine had to decide by itself; each kind can be counted and filtered."""
 
     MASS_ESTIMATED = "mass estimated"

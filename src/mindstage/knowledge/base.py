@@ -14,6 +14,7 @@ import pyoxigraph as ox
 from mindstage.errors import ArgumentRefused, MapAmbiguous, MapMissing
 from mindstage.knowledge.analysis import Analysis, analyse
 from mindstage.knowledge.answering import Answering
+from mindstage.knowledge.bundled import map_path
 from mindstage.knowledge.findings import Finding, Severity
 from mindstage.knowledge.hierarchy import ClassHierarchy
 from mindstage.knowledge.names import local_name
@@ -97,6 +98,7 @@ class KnowledgeBase(Answering):
 
         Args:
             paths: a map or several, or robots' descriptions (URDF, xacro); more may follow later, and they stay apart.
+                "bundled:kitchen" is the kitchen that comes with Mindstage.
             ontologies: files, `package://NAME/rest`, or folders of ROS packages that such names are looked up in.
             conventions: units, frame and order of quaternions of these maps; what is None in it is decided by what the
                 maps hold, and told as one of the `assumptions`.
@@ -109,7 +111,11 @@ class KnowledgeBase(Answering):
         """
         with self.turn:
             read = self._library.load(
-                _listed(paths), _listed(ontologies), conventions, _listed(robots), follow_imports=follow_imports
+                list(map(map_path, _listed(paths))),
+                _listed(ontologies),
+                conventions,
+                _listed(robots),
+                follow_imports=follow_imports,
             )
             self._changed(read)
 

@@ -7,7 +7,7 @@ nothing is made up here, and an engine that needs a value chooses one and report
 
 from __future__ import annotations
 
-from enum import Enum, IntEnum
+from enum import IntEnum, StrEnum
 from typing import NewType
 
 import msgspec
@@ -65,7 +65,7 @@ class Pose(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 IDENTITY = Pose()
 
 
-class Mobility(Enum):
+class Mobility(StrEnum):
     """Who may move a body."""
 
     STATIC = "static"
@@ -112,7 +112,7 @@ class Material(Value, frozen=True, kw_only=True):
     colour: Colour | None = None
 
 
-class ShapeKind(Enum):
+class ShapeKind(StrEnum):
     """The forms that a body without a mesh can have."""
 
     BOX = "box"
@@ -234,7 +234,7 @@ class Attachment(Value, frozen=True, kw_only=True):
     child: BodyId
 
 
-class LightKind(Enum):
+class LightKind(StrEnum):
     """How a light shines."""
 
     POINT = "point"
