@@ -31,6 +31,7 @@ from mindstage.knowledge.stores.triplestore import TripleStore
 from mindstage.knowledge.vocabulary import EQUIVALENT_CLASS, SUBCLASS_OF
 from mindstage.knowledge.wording.nesting import nested
 from mindstage.world import Iri, World
+from mindstage.world.display import counted
 
 __all__ = ["KnowledgeBase"]
 
@@ -78,6 +79,12 @@ class KnowledgeBase(Answering):
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+    def __repr__(self) -> str:
+        names = [local_name(map) for map in self.maps()]
+        listed = f" ({', '.join(names[:3])}{', …' if names[3:] else ''})" if names else ""
+        sources = counted(len(self._library.sources), "source")
+        return f"<{type(self).__name__}: {counted(len(names), 'map')}{listed}, {sources}>"
 
     def close(self) -> None:
         """Lets go of the folder, which others may then open, and of processes; any number of times."""

@@ -129,6 +129,12 @@ class Row(msgspec.Struct, frozen=True, kw_only=True, dict=True):
             raise AttributeError(f"{local_name(self.subject)} is a {self.subject_kind.value}, not an individual")
         return self._origin().members(self.subject)
 
+    def __repr__(self) -> str:
+        from mindstage.knowledge.questions.telling import cell_text
+
+        fields = ((name, getattr(self, name)) for name in self.__struct_fields__)
+        return f"{type(self).__name__}({', '.join(f'{name}={cell_text(value)}' for name, value in fields)})"
+
     def _origin(self) -> Answers[Any]:
         answers: Answers[Any] | None = self.__dict__.get("_answers")
         if answers is None:
