@@ -393,10 +393,10 @@ class Stage(Showing):
 
     def __repr__(self) -> str:
         frame = self._frame
-        maps = ", ".join(world.name or short_name(world.iri) for world in self.worlds) or "empty"
+        maps = "".join(f" {world.name or short_name(world.iri)}" for world in self.worlds)
         state = "closed" if self._closed else "playing" if frame.playing else "paused"
         bodies = counted(len(frame.ids), "body")
-        return f"<{type(self).__name__} {maps}: {bodies}, {self.engine_name}, {state} at {frame.time_s:.2f} s>"
+        return f"<{type(self).__name__}{maps}: {bodies}, {self.engine_name}, {state} at {frame.time_s:.2f} s>"
 
     def __enter__(self) -> Stage:
         return self
