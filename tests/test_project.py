@@ -28,6 +28,8 @@ EVERYTHING = sorted(
 
 LONG_FILES: dict[str, str] = {
     "src/mindstage/msgs/base.py": "messages, their field types and their codec, which all depend on each other",
+    "src/mindstage/stage/stage.py": "one class, the simulation, whose methods are all public",
+    "src/mindstage/knowledge/questions/question.py": "a question, its rows and its answers belong together",
     "tests/engines/contract.py": "one class of sentences, the whole contract, which every engine subclasses",
 }
 """Files over 400 lines, each with the reason why it is one."""
@@ -235,7 +237,8 @@ def test_no_reason_is_kept_for_a_file_that_became_short() -> None:
 def test_a_function_fits_on_a_screen(path: Path) -> None:
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
-            lines = (node.end_lineno or node.lineno) - node.lineno + 1
+            documentation = ast.get_docstring(node, clean=False) or ""  # as long as it has to be
+            lines = (node.end_lineno or node.lineno) - node.lineno + 1 - documentation.count("\n")
             assert lines <= 60, f"{node.name} has {lines} lines"
 
 

@@ -1,14 +1,22 @@
-"""Mindstage turns what a robot knows about a place into a place it can act in."""
+"""Mindstage runs OWL semantic maps as physics worlds: questions are answered, doors open, and maps are written again.
+
+import mindstage as ms
+
+with ms.open("kitchen.owl") as sim:
+for answer in sim.ask("storage_place", item="CowsMilk"):
+sim.highlight(answer.individual, color="green")
+"""
 
 from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from mindstage.api import connect, diff, load, open, save, view  # noqa: A004
     from mindstage.engines import MujocoEngine, NullEngine
     from mindstage.knowledge import KnowledgeBase
     from mindstage.stage import Stage
     from mindstage.viewport import Shot, Viewport
-    from mindstage.world import World, difference
+    from mindstage.world import World
 
 __all__ = [
     "KnowledgeBase",
@@ -19,12 +27,17 @@ __all__ = [
     "Viewport",
     "World",
     "__version__",
-    "difference",
+    "connect",
+    "diff",
+    "load",
+    "open",
+    "save",
+    "view",
 ]
 
 __version__ = "0.1.0"
 
-_ROOMS = {
+_MODULES = {
     "KnowledgeBase": "mindstage.knowledge",
     "MujocoEngine": "mindstage.engines",
     "NullEngine": "mindstage.engines",
@@ -32,12 +45,21 @@ _ROOMS = {
     "Stage": "mindstage.stage",
     "Viewport": "mindstage.viewport",
     "World": "mindstage.world",
-    "difference": "mindstage.world",
+    "connect": "mindstage.api",
+    "diff": "mindstage.api",
+    "load": "mindstage.api",
+    "open": "mindstage.api",
+    "save": "mindstage.api",
+    "view": "mindstage.api",
 }
 
 
 def __getattr__(name: str) -> object:
-    # Each room loads when it is first used, so that importing the package alone costs nothing.
-    if name in _ROOMS:
-        return getattr(import_module(_ROOMS[name]), name)
+    # A module loads when one of its names is first used, so that importing the package alone costs nothing.
+    if name in _MODULES:
+        return getattr(import_module(_MODULES[name]), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from mindstage.cli.sources import BUNDLED_KITCHEN
 from mindstage.engines import RemoteEngine
+from mindstage.knowledge.bundled import BUNDLED_KITCHEN
 from tests.cli.typed import Run, WriteMap, told
 
 

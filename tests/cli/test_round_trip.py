@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from mindstage.cli.sources import BUNDLED_KITCHEN
+from mindstage.knowledge.bundled import BUNDLED_KITCHEN
 from mindstage.world import World
 from tests.cli.typed import Run, WriteMap, told
 

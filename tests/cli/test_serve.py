@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 
 from mindstage.bridge import Client
-from mindstage.cli.sources import BUNDLED_KITCHEN
+from mindstage.knowledge.bundled import BUNDLED_KITCHEN
 from tests.bridge.talking import PATIENCE_S, eventually
 from tests.cli.typed import Run, WriteMap
 

@@ -11,7 +11,7 @@ from urllib.request import urlopen
 
 import pytest
 
-from mindstage.cli.sources import BUNDLED_KITCHEN
+from mindstage.knowledge.bundled import BUNDLED_KITCHEN
 from tests.cli.typed import Run, WriteMap, told
 
 MINDSTAGE = [sys.executable, "-m", "mindstage"]

@@ -10,9 +10,9 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from mindstage.cli.sources import BUNDLED_KITCHEN
 from mindstage.engines import Engine, GodotEngine, MujocoEngine, SpawnReport
 from mindstage.knowledge import KnowledgeBase, bundled_kitchen
+from mindstage.knowledge.bundled import BUNDLED_KITCHEN
 from mindstage.shapes import forms_for
 from mindstage.world import BodyId, Constraint, Forms, Motion, World, difference
 from mindstage.world.geometry import invert, rotate, rotation_angle, unit

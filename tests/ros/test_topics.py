@@ -90,7 +90,7 @@ def test_bodies_are_forms_in_their_size_and_light(client: Client, stage: Stage) 
 
 def test_what_is_lit_is_told_at_once_and_to_who_comes_late(client: Client, hub: Hub, stage: Stage) -> None:
     heard = listen(client, "/unreal/highlights")
-    stage.show(["Mug"], (1.0, 0.0, 0.0), label="because")
+    stage.highlight(["Mug"], (1.0, 0.0, 0.0), label="because")
     eventually(lambda: heard and heard[-1]["groups"])
     expected = [{"ids": ["Mug"], "color": {"r": 1.0, "g": 0.0, "b": 0.0, "a": 1.0}, "label": "because"}]
     assert heard[-1]["groups"] == expected

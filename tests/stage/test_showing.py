@@ -46,7 +46,7 @@ def lit(stage: Stage) -> dict[str, tuple[str, ...]]:
 
 
 def test_the_handle_of_a_door_lights_up_and_not_the_door(stage: Stage) -> None:
-    shown = stage.show(stage.ask("handle_of", individual="FridgeDoor"), RED)
+    shown = stage.highlight(stage.ask("handle_of", individual="FridgeDoor"), RED)
     assert (shown.lit, shown.not_lit) == (("FridgeHandle",), ())
     assert stage.frame.highlights == {"FridgeHandle": RED}
     assert stage.frame.lit == (
@@ -74,18 +74,20 @@ def test_the_handle_of_a_door_lights_up_and_not_the_door(stage: Stage) -> None:
     ],
 )
 def test_what_was_asked_for_is_what_lights_up(stage: Stage, question: str, args: dict[str, str], ids: set[str]) -> None:
-    assert set(stage.show(stage.ask(question, **args), RED).lit) == ids
+    assert set(stage.highlight(stage.ask(question, **args), RED).lit) == ids
 
 
 def test_what_has_no_body_is_named_with_the_reason(stage: Stage) -> None:
-    shown = stage.show(stage.ask("storage_place", item="CowsMilk"), RED)
+    shown = stage.highlight(stage.ask("storage_place", item="CowsMilk"), RED)
     assert shown.not_lit == (NotLit("Refrigerator", "it is a class, which has no body"),)
-    shown = stage.show(stage.ask("maps"), RED)
+    shown = stage.highlight(stage.ask("maps"), RED)
     assert shown.not_lit == (NotLit("map", "it is a map, which has no body"),)
-    shown = stage.show(stage.ask("everything_in_map"), RED)
+    shown = stage.highlight(stage.ask("everything_in_map"), RED)
     assert NotLit("DrawerSlide", "it is a constraint, which has no body") in shown.not_lit
     assert len(shown.lit) == len(kitchenette().bodies)
-    shown = stage.show(["Mug", "Mugg", "http://example.org/maps/M.owl#nobody"], GREEN, label="by hand")
+    shown = stage.highlight(
+        ["Mug", "Mugg", "http://example.org/maps/M.owl#nobody"], GREEN, label="by hand", missing_ok=True
+    )
     assert shown.lit == ("Mug",)
     assert shown.not_lit == (
         NotLit("Mugg", "no body 'Mugg' in 'map'; near: 'Mug'"),
@@ -95,34 +97,34 @@ def test_what_has_no_body_is_named_with_the_reason(stage: Stage) -> None:
 
 
 def test_answers_without_any_row_light_nothing(stage: Stage) -> None:
-    shown = stage.show(stage.ask("handle_of", individual="Mug"), RED)
+    shown = stage.highlight(stage.ask("handle_of", individual="Mug"), RED)
     assert (shown.lit, shown.not_lit, stage.frame.lit) == ((), (), ())
 
 
 def test_a_later_show_adds_and_what_is_in_both_has_its_colour(stage: Stage) -> None:
-    stage.show([MUG, FRIDGE], RED, label="first")
-    stage.show([FRIDGE], GREEN, label="second")
+    stage.highlight([MUG, FRIDGE], RED, label="first")
+    stage.highlight([FRIDGE], GREEN, label="second")
     assert lit(stage) == {"first": ("Mug",), "second": ("Fridge",)}
     assert stage.frame.highlights == {"Mug": RED, "Fridge": GREEN}
 
 
 def test_the_same_reason_again_replaces_what_it_lit(stage: Stage) -> None:
-    stage.show([MUG, FRIDGE], RED, label="this")
-    stage.show(["Drawer"], GREEN, label="that")
-    stage.show([FRIDGE, BodyId("Floor")], GREEN, label="this")
+    stage.highlight([MUG, FRIDGE], RED, label="this")
+    stage.highlight(["Drawer"], GREEN, label="that")
+    stage.highlight([FRIDGE, BodyId("Floor")], GREEN, label="this")
     assert lit(stage) == {"that": ("Drawer",), "this": ("Fridge", "Floor")}
 
 
 def test_replacing_puts_all_else_out(stage: Stage) -> None:
-    stage.show([MUG], RED, label="first")
+    stage.highlight([MUG], RED, label="first")
     stage.highlight([FRIDGE], GREEN)
-    stage.show(["Drawer"], GREEN, label="second", replace=True)
+    stage.highlight(["Drawer"], GREEN, label="second", replace=True)
     assert lit(stage) == {"second": ("Drawer",)}
 
 
 def test_no_colour_puts_out_what_is_shown_and_nothing_else(stage: Stage) -> None:
-    stage.show([MUG, FRIDGE], RED, label="first")
-    assert stage.show([MUG], None).lit == ("Mug",)
+    stage.highlight([MUG, FRIDGE], RED, label="first")
+    assert stage.highlight([MUG], None).lit == ("Mug",)
     assert lit(stage) == {"first": ("Fridge",)}
     stage.put_out()
     assert lit(stage) == {}
@@ -139,7 +141,7 @@ def test_what_is_lit_without_a_reason_is_a_group_too(stage: Stage) -> None:
 
 
 def test_deleting_and_clearing_put_out(stage: Stage) -> None:
-    stage.show([MUG, FRIDGE], RED, label="both")
+    stage.highlight([MUG, FRIDGE], RED, label="both")
     stage.call(lambda engine: engine.delete([FRIDGE]), edits=True)
     assert lit(stage) == {"both": ("Mug",)}
     stage.clear()
@@ -149,16 +151,16 @@ def test_deleting_and_clearing_put_out(stage: Stage) -> None:
 
 
 def test_a_reset_leaves_lit_what_is_lit(stage: Stage) -> None:
-    stage.show([MUG], RED, label="first")
+    stage.highlight([MUG], RED, label="first")
     stage.step(0.1)
-    stage.show([FRIDGE], GREEN, label="second")
-    stage.show([MUG], None)
+    stage.highlight([FRIDGE], GREEN, label="second")
+    stage.highlight([MUG], None)
     stage.reset()
     assert lit(stage) == {"second": ("Fridge",)}
 
 
 def test_groups_stay_the_same_values_while_nothing_changes(stage: Stage) -> None:
-    stage.show([MUG], RED, label="first")
+    stage.highlight([MUG], RED, label="first")
     before = stage.frame
     stage.step(0.1)
     assert stage.frame is not before
@@ -196,7 +198,7 @@ def test_the_bundled_kitchen_shows_where_milk_is_kept_and_what_is_there() -> Non
     knowledge.load(Path(bundled_kitchen()))
     with Stage(knowledge, NullEngine()) as stage:
         stage.spawn()
-        assert stage.show(stage.ask("storage_place_in_environment", item="CowsMilk"), RED).lit == ("fridge",)
-        inside = stage.show(stage.ask("where_is", relation="inside", other="fridge"), GREEN)
+        assert stage.highlight(stage.ask("storage_place_in_environment", item="CowsMilk"), RED).lit == ("fridge",)
+        inside = stage.highlight(stage.ask("where_is", relation="inside", other="fridge"), GREEN)
         assert {"milk_carton_1", "egg_box_1"} <= set(inside.lit)
         assert len(stage.frame.highlights) == 1 + len(inside.lit)

@@ -47,10 +47,10 @@ def test_answers_light_up_with_a_legend_until_they_are_put_out(
     visitor = visit(viewport)
     assert seen(visitor, COLOURS["red"]) == 0
     assert not visitor.page.locator("#legend").is_visible()
-    assert stage.show(stage.ask("handle_of", individual="FridgeDoor"), COLOURS["red"]).lit == ("FridgeHandle",)
+    assert stage.highlight(stage.ask("handle_of", individual="FridgeDoor"), COLOURS["red"]).lit == ("FridgeHandle",)
     wait_until(lambda: visitor.says(LABEL), "the legend says what is lit and why")
     wait_until(lambda: seen(visitor, COLOURS["red"]) > 50, "the handle is red")
-    stage.show(stage.ask("where_is", relation="on", other="Cupboard"), COLOURS["blue"])
+    stage.highlight(stage.ask("where_is", relation="on", other="Cupboard"), COLOURS["blue"])
     wait_until(lambda: seen(visitor, COLOURS["blue"]) > 50, "the mug is blue, and the handle still red")
     assert seen(visitor, COLOURS["red"]) > 50
     visitor.page.get_by_role("button", name="Clear all").click()
@@ -62,7 +62,7 @@ def test_answers_light_up_with_a_legend_until_they_are_put_out(
 def test_a_late_visitor_sees_what_is_lit_even_inside_of_something(
     stage: Stage, viewport: Viewport, visit: Visiting
 ) -> None:
-    stage.show(["Drawer"], COLOURS["red"], label="behind its front")
+    stage.highlight(["Drawer"], COLOURS["red"], label="behind its front")
     late = visit(viewport)
     wait_until(lambda: late.says("behind its front"), "the legend says what is lit")
     wait_until(lambda: seen(late, COLOURS["red"]) > 50, "the drawer is seen through its cupboard")

@@ -12,7 +12,7 @@ import random
 import threading
 from collections.abc import Callable
 from concurrent.futures import Future
-from enum import Enum
+from enum import StrEnum
 
 from websockets.asyncio.client import connect
 from websockets.exceptions import InvalidStatus, InvalidURI, WebSocketException
@@ -32,7 +32,7 @@ _REFUSALS = (401, 403)
 _log = logging.getLogger("mindstage.bridge")
 
 
-class LinkState(Enum):
+class LinkState(StrEnum):
     """How it stands with the connection."""
 
     CONNECTING = "connecting"

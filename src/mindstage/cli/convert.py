@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from mindstage.cli.engine import godot_program
 from mindstage.cli.numbers import Numbers
 from mindstage.cli.options import (
     AsJson,
@@ -25,8 +26,13 @@ from mindstage.cli.options import (
 from mindstage.cli.outcome import Outcome
 from mindstage.cli.output import findings_json, print_findings, print_json, say, warn, working
 from mindstage.cli.reading import print_reading, reading_json
-from mindstage.cli.saving import FileDialect, FileFormat, format_of, save_world, words_of
 from mindstage.cli.sources import findings_about, knowledge_base
+from mindstage.cli.staging import asset_folders
+from mindstage.saving import FileDialect, FileFormat, dialect_name, file_format, save_world
+
+if TYPE_CHECKING:
+    from mindstage.knowledge import KnowledgeBase
+    from mindstage.world import World
 
 __all__ = ["convert"]
 
@@ -69,15 +75,15 @@ def convert(
     as_json: AsJson = False,
 ) -> Outcome:
     """Read a map and write it again: nothing is lost between dialects, and what another format cannot hold is said."""
-    kind, chosen = format_of(out, format, dialect), dialect or FileDialect.SAME
+    kind, chosen = file_format(out, format, dialect=dialect), dialect or FileDialect.SAME
     with working("converting"):
         knowledge = knowledge_base(
             [source], ontologies=ontologies, bundled=bundled, robots=robots, numbers=Numbers(units, frame, quaternion)
         )
         world = knowledge.world(map_name)
         findings = findings_about(world, knowledge, strict=strict)
-        notes = save_world(world, knowledge, out, kind, chosen, assets=assets, plain_boxes=plain_boxes)
-    words = words_of(world, knowledge, kind, chosen)
+        notes = _save(world, knowledge, out, kind, chosen, assets=assets, plain_boxes=plain_boxes)
+    words = dialect_name(world, knowledge, kind, chosen)
     if as_json:
         told = {"map": world.iri, "out": str(out), "bodies": len(world.bodies), "constraints": len(world.constraints)}
         told |= {"format": kind.value, "dialect": words, "notes": list(notes)}
@@ -91,3 +97,25 @@ def convert(
         counted = f"{len(world.bodies)} bodies, {len(world.constraints)} constraints"
         say(f"{world.name or world.iri}: {counted} → {out} ({how})")
     return Outcome.DONE
+
+
+def _save(
+    world: World,
+    knowledge: KnowledgeBase,
+    out: Path,
+    format: FileFormat,
+    dialect: FileDialect,
+    *,
+    assets: list[Path] | None,
+    plain_boxes: bool,
+) -> tuple[str, ...]:
+    return save_world(
+        world,
+        out,
+        knowledge=knowledge,
+        format=format,
+        dialect=dialect if format.is_map else None,
+        assets=() if format.is_map else asset_folders(assets),
+        plain_shapes=plain_boxes,
+        godot=godot_program(),
+    )

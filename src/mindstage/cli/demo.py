@@ -12,7 +12,7 @@ from mindstage.cli.outcome import Outcome
 from mindstage.cli.output import print_findings, say, working
 from mindstage.cli.page import LOOPBACK, open_page, refuse_open_doors, show_page
 from mindstage.cli.report import print_report
-from mindstage.cli.sources import BUNDLED_KITCHEN, knowledge_base
+from mindstage.cli.sources import knowledge_base
 from mindstage.cli.staging import stage_for
 
 __all__ = ["demo"]
@@ -38,7 +38,7 @@ def demo(
     """Show the bundled kitchen in the browser: pull its doors and drawers open."""
     refuse_open_doors(host, token)
     with working("furnishing the kitchen"):
-        knowledge = knowledge_base([BUNDLED_KITCHEN], ontologies=None, bundled=True)
+        knowledge = knowledge_base(["bundled:kitchen"], ontologies=None, bundled=True)
         world = knowledge.world()
         stage = stage_for(knowledge, make_engine(engine))
     with stage:

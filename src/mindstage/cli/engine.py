@@ -11,59 +11,37 @@ from mindstage.cli.outcome import at_end
 from mindstage.errors import EngineUnavailable, MindstageError
 
 if TYPE_CHECKING:
-    from mindstage.engines import Engine, GodotEngine
+    from mindstage.engines import Engine
     from mindstage.stage import Stage
 
-__all__ = ["alone_in", "godot_engine", "is_far", "make_engine"]
-
-_FAR = "ros://"
-_KNOWN = f"choose mujoco, godot, godot:window, null, or {_FAR}HOST:PORT/NAMESPACE"
+__all__ = ["alone_in", "godot_program", "is_far", "make_engine"]
 
 
 def make_engine(name: str) -> Engine:
-    """The engine of that name; one that is far away is let go of when the verb ends, a Godot of our own is ended.
+    """`mindstage.engines.make_engine` with the Godot that the environment's `GODOT` names; closed when the verb ends.
 
     Raises:
         EngineUnavailable: there is no such engine, it cannot be loaded or started here, or reached.
     """
     from mindstage import engines
 
-    match name:
-        case "null":
-            return engines.NullEngine()
-        case "mujoco":
-            # Nothing is drawn with OpenGL here, and looking for it takes longer than all the rest of MuJoCo's loading.
-            os.environ.setdefault("MUJOCO_GL", "disable")
-            try:
-                return engines.MujocoEngine()
-            except ImportError as error:
-                raise EngineUnavailable(name, cause=str(error), remedy="reinstall mindstage, or use null") from error
-        case "godot" | "godot:window":
-            return godot_engine(window=name != "godot")
-        case _ if is_far(name):
-            far = engines.RemoteEngine.connect(name)
-            at_end(far.close)
-            return far
-        case _:
-            raise EngineUnavailable(name, cause="there is no engine of that name", remedy=_KNOWN)
+    # Nothing is drawn with OpenGL here, and looking for it takes longer than all the rest of MuJoCo's loading.
+    os.environ.setdefault("MUJOCO_GL", "disable")
+    engine = engines.make_engine(name, godot=godot_program())
+    at_end(engine.close)
+    return engine
 
 
-def godot_engine(*, window: bool = False) -> GodotEngine:
-    """A Godot of our own, ended with the verb; the environment's `GODOT` says which.
-
-    Raises:
-        EngineUnavailable: there is none, it is too old, or it does not start.
-    """
-    from mindstage import engines
-
-    godot = engines.GodotEngine(os.environ.get("GODOT") or None, window=window)
-    at_end(godot.close)
-    return godot
+def godot_program() -> str | None:
+    """The Godot program that the environment names."""
+    return os.environ.get("GODOT") or None
 
 
 def is_far(name: str) -> bool:
     """Whether the name is the address of an engine that runs elsewhere, with a world that outlives the verb."""
-    return name.startswith(_FAR)
+    from mindstage.engines import is_remote
+
+    return is_remote(name)
 
 
 @contextmanager

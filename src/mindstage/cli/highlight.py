@@ -62,7 +62,7 @@ class Highlight:
             with working("spawning"):
                 report = stage.spawn(map_name or _asked_about(knowledge, question, args))
                 answers = stage.ask(question, **args)
-                shown = stage.show(answers, self.colour)
+                shown = stage.highlight(answers, self.colour)
             warn_of_failures(report)
             for dark in () if self.quiet else shown.not_lit:
                 warn(f"not lit: {dark.id}: {dark.reason}")

@@ -27,9 +27,9 @@ def open_viewport(
     stage: Stage, *, port: int, host: str = LOOPBACK, token: str | None = None, origins: Collection[str] = ()
 ) -> Viewport:
     """Serves the page, on this machine only unless another host is named, which takes a token."""
-    from mindstage.viewport import Viewport
+    from mindstage.api import view
 
-    return Viewport(stage, host=host, port=port, token=token or None, origins=origins)
+    return view(stage, host=host, port=port, token=token or None, origins=origins)
 
 
 def refuse_open_doors(host: str, token: str | None) -> None:

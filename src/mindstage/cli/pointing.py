@@ -37,10 +37,10 @@ class Pointer:
         if first in {question.name for question in questions()}:
             question = question_named(first)
             answers = stage.ask(question, **named_args(question, list(self.words[1:])))
-            return stage.show(answers, self.colour)
+            return stage.highlight(answers, self.colour)
         world = stage.log()
         ids = dict.fromkeys(id for word in self.words for id in _meant(stage, world, word))
-        return stage.show(ids, self.colour, label=" ".join(self.words))
+        return stage.highlight(ids, self.colour, label=" ".join(self.words))
 
 
 def _meant(stage: Stage, world: World, word: str) -> Iterator[BodyId]:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from mindstage.api import load_knowledge
 from mindstage.cli.numbers import AS_THE_MAP_HAS_THEM, Numbers
 from mindstage.cli.outcome import at_end
 from mindstage.errors import ArgumentRefused, MapRefused
@@ -15,10 +16,7 @@ if TYPE_CHECKING:
     from mindstage.knowledge import Endpoint, Finding, KnowledgeBase
     from mindstage.world import World
 
-__all__ = ["BUNDLED_KITCHEN", "findings_about", "knowledge_base"]
-
-BUNDLED_KITCHEN = "bundled:kitchen"
-"""Names the map that comes with Mindstage, wherever it is installed."""
+__all__ = ["findings_about", "knowledge_base"]
 
 
 def knowledge_base(
@@ -32,7 +30,7 @@ def knowledge_base(
     robots: Sequence[str] | None = None,
     closure: bool = False,
 ) -> KnowledgeBase:
-    """A knowledge base that has loaded the maps, and derived what follows if asked to; closed when the verb ends.
+    """`mindstage.api.load_knowledge` for a verb's options, with the environment's ROS packages; closed when it ends.
 
     Raises:
         SourceUnreadable: one of them cannot be read.
@@ -40,32 +38,21 @@ def knowledge_base(
         ArgumentRefused: the endpoint's address is none, or both were given; or there are no such units, or no such map.
         ReasonerUnavailable: the extra that derives is not installed.
     """
-    from mindstage.knowledge import KnowledgeBase
-
     if closure and store:
         cause = "what it derives would be written into what others use"
         raise ArgumentRefused("--closure", cause=cause, remedy="load the files themselves, without --store")
-    knowledge = KnowledgeBase(bundled_ontology=bundled, store=store, endpoint=endpoint)
+    knowledge = load_knowledge(
+        maps,
+        ontologies=[*(ontologies or ()), *_ros_packages()],
+        bundled_ontology=bundled,
+        robots=robots or (),
+        conventions=numbers.by_map(maps),
+        store=store,
+        endpoint=endpoint,
+        closure=closure,
+    )
     at_end(knowledge.close)
-    _load(knowledge, maps, [*(ontologies or ()), *_ros_packages()], numbers, robots or ())
-    if closure:
-        knowledge.derive()
     return knowledge
-
-
-def _load(
-    knowledge: KnowledgeBase, maps: Sequence[str], ontologies: Sequence[str], numbers: Numbers, robots: Sequence[str]
-) -> None:
-    from mindstage.knowledge import Conventions, bundled_kitchen
-
-    paths = [bundled_kitchen() if name == BUNDLED_KITCHEN else Path(name) for name in maps]
-    told = numbers.by_map(maps)
-    if len(set(told)) <= 1:
-        conventions = told[0] if told else Conventions()
-        knowledge.load(paths, ontologies=ontologies, conventions=conventions, robots=robots)
-        return
-    for path, conventions in zip(paths, told, strict=True):
-        knowledge.load(path, ontologies=ontologies, conventions=conventions, robots=robots)
 
 
 def findings_about(world: World, knowledge: KnowledgeBase, *, strict: bool = False) -> tuple[Finding, ...]:

@@ -1,10 +1,14 @@
-"""Engines: who can run a world, and what they all promise."""
+"""Engines: the `Engine` contract, its implementations, and `make_engine`, which makes one by its name."""
 
+from __future__ import annotations
+
+import os
 from importlib import import_module
 from typing import TYPE_CHECKING
 
 from mindstage.engines.contract import Ability, Engine, Failure, Note, NoteKind, Poses, SpawnReport, State, Statistics
 from mindstage.engines.null import NullEngine
+from mindstage.errors import EngineUnavailable
 
 if TYPE_CHECKING:
     from mindstage.engines.godot import GodotEngine
@@ -25,7 +29,12 @@ __all__ = [
     "SpawnReport",
     "State",
     "Statistics",
+    "is_remote",
+    "make_engine",
 ]
+
+_REMOTE = "ros://"
+_NAMES = f"choose mujoco, godot, godot:window, null, or {_REMOTE}HOST:PORT/NAMESPACE"
 
 
 def __getattr__(name: str) -> object:
@@ -37,3 +46,43 @@ def __getattr__(name: str) -> object:
     if name == "RemoteEngine":
         return import_module("mindstage.engines.remote").RemoteEngine
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def make_engine(name: str, *, godot: str | os.PathLike[str] | None = None, timeout_s: float | None = None) -> Engine:
+    """Makes an engine by its name; whoever makes it closes it, which a simulation that owns it does.
+
+    Args:
+        name: "mujoco", "godot", "godot:window" (shows the world in a window), "null" (no physics), or the address of an
+            engine that runs elsewhere, `ros://HOST:PORT/NAMESPACE`.
+        godot: the Godot program; by default the one on PATH, or in a usual place.
+        timeout_s: how long a call to Godot or to a remote engine may take [s]; by default the engine's own.
+
+    Raises:
+        EngineUnavailable: there is no such engine, it cannot be loaded or started here, or not be reached.
+    """
+    match name:
+        case "null":
+            return NullEngine()
+        case "mujoco":
+            try:
+                from mindstage.engines.mujoco import MujocoEngine
+
+                return MujocoEngine()
+            except ImportError as error:
+                raise EngineUnavailable(name, cause=str(error), remedy="reinstall mindstage, or use null") from error
+        case "godot" | "godot:window":
+            from mindstage.engines.godot import GodotEngine
+
+            program, window = None if godot is None else os.fspath(godot), name != "godot"
+            return GodotEngine(program, window=window, timeout_s=20.0 if timeout_s is None else timeout_s)
+        case _ if is_remote(name):
+            from mindstage.engines.remote import RemoteEngine
+
+            return RemoteEngine.connect(name, timeout_s=10.0 if timeout_s is None else timeout_s)
+        case _:
+            raise EngineUnavailable(name, cause="there is no engine of that name", remedy=_NAMES)
+
+
+def is_remote(name: str) -> bool:
+    """Whether an engine's name is the address of one that runs elsewhere; its world outlives the connection."""
+    return name.startswith(_REMOTE)

@@ -11,7 +11,7 @@ world is unchanged; or it raises an `EngineError`, because the engine broke.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from enum import Enum
+from enum import StrEnum
 from typing import NewType, Protocol, runtime_checkable
 
 import msgspec
@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mindstage.world import NO_FORMS, BodyId, Colour, Forms, Material, Physics, Pose, Vector, World
+from mindstage.world.display import counted, html_table
 
 __all__ = ["Ability", "Engine", "Failure", "Note", "NoteKind", "Poses", "SpawnReport", "State", "Statistics"]
 
@@ -29,7 +30,7 @@ State = NewType("State", object)
 """What `save` returns; only the engine that made it can read it."""
 
 
-class Ability(Enum):
+class Ability(StrEnum):
     """What only some engines can do; ask `engine.abilities` before calling."""
 
     SAVE = "save"
@@ -60,7 +61,7 @@ class Failure(msgspec.Struct, frozen=True):
     reason: str
 
 
-class NoteKind(Enum):
+class NoteKind(StrEnum):
     """What an engine had to decide by itself; each kind can be counted and filtered."""
 
     MASS_ESTIMATED = "mass estimated"
@@ -115,7 +116,23 @@ class SpawnReport(msgspec.Struct, frozen=True, kw_only=True):
     @property
     def ok(self) -> bool:
         """Whether everything was spawned; assumptions do not count against it."""
-        return not (self.failed_bodies or self.failed_constraints or self.failed_attachments)
+        return not self._failures
+
+    @property
+    def _failures(self) -> tuple[Failure, ...]:
+        return (*self.failed_bodies, *self.failed_constraints, *self.failed_attachments)
+
+    def __repr__(self) -> str:
+        spawned = (self.bodies, "body"), (self.constraints, "joint"), (self.attachments, "attachment")
+        counts = ", ".join(counted(number, noun) for number, noun in spawned)
+        failed = f"{len(self._failures):,} failed" if self._failures else "nothing failed"
+        return f"<{type(self).__name__}: {counts}, {failed}, {counted(len(self.notes), 'note')}>"
+
+    def _repr_html_(self) -> str:
+        """What failed and what was assumed, as a table for notebooks."""
+        rows = [("failed", each.id, each.reason) for each in self._failures]
+        rows += [(note.kind.value, ", ".join(note.ids), note.text) for note in self.notes]
+        return html_table(repr(self), ("kind", "about", "text"), rows)
 
 
 @runtime_checkable

@@ -15,6 +15,7 @@ from mindstage.errors import ArgumentRefused, MapAmbiguous, MapMissing
 from mindstage.knowledge.analysis import Analysis, analyse
 from mindstage.knowledge.answering import Answering
 from mindstage.knowledge.bulk import bulk_work
+from mindstage.knowledge.bundled import map_path
 from mindstage.knowledge.findings import Finding, Severity
 from mindstage.knowledge.hierarchy import ClassHierarchy
 from mindstage.knowledge.names import local_name
@@ -31,6 +32,7 @@ from mindstage.knowledge.stores.triplestore import TripleStore
 from mindstage.knowledge.vocabulary import EQUIVALENT_CLASS, SUBCLASS_OF
 from mindstage.knowledge.wording.nesting import nested
 from mindstage.world import Iri, World
+from mindstage.world.display import counted
 
 __all__ = ["KnowledgeBase"]
 
@@ -79,6 +81,12 @@ class KnowledgeBase(Answering):
     def __exit__(self, *_: object) -> None:
         self.close()
 
+    def __repr__(self) -> str:
+        names = [local_name(map) for map in self.maps()]
+        listed = f" ({', '.join(names[:3])}{', …' if names[3:] else ''})" if names else ""
+        sources = counted(len(self._library.sources), "source")
+        return f"<{type(self).__name__}: {counted(len(names), 'map')}{listed}, {sources}>"
+
     def close(self) -> None:
         """Lets go of the folder, which others may then open, and of processes; any number of times."""
         self._library.close()
@@ -98,6 +106,7 @@ class KnowledgeBase(Answering):
 
         Args:
             paths: a map or several, or robots' descriptions (URDF, xacro); more may follow later, and they stay apart.
+                "bundled:kitchen" is the kitchen that comes with Mindstage.
             ontologies: files, `package://NAME/rest`, or folders of ROS packages that such names are looked up in.
             conventions: units, frame and order of quaternions of these maps; what is None in it is decided by what the
                 maps hold, and told as one of the `assumptions`.
@@ -110,7 +119,11 @@ class KnowledgeBase(Answering):
         """
         with self.turn:
             read = self._library.load(
-                _listed(paths), _listed(ontologies), conventions, _listed(robots), follow_imports=follow_imports
+                list(map(map_path, _listed(paths))),
+                _listed(ontologies),
+                conventions,
+                _listed(robots),
+                follow_imports=follow_imports,
             )
             self._changed(read)
 

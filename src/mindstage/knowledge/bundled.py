@@ -2,9 +2,19 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
-__all__ = ["bundled_kitchen", "bundled_ontology"]
+__all__ = ["BUNDLED_KITCHEN", "bundled_kitchen", "bundled_ontology", "map_path"]
+
+BUNDLED_KITCHEN = "bundled:kitchen"
+"""The name under which `KnowledgeBase.load` and every command of the shell take the bundled kitchen."""
+
+
+def map_path(name: str | os.PathLike[str]) -> str:
+    """The path of a map: that of the bundled kitchen for its name, any other as it is."""
+    path = os.fspath(name)
+    return os.fspath(bundled_kitchen()) if path == BUNDLED_KITCHEN else path
 
 
 def bundled_kitchen() -> Path:

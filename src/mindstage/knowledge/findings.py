@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from enum import Enum
+from enum import StrEnum
 from typing import Protocol
 
 import msgspec
@@ -10,7 +10,7 @@ import msgspec
 __all__ = ["Finding", "Report", "Severity"]
 
 
-class Severity(Enum):
+class Severity(StrEnum):
     """How much of what was meant is missing in the world."""
 
     WARNING = "warning"

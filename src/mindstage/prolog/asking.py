@@ -103,14 +103,14 @@ def term_of(value: object) -> Value:  # noqa: PLR0911 (one a kind)
     match value:
         case bool() | int() | float() | None | Compound() | Free():
             return value
+        case Enum():  # before str, which enumerations of words are too
+            return term_of(value.value)
         case str():
             return Atom(value)
         case Reference(iri):
             return Atom(iri)
         case Literal():
             return literal_term(value.text, value.datatype, value.language)
-        case Enum():
-            return term_of(value.value)
         case tuple() | list():
             return tuple(term_of(each) for each in value)
         case msgspec.Struct():

@@ -109,7 +109,8 @@ class Place:
 
     def highlight(self, individuals: Sequence[Value], colour: Value, reason: Value) -> Value:
         """Lights bodies up, or puts them out; how many they were, and what has no body, each as dark(Name, Reason)."""
-        shown = self._stage.show([self._called(each) for each in individuals], _colour(colour), label=str(reason))
+        names = [self._called(each) for each in individuals]
+        shown = self._stage.highlight(names, _colour(colour), label=str(reason), missing_ok=True)
         dark = [Compound("dark", (Atom(each.id), each.reason)) for each in shown.not_lit]
         return Compound("shown", (len(shown.lit), dark))
 

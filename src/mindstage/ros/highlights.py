@@ -20,7 +20,7 @@ class Highlights:
     def on_highlight(self, message: mindstage_msgs.LitBodies) -> None:
         """Lights up what has a body; what has none is told on the diagnostics."""
         colour = colour_from(message.color) if message.color.a > 0.0 else None
-        shown = self._stage.show(message.ids, colour, label=message.label)
+        shown = self._stage.highlight(message.ids, colour, label=message.label, missing_ok=True)
         self._diagnostics.failed("highlight", [(each.id, each.reason) for each in shown.not_lit])
 
 

@@ -6,7 +6,7 @@ sides and up at any that is not opposite; between the two lies a turn by right a
 
 from __future__ import annotations
 
-from enum import Enum
+from enum import StrEnum
 from functools import cache
 
 import numpy as np
@@ -19,7 +19,7 @@ from mindstage.world.values import Value
 __all__ = ["Gap", "Side", "Turn", "turn_between"]
 
 
-class Side(Enum):
+class Side(StrEnum):
     """One of the six sides of a body, by its own axes."""
 
     FRONT = "+x"

@@ -4,6 +4,7 @@ from mindstage.engines.contract import NoteKind, Statistics
 from mindstage.stage.company import Company, Guest
 from mindstage.stage.editing import Editing, History
 from mindstage.stage.frame import Frame
+from mindstage.stage.joint_motion import JointMotion, SimulationJoint
 from mindstage.stage.joints import Joint, JointAxis
 from mindstage.stage.lights import Lit, NotLit, Shown
 from mindstage.stage.markers import Marker, MarkerForm
@@ -18,12 +19,14 @@ __all__ = [
     "History",
     "Joint",
     "JointAxis",
+    "JointMotion",
     "Lit",
     "Marker",
     "MarkerForm",
     "NotLit",
     "NoteKind",
     "Shown",
+    "SimulationJoint",
     "Spawned",
     "Stage",
     "Statistics",

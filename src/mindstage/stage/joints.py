@@ -5,18 +5,19 @@ It takes nothing but the poses of a frame, so looking at a joint costs the engin
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 
 import msgspec
 import numpy as np
 
 from mindstage.engines.joints import AXES, axes_of, place_from, place_of
+from mindstage.stage.frame import Frame
 from mindstage.stage.removal import Spawned
 from mindstage.world import Body, BodyId, Constraint, Pose, Vector
-from mindstage.world.geometry import Array, compose, invert, pose_from, rotate, unit_pose
+from mindstage.world.geometry import Array, compose, invert, pose_from, rotate, unit, unit_pose
 from mindstage.world.travel import axis_ranges
 
-__all__ = ["Joint", "JointAxis", "Pull"]
+__all__ = ["Joint", "JointAxis", "Pull", "poses_in"]
 
 
 class JointAxis(msgspec.Struct, frozen=True, kw_only=True):
@@ -120,6 +121,17 @@ class Joint:
         arms = [float(np.linalg.norm(np.cross(side - joint[:3], axis))) for side in sides]
         farthest: Array = sides[int(np.argmax(arms))]
         return farthest
+
+
+def poses_in(frame: Frame, ids: Container[BodyId]) -> dict[BodyId, Array]:
+    """The poses of some bodies, by id: seven numbers with a unit quaternion."""
+    found = {}
+    for row, id in enumerate(frame.ids):
+        if id in ids:
+            pose = frame.poses[row].copy()
+            pose[3:] = unit(pose[3:])
+            found[id] = pose
+    return found
 
 
 def _given(spawned: Spawned, bodies: Mapping[BodyId, Body], id: BodyId) -> Array:

@@ -6,7 +6,7 @@ too, and what somebody lit past the stage has a place here without a reason.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Container, Iterable, Mapping
 from typing import Any
 
 import msgspec
@@ -14,9 +14,9 @@ import msgspec
 from mindstage.engines.contract import Engine
 from mindstage.errors import BodyUnknown
 from mindstage.knowledge.names import local_name
-from mindstage.knowledge.questions import Answers
+from mindstage.knowledge.questions import Answers, Row
 from mindstage.knowledge.reasoning import NameKind
-from mindstage.world import BodyId, Colour, World
+from mindstage.world import BodyId, Colour
 
 __all__ = ["Lights", "Lit", "NotLit", "Shown", "Wish", "wish_of"]
 
@@ -53,6 +53,8 @@ class Wish(msgspec.Struct, frozen=True, kw_only=True):
 
     things: tuple[str, ...]
     """IRIs or ids."""
+    required: frozenset[str] = frozenset()
+    """Those that were given as plain ids, and must be there."""
     bodiless: tuple[NotLit, ...] = ()
     """What cannot be shown, whatever the world holds."""
     label: str = ""
@@ -67,11 +69,16 @@ class Lights:
         self.groups: tuple[Lit, ...] = ()
         self._seen: dict[BodyId, Colour] = {}
 
-    def show(self, engine: Engine, *, wish: Wish, colour: Colour | None, replace: bool) -> Shown:
-        """Lights up what has a body, in place of what was lit for the same reason, or of everything."""
-        found = _bodies_of(engine.log(), wish.things)
+    def show(self, engine: Engine, *, wish: Wish, colour: Colour | None, replace: bool, strict: bool = False) -> Shown:
+        """Lights up what has a body, in place of what was lit for the same reason, or of everything.
+
+        Raises:
+            BodyUnknown: strict, for the first id that is not there; nothing changes then.
+        """
+        found = _bodies_of(engine, wish.things, required=wish.required if strict else frozenset())
         before = engine.highlights() if replace else self._lit_for(wish.label)
-        engine.highlight(tuple(before), None)
+        if before:
+            engine.highlight(tuple(before), None)
         engine.highlight(found.lit, colour)
         if colour is not None and found.lit:
             group = Lit(ids=found.lit, colour=colour, label=wish.label, question=wish.question, args=wish.args)
@@ -109,14 +116,25 @@ def _still(group: Lit, highlights: Mapping[BodyId, Colour]) -> Lit:
     return group if ids == group.ids else msgspec.structs.replace(group, ids=ids)
 
 
-def wish_of(shown: Answers[Any] | Iterable[str], label: str = "") -> Wish:
+def wish_of(shown: str | Row | Answers[Any] | Iterable[str | Row], label: str = "") -> Wish:
     """What is to be shown of answers, or of ids and IRIs.
 
     Of several columns of answers that hold individuals it is the first that was asked for: the handle of a door that
     was given.
     """
+    if isinstance(shown, str | Row):
+        shown = (shown,)
     if not isinstance(shown, Answers):
-        return Wish(things=tuple(shown), label=label)
+        names, bodies_lacking, required = list[str](), list[NotLit](), set[str]()
+        for each in shown:
+            if isinstance(each, str):
+                names.append(str(each))
+                required.update(() if "://" in each else (each,))
+            elif each.subject_kind is NameKind.INDIVIDUAL:
+                names.append(each.subject)
+            else:
+                bodies_lacking.append(_no_body(each.subject, each.subject_kind))
+        return Wish(things=tuple(names), required=frozenset(required), bodiless=tuple(bodies_lacking), label=label)
     asked = shown.question
     individuals = shown.asked_for(NameKind.INDIVIDUAL)
     column = individuals or shown.asked_for(*asked.columns.values())
@@ -130,12 +148,24 @@ def wish_of(shown: Answers[Any] | Iterable[str], label: str = "") -> Wish:
 
 
 def _bodiless(found: Iterable[str], kind: object) -> tuple[NotLit, ...]:
+    return tuple(_no_body(each, kind) for each in found)
+
+
+def _no_body(name: str, kind: object) -> NotLit:
     what = f"a {kind.value}" if isinstance(kind, NameKind) else "no individual"
-    return tuple(NotLit(local_name(each), f"it is {what}, which has no body") for each in found)
+    return NotLit(local_name(name), f"it is {what}, which has no body")
 
 
-def _bodies_of(world: World, things: Iterable[str]) -> Shown:
-    """The bodies of individuals, named by IRI or id; and why others have none."""
+def _bodies_of(engine: Engine, things: tuple[str, ...], *, required: Container[str]) -> Shown:
+    """The bodies of individuals, named by IRI or id; and why others have none.
+
+    Raises:
+        BodyUnknown: for the first required id that is not there.
+    """
+    there = dict.fromkeys(engine.poses()[0])
+    if all(thing in there for thing in things):  # as most are, and then the world need not be described
+        return Shown(lit=tuple(dict.fromkeys(map(BodyId, things))), not_lit=())
+    world = engine.log()
     by_iri = {str(body.iri): body.id for body in world.bodies}
     ids = {str(body.id): body.id for body in world.bodies}
     bodiless = {str(name): "constraint" for each in world.constraints for name in (each.iri, each.id)}
@@ -147,7 +177,11 @@ def _bodies_of(world: World, things: Iterable[str]) -> Shown:
             lit[id] = None
         elif kind := bodiless.get(thing):
             not_lit.append(NotLit(local_name(thing), f"it is a {kind}, which has no body"))
+        elif "://" in thing:
+            not_lit.append(NotLit(local_name(thing), "it has no body here"))
         else:
-            reason = "it has no body here" if "://" in thing else str(BodyUnknown(thing, known=ids, world=world.name))
-            not_lit.append(NotLit(local_name(thing), reason))
+            unknown = BodyUnknown(thing, known=ids, world=world.name)
+            if thing in required:
+                raise unknown
+            not_lit.append(NotLit(local_name(thing), str(unknown)))
     return Shown(lit=tuple(lit), not_lit=tuple(not_lit))

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable
-from enum import Enum
+from enum import StrEnum
 
 import msgspec
 
@@ -16,7 +16,7 @@ from mindstage.world import IDENTITY, Colour, Pose, Vector
 __all__ = ["Marker", "MarkerForm", "Markers"]
 
 
-class MarkerForm(Enum):
+class MarkerForm(StrEnum):
     """What a marker looks like."""
 
     CUBE = "cube"

@@ -13,7 +13,8 @@ from mindstage.knowledge.moment import Moment, Present
 from mindstage.knowledge.questions import Answers, Question, Row, question_named
 from mindstage.stage.lights import Lights, Shown, wish_of
 from mindstage.stage.markers import Marker, Markers
-from mindstage.world import BodyId, Colour
+from mindstage.world import Colour
+from mindstage.world.colours import color_from
 
 __all__ = ["Showing"]
 
@@ -52,40 +53,41 @@ class Showing(ABC):
         asked = question_named(question) if isinstance(question, str) else question
         return asked.ask(self.knowledge, args, present=Present(self.knowledge, self.moment))
 
-    def show(
+    def highlight(
         self,
-        shown: Answers[Any] | Iterable[str],
-        colour: Colour | None,
+        shown: str | Row | Answers[Any] | Iterable[str | Row],
+        color: Colour | str | None,
         *,
         label: str = "",
         replace: bool = False,
+        missing_ok: bool = False,
     ) -> Shown:
-        """Lights up what a question was answered with, and remembers why.
+        """Highlights bodies in a color, or removes their highlight.
 
-        It adds to what is lit already; a body that is shown twice has the later colour, and showing something again
-        for the same reason replaces what that lit before.
+        Highlights add up; a body that is highlighted twice has the later color, and highlighting something again with
+        the same label replaces what was highlighted with it before. An IRI, or an answer, that has no body here is
+        listed in the result with the reason.
 
         Args:
-            shown: answers, or ids or IRIs. Of answers it is what was asked for: the handle of a door that was given.
-            colour: how to light it; None puts it out.
-            label: the reason, in one line; by default the question.
-            replace: whether all else goes out first.
+            shown: a body's id or IRI, an answer, several of these, or all answers to a question. Of answers it is what
+                was asked for: the handle of a door that was given.
+            color: a name ("green"), "#rrggbb", or red, green and blue from 0 to 1; None or "none" removes the
+                highlight.
+            label: the reason, in one line; of `Answers` by default the question.
+            replace: whether all other highlights are removed first.
+            missing_ok: whether an id that is not there is listed in the result, as an IRI is, instead of raising.
 
         Returns:
-            What is lit, and what has no body, with the reason.
-        """
-        wish = wish_of(shown, label)
-        light = partial(self._lights.show, wish=wish, colour=colour, replace=replace)
-        return self.call(light, what="show", edits=True)
-
-    def highlight(self, ids: Iterable[BodyId], colour: Colour | None) -> None:
-        """Lights bodies up, or puts them out (None); `show` also says why.
+            What is highlighted, and what has no body, with the reason.
 
         Raises:
-            BodyUnknown: for the first id that is not there; nothing changes then.
+            BodyUnknown: for the first id that is not there, unless `missing_ok`; nothing changes then.
+            ColourUnknown: the color is none.
         """
-        lit = tuple(ids)
-        self.call(lambda engine: engine.highlight(lit, colour), what="highlight", edits=True)
+        wish = wish_of(shown, label)
+        rgb = color_from(color)
+        light = partial(self._lights.show, wish=wish, colour=rgb, replace=replace, strict=not missing_ok)
+        return self.call(light, what="highlight", edits=True)
 
     def put_out(self) -> None:
         """Puts out everything that is lit."""

@@ -7,9 +7,10 @@ as a `Frame` after each tick, which costs the watchers nothing and the world nex
 
 from __future__ import annotations
 
+import os
 import time
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterable
+from contextlib import ExitStack, suppress
 from functools import partial
 from typing import TYPE_CHECKING, TypeVar
 
@@ -26,14 +27,17 @@ from mindstage.stage.editing import Editing
 from mindstage.stage.embodiment import Embodiment, told_of
 from mindstage.stage.frame import Frame
 from mindstage.stage.grip import Grips
+from mindstage.stage.joint_motion import SimulationJoint, find_joint
 from mindstage.stage.lights import Lights
 from mindstage.stage.loop import Loop
 from mindstage.stage.markers import Markers
 from mindstage.stage.putting import Put, put, thing_of
 from mindstage.stage.showing import Showing
 from mindstage.world import Body, BodyId, Forms, Vector, World
+from mindstage.world.display import counted, short_name
 
 if TYPE_CHECKING:
+    from mindstage.saving import FileDialect, FileFormat
     from mindstage.shapes.fitting import MeshSource
 
 __all__ = ["Frame", "Stage"]
@@ -86,6 +90,7 @@ class Stage(Showing):
         self._fault = ""
         self._lost: EngineError | None = None
         self._closed = False
+        self._at_close = ExitStack()
         self._frame = self._take_frame()
         self._loop = Loop(self._tick)
 
@@ -304,6 +309,48 @@ class Stage(Showing):
         form = self._embodiment.fit(World(iri=body.iri, bodies=(body,))).forms.get(body.id)
         return put(self, body, form, where=on or into or "", inside=into is not None)
 
+    def joint(self, id: str) -> SimulationJoint:
+        """A joint that can be opened, closed and moved: `sim.joint("fridge_door").open()`.
+
+        Args:
+            id: the id or IRI of a joint, or of the door, drawer or other body that it moves.
+
+        Raises:
+            NameUnknown: nothing movable has that name.
+            NameAmbiguous: several joints move that body.
+        """
+        return find_joint(self, id)
+
+    def save(
+        self,
+        path: str | os.PathLike[str],
+        *,
+        format: FileFormat | str | None = None,
+        dialect: FileDialect | str | None = None,
+        assets: str | os.PathLike[str] | Iterable[str | os.PathLike[str]] = (),
+        plain_shapes: bool = False,
+    ) -> tuple[str, ...]:
+        """Writes the world as it is now to a file; the suffix determines the format (see `mindstage.save`).
+
+        Returns:
+            Notes, one sentence each, on what the file cannot hold.
+
+        Raises:
+            MapUnwritable: no format has this suffix, the world holds something that the format cannot, or the file
+                cannot be written.
+        """
+        from mindstage.saving import save_world
+
+        return save_world(
+            self.log(),
+            path,
+            knowledge=self.knowledge,
+            format=format,
+            dialect=dialect,
+            assets=assets,
+            plain_shapes=plain_shapes,
+        )
+
     # -- hands ---------------------------------------------------------------------------------------------
 
     def grip(self, id: BodyId, *, point: Vector, target: Vector) -> None:
@@ -322,15 +369,34 @@ class Stage(Showing):
 
     # -- the end -------------------------------------------------------------------------------------------
 
+    @property
+    def closed(self) -> bool:
+        """Whether `close` was called."""
+        return self._closed
+
+    def on_close(self, callback: Callable[[], None]) -> None:
+        """Registers a function that `close` calls first, the latest one before the others."""
+        self._at_close.callback(callback)
+
     def close(self) -> None:
         """Ends the loop and the engine; any number of times."""
         if self._closed:
             return
-        self._closed = True
-        self._clock = None
-        self._loop.stop()
-        self._engine.close()
-        self._lost = EngineClosed(self._engine.name)
+        try:
+            self._at_close.close()
+        finally:
+            self._closed = True
+            self._clock = None
+            self._loop.stop()
+            self._engine.close()
+            self._lost = EngineClosed(self._engine.name)
+
+    def __repr__(self) -> str:
+        frame = self._frame
+        maps = "".join(f" {world.name or short_name(world.iri)}" for world in self.worlds)
+        state = "closed" if self._closed else "playing" if frame.playing else "paused"
+        bodies = counted(len(frame.ids), "body")
+        return f"<{type(self).__name__}{maps}: {bodies}, {self.engine_name}, {state} at {frame.time_s:.2f} s>"
 
     def __enter__(self) -> Stage:
         return self

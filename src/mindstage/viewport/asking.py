@@ -155,11 +155,11 @@ class AskDesk:
         told, colour = _told(visitor, wish.key), colour_from(wish.color)
         table = told.table
         if wish.rows is None and told.answers is not None:
-            shown = self._stage.show(told.answers, colour, label=table.title, replace=wish.replace)
+            shown = self._stage.highlight(told.answers, colour, label=table.title, replace=wish.replace)
         else:
             rows = range(len(table.rows)) if wish.rows is None else [_row(row, table) for row in wish.rows]
             ids = dict.fromkeys(table.ids[row] for row in rows if table.ids[row])
-            shown = self._stage.show(ids, colour, label=table.title, replace=wish.replace)
+            shown = self._stage.highlight(ids, colour, label=table.title, replace=wish.replace, missing_ok=True)
         return {"highlighted": shown.lit, "not_highlighted": shown.not_lit}
 
     def _put_out(self, _: Visitor, wish: PutOut) -> None:

@@ -13,10 +13,11 @@ from mindstage.knowledge.names import local_name
 from mindstage.knowledge.reasoning import NameKind
 from mindstage.stage import Frame, Stage
 from mindstage.stage.edits import Move
+from mindstage.stage.joints import poses_in
 from mindstage.stage.putting import thing_of
 from mindstage.viewport.channel import Channel
 from mindstage.viewport.visitor import Visitor
-from mindstage.viewport.worlddesk import Nothing, WorldDesk, poses_in
+from mindstage.viewport.worlddesk import Nothing, WorldDesk
 from mindstage.world import Body, BodyId, Iri, Material, Mobility, Physics, Pose, Quaternion, Vector, World
 from mindstage.world.colours import colour_from
 from mindstage.world.geometry import pose_from

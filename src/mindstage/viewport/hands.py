@@ -8,7 +8,7 @@ follows the pointer in the plane of the picture.
 from __future__ import annotations
 
 from collections.abc import Hashable
-from enum import Enum
+from enum import StrEnum
 
 import msgspec
 import numpy as np
@@ -27,7 +27,7 @@ _FARTHEST_M = 3.0
 """Nobody pulls farther than that in one go; it is how far a slip near the horizon may throw the hand."""
 
 
-class Way(Enum):
+class Way(StrEnum):
     """How a held thing can move."""
 
     FREE = "free"

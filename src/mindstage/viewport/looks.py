@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
-from enum import Enum
+from enum import StrEnum
 from functools import lru_cache
 
 import numpy as np
@@ -60,7 +60,7 @@ _HANGING = ["window", "pane", "poster", "picture", "curtain", "mirror", "blackbo
 _SHAPES = {SolidKind.SPHERE: ShapeKind.SPHERE, SolidKind.CYLINDER: ShapeKind.CYLINDER}
 
 
-class Part(Enum):
+class Part(StrEnum):
     """How much of a body is drawn."""
 
     WHOLE = "whole"

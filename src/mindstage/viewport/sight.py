@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
-from enum import Enum
+from enum import StrEnum
 from typing import Protocol
 from urllib.parse import quote
 
@@ -32,7 +32,7 @@ _CLOSEST_M = 0.25
 """What is smaller is looked at from no nearer than if it were so large."""
 
 
-class Labels(Enum):
+class Labels(StrEnum):
     """Which bodies have their names beside them."""
 
     NONE = "none"
@@ -42,7 +42,7 @@ class Labels(Enum):
     ALL = "all"
 
 
-class GizmoMode(Enum):
+class GizmoMode(StrEnum):
     """What the handles at the selected body do with it."""
 
     MOVE = "move"
@@ -263,7 +263,9 @@ class Sight:
             self._cut.remove()
             self._cut = None
         if height is not None:
-            self._cut = self._scene.add_frame("/clipping_plane", show_axes=False, position=(0.0, 0.0, height), visible=False)
+            self._cut = self._scene.add_frame(
+                "/clipping_plane", show_axes=False, position=(0.0, 0.0, height), visible=False
+            )
 
     def fly(self) -> None:
         """A little farther, where the camera is on its way."""

@@ -7,6 +7,7 @@ import threading
 import time
 from collections.abc import Callable, Collection, Iterable
 from functools import wraps
+from html import escape
 from typing import Any
 
 import msgspec
@@ -129,6 +130,14 @@ class Viewport:
         self._hands.let_go_of_all()
         shut_down(self._server)
         self.channel.close()
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__} {'closed' if self._closing.is_set() else self.url}>"
+
+    def _repr_html_(self) -> str:
+        """A link for notebooks."""
+        address = escape("" if self._closing.is_set() else self.url, quote=True)
+        return f'<a href="{address}" target="_blank">{address}</a>' if address else escape(repr(self))
 
     def __enter__(self) -> Viewport:
         return self

@@ -10,12 +10,12 @@ import msgspec
 
 from mindstage.errors import BodyUnknown, MindstageError
 from mindstage.stage import Frame, Joint, Spawned, Stage
+from mindstage.stage.joints import poses_in
 from mindstage.viewport.channel import Channel
 from mindstage.viewport.details import Details, Kept, details_of, live_of
 from mindstage.viewport.outline import outline_of
 from mindstage.viewport.visitor import Visitor
 from mindstage.world import Body, BodyId, Constraint, Iri, World
-from mindstage.world.geometry import Array, unit
 
 __all__ = ["SELECTED", "Clock", "WorldDesk"]
 
@@ -191,17 +191,6 @@ class WorldDesk:
         if constraint.id not in self._joints:
             self._joints[constraint.id] = Joint(constraint, self._bodies, self._spawned)
         return self._joints[constraint.id]
-
-
-def poses_in(frame: Frame, ids: Container[BodyId]) -> dict[BodyId, Array]:
-    """Where some bodies are, with unit quaternions."""
-    found = {}
-    for row, id in enumerate(frame.ids):
-        if id in ids:
-            pose = frame.poses[row].copy()
-            pose[3:] = unit(pose[3:])
-            found[id] = pose
-    return found
 
 
 def _clock(frame: Frame) -> Clock:

@@ -12,7 +12,7 @@ from mindstage.errors import ColourUnknown
 from mindstage.world.geometry import Array
 from mindstage.world.values import Colour
 
-__all__ = ["COLOURS", "NO_COLOUR", "colour_from", "colour_text", "hex_text", "linear", "rgb", "shown"]
+__all__ = ["COLOURS", "NO_COLOUR", "color_from", "colour_from", "colour_text", "hex_text", "linear", "rgb", "shown"]
 
 NO_COLOUR = "none"
 """Puts a light out."""
@@ -56,6 +56,17 @@ def colour_from(text: str) -> Colour | None:
     if not all(0.0 <= part <= 1.0 for part in (red, green, blue)):
         raise ColourUnknown(text, known=(*COLOURS, NO_COLOUR))
     return red, green, blue
+
+
+def color_from(color: Colour | str | None) -> Colour | None:
+    """A color given by name, as text or as numbers: "green", "#1fa83c", (0.1, 0.7, 0.2); None for None and "none".
+
+    Raises:
+        ColourUnknown: it is no color; numbers go from 0 to 1.
+    """
+    if color is None:
+        return None
+    return colour_from(color if isinstance(color, str) else ",".join(map(str, color)))
 
 
 def colour_text(colour: Colour) -> str:

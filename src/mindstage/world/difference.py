@@ -8,8 +8,8 @@ they stand for may not.
 
 from __future__ import annotations
 
-from collections import defaultdict
-from collections.abc import Container, Iterable, Iterator, Mapping
+from collections import Counter, defaultdict
+from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from math import isfinite
 from typing import Any, TypeVar
 
@@ -31,10 +31,16 @@ from mindstage.world.comparison_fields import (
 from mindstage.world.comparison_names import is_label, part_names, same_names
 from mindstage.world.comparison_pairs import Pairs, pair_bodies, pair_constraints, pair_lights
 from mindstage.world.comparison_statements import Statements
+from mindstage.world.display import counted, html_table
 from mindstage.world.facts import Fact
 from mindstage.world.values import Body, BodyId, Constraint, Light, World
 
 __all__ = ["Difference", "difference"]
+
+_MOST_SHOWN = 10
+"""A summary lists so many of each; all are in the fields."""
+_LONGEST = 60
+"""Longer values are cut in a summary [characters]."""
 
 Thing = TypeVar("Thing", World, Body, Constraint, Light)
 
@@ -103,6 +109,51 @@ class Difference(msgspec.Struct, frozen=True, kw_only=True):
             for change in self.changed
             if (kinds is None or change.kind in kinds) and (change.error is None or change.error > tolerance)
         )
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__}: {self._summary()}>"
+
+    def __str__(self) -> str:
+        """A summary in lines: what differs, by how much at most, and the largest changes."""
+        lines = [self._summary()]
+        for name, ids in (("a", self.only_in_a), ("b", self.only_in_b)):
+            if ids:
+                lines.append(f"only in {name}: {_some(ids)}")
+        if errors := [f"{kind} {error:.4g}" for kind, error in self.max_error.items() if error > 0.0]:
+            lines.append(f"largest errors: {', '.join(errors)}")
+        lines.extend(f"  {change.id} {change.field}: {_change(change)}" for change in self._largest()[:_MOST_SHOWN])
+        if len(self.changed) > _MOST_SHOWN:
+            lines.append(f"  … and {counted(len(self.changed) - _MOST_SHOWN, 'more change')}")
+        for title, statements in (("lost", self.lost), ("gained", self.gained)):
+            lines.extend(f"  {title}: {each.id} {each}" for each in statements[:_MOST_SHOWN])
+            if len(statements) > _MOST_SHOWN:
+                lines.append(f"  … and {len(statements) - _MOST_SHOWN:,} more {title}")
+        return "\n".join(lines)
+
+    def _repr_html_(self) -> str:
+        """The changes, the largest first, as a table for notebooks."""
+        rows: list[tuple[object, ...]] = []
+        for name, ids in (("a", self.only_in_a), ("b", self.only_in_b)):
+            rows += [(id, f"only in {name}", "", "", None) for id in ids]
+        rows += [
+            (change.id, change.field, _shown(change.a), _shown(change.b), change.error) for change in self._largest()
+        ]
+        rows += [(each.id, "statement lost", str(each), "", None) for each in self.lost]
+        rows += [(each.id, "statement gained", "", str(each), None) for each in self.gained]
+        return html_table(repr(self), ("id", "what", "a", "b", "error"), rows)
+
+    def _summary(self) -> str:
+        if self.identical():
+            return "identical"
+        kinds = Counter(str(change.kind) for change in self.changed)
+        listed = f" ({', '.join(f'{kind} {number:,}' for kind, number in kinds.most_common())})" if kinds else ""
+        alone = f"{len(self.only_in_a):,} only in a, {len(self.only_in_b):,} only in b"
+        statements = f"{self.lost_facts:,} statements lost, {self.gained_facts:,} gained"
+        return f"{alone}, {counted(len(self.changed), 'changed field')}{listed}, {statements}"
+
+    def _largest(self) -> list[Change]:
+        """The changes by their error, those without one first."""
+        return sorted(self.changed, key=lambda change: (change.error is not None, -(change.error or 0.0), change.id))
 
     def to_builtins(self, delta: float = 0.0) -> dict[str, Any]:
         """What `mindstage compare --json` promises, as dicts, lists, texts and numbers.
@@ -231,6 +282,23 @@ def _parents(world: World, ids: Mapping[BodyId, BodyId]) -> Mapping[BodyId, list
 
 def _one_or_more(ids: list[BodyId]) -> str | tuple[str, ...] | None:
     return tuple(sorted(ids)) if len(ids) > 1 else ids[0] if ids else None
+
+
+def _some(ids: Sequence[str]) -> str:
+    left = len(ids) - _MOST_SHOWN
+    return ", ".join(ids[:_MOST_SHOWN]) + (f" and {left:,} more" if left > 0 else "")
+
+
+def _change(change: Change) -> str:
+    error = "" if change.error is None else f" ({change.kind} {change.error:.4g})"
+    return f"{_shown(change.a)} -> {_shown(change.b)}{error}"
+
+
+def _shown(value: object) -> str:
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    text = f"({', '.join(map(_shown, value))})" if isinstance(value, tuple) else str(value)
+    return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}…"
 
 
 def _rows(changes: Iterable[Change]) -> list[dict[str, Any]]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from enum import Enum
+from enum import StrEnum
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Self
 
@@ -22,7 +22,7 @@ from mindstage.world.values import IDENTITY, BodyId, Colour, LightKind, Pose, Va
 __all__ = ["NO_FORMS", "Form", "FormSource", "Forms", "Glow", "Place", "Skin", "Solid", "SolidKind", "Surface"]
 
 
-class SolidKind(Enum):
+class SolidKind(StrEnum):
     """The convex things that every engine can let collide."""
 
     BOX = "box"
@@ -103,7 +103,7 @@ class Glow(Value, frozen=True, kw_only=True):
     """As that of `Light`."""
 
 
-class FormSource(Enum):
+class FormSource(StrEnum):
     """Where a form comes from, the most trusted first."""
 
     MESH = "mesh"

@@ -26,7 +26,7 @@ A shell (see `shells`) is where everything is and takes part in nothing, and nei
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator
-from enum import Enum
+from enum import StrEnum
 from math import isfinite
 from typing import NamedTuple
 
@@ -51,7 +51,7 @@ _SLACK = 1e-9
 """A limit counts as kept within rounding, so that a world that is turned or moved as a whole answers the same."""
 
 
-class Relation(Enum):
+class Relation(StrEnum):
     """How one thing stands to another."""
 
     ON = "on"

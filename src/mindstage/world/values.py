@@ -7,12 +7,13 @@ nothing is made up here, and an engine that needs a value chooses one and report
 
 from __future__ import annotations
 
-from enum import Enum, IntEnum
+from enum import IntEnum, StrEnum
 from typing import NewType
 
 import msgspec
 
 from mindstage.errors import BodyUnknown
+from mindstage.world.display import counted, html_table, short_name
 from mindstage.world.facts import Fact, Iri, Resource
 
 __all__ = [
@@ -65,7 +66,7 @@ class Pose(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 IDENTITY = Pose()
 
 
-class Mobility(Enum):
+class Mobility(StrEnum):
     """Who may move a body."""
 
     STATIC = "static"
@@ -112,7 +113,7 @@ class Material(Value, frozen=True, kw_only=True):
     colour: Colour | None = None
 
 
-class ShapeKind(Enum):
+class ShapeKind(StrEnum):
     """The forms that a body without a mesh can have."""
 
     BOX = "box"
@@ -147,6 +148,10 @@ class Body(Value, frozen=True, kw_only=True):
     tags: tuple[Tag, ...] = ()
     facts: tuple[Fact, ...] = ()
     """Every other statement about the individual."""
+
+    def __repr__(self) -> str:
+        at = ", ".join(f"{part:.3f}" for part in self.pose.position)
+        return f"<{type(self).__name__} {self.id} ({short_name(self.cls)}) at ({at}) m>"
 
 
 class Motion(IntEnum):
@@ -226,6 +231,9 @@ class Constraint(Value, frozen=True, kw_only=True):
     tags: tuple[Tag, ...] = ()
     facts: tuple[Fact, ...] = ()
 
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__} {self.id}: {self.parent} -> {self.child}>"
+
 
 class Attachment(Value, frozen=True, kw_only=True):
     """The child goes where the parent goes, and never the other way round."""
@@ -234,7 +242,7 @@ class Attachment(Value, frozen=True, kw_only=True):
     child: BodyId
 
 
-class LightKind(Enum):
+class LightKind(StrEnum):
     """How a light shines."""
 
     POINT = "point"
@@ -272,6 +280,24 @@ class World(Value, frozen=True, kw_only=True):
     resources: tuple[Resource, ...] = ()
     """What the map's source says about anything else: its classes, its properties, the ontology it is part of."""
     format_version: int = 1
+
+    def __repr__(self) -> str:
+        counts = (counted(len(self.bodies), "body"), counted(len(self.constraints), "joint"))
+        return f"<{type(self).__name__} {self.name or short_name(self.iri)}: {', '.join(counts)}>"
+
+    def _repr_html_(self) -> str:
+        """The bodies as a table for notebooks."""
+        rows = [
+            (
+                body.id,
+                short_name(body.cls),
+                " ".join(f"{part:.3f}" for part in body.pose.position),
+                " ".join(f"{part:.3f}" for part in body.size or ()),
+                body.physics.mobility,
+            )
+            for body in self.bodies
+        ]
+        return html_table(repr(self), ("id", "class", "position [m]", "size [m]", "mobility"), rows)
 
     def body(self, id: str) -> Body:
         """The body of that id; made for tests and consoles, since it looks through all of them.

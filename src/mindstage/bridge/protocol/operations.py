@@ -8,7 +8,7 @@ The fields are those of the rosbridge v2 protocol document of rosbridge_suite; `
 from __future__ import annotations
 
 import re
-from enum import Enum, IntEnum
+from enum import IntEnum, StrEnum
 from typing import Annotated
 
 from msgspec import UNSET, Meta, Raw, Struct, UnsetType
@@ -52,7 +52,7 @@ _Name = Annotated[str, Meta(min_length=1, max_length=1024)]
 _Type = Annotated[str, Meta(max_length=1024)]
 
 
-class Compression(Enum):
+class Compression(StrEnum):
     """How a message is packed for the one who asked for it."""
 
     NONE = "none"
@@ -62,7 +62,7 @@ class Compression(Enum):
     """A binary frame."""
 
 
-class Level(Enum):
+class Level(StrEnum):
     """How grave a status message is; a client hears of its level and what is graver."""
 
     NONE = "none"

@@ -6,7 +6,7 @@ out by asking.
 
 from __future__ import annotations
 
-from enum import Enum
+from enum import StrEnum
 from urllib.parse import SplitResult, parse_qs, quote, unquote, urlsplit
 
 import msgspec
@@ -19,7 +19,7 @@ SCHEME = "ros://"
 _FORM = f"write {SCHEME}HOST:PORT/NAMESPACE, with ?token=… where one is needed"
 
 
-class Profile(Enum):
+class Profile(StrEnum):
     """Which services a far engine offers."""
 
     MINDSTAGE = "mindstage"

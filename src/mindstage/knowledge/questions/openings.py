@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from enum import Enum
+from enum import StrEnum
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -33,7 +33,7 @@ _CONTAINER = knowrob("Container")
 _STATE = knowrob("stateOfObject")
 
 
-class State(Enum):
+class State(StrEnum):
     """Whether one can reach in."""
 
     OPEN = "open"

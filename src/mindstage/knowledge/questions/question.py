@@ -26,13 +26,16 @@ from functools import cached_property
 from operator import attrgetter
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Generic, TypeVar, get_args, get_type_hints, overload
+from weakref import ref
 
 import msgspec
 
-from mindstage.errors import ArgumentRefused, NameUnknown, QuestionUnknown
+from mindstage.errors import ArgumentRefused, NameAmbiguous, NameUnknown, QuestionUnknown
 from mindstage.knowledge.moment import Present
+from mindstage.knowledge.names import local_name
 from mindstage.knowledge.reasoning import NameKind
 from mindstage.world import Iri
+from mindstage.world.display import counted, html_table
 
 if TYPE_CHECKING:
     from mindstage.knowledge.base import KnowledgeBase
@@ -60,11 +63,83 @@ PropertyName = Annotated[Iri, NameKind.PROPERTY]
 ValueName = Annotated[str, NameKind.VALUE]
 
 
-class Row(msgspec.Struct, frozen=True, kw_only=True):
-    """One answer. A field that is called like an argument has its value where that was given."""
+class Row(msgspec.Struct, frozen=True, kw_only=True, dict=True):
+    """One answer. A field that is called like an argument has its value where that was given.
+
+    `subject` and `individual` depend on what was asked, so they exist on the rows of `Answers` only.
+    """
 
     about: ClassVar[str] = ""
     """The field that is meant first where nobody says otherwise; the first argument if empty."""
+
+    @property
+    def subject(self) -> Iri:
+        """The name that was asked for, which `highlight` uses: of `handle_of` a door, its handle.
+
+        Raises:
+            AttributeError: the row is not of `Answers`, or holds no names.
+        """
+        column = self._origin().subject_column
+        if column is None:
+            raise AttributeError(f"an answer to {self._origin().question.name} has no subject: it holds no names")
+        return Iri(str(getattr(self, column)))
+
+    @property
+    def subject_kind(self) -> NameKind:
+        """What kind of name `subject` is: an individual, a class, a map or a property.
+
+        Raises:
+            AttributeError: as for `subject`.
+        """
+        answers = self._origin()
+        kind = answers.question.columns[answers.subject_column] if answers.subject_column else None
+        if not isinstance(kind, NameKind):
+            raise AttributeError(f"an answer to {answers.question.name} has no subject: it holds no names")
+        return kind
+
+    @property
+    def individual(self) -> Iri:
+        """The IRI of the individual that the answer is about: `subject`, or the member of the class that `subject` is.
+
+        The answers to some questions have a field of this name, which it is then.
+
+        Raises:
+            NameUnknown: no individual of that class is loaded.
+            NameAmbiguous: several individuals of that class are loaded; see `instances`.
+            AttributeError: as for `subject`; or it is neither an individual nor a class.
+        """
+        found = self.instances
+        if len(found) == 1:
+            return found[0]
+        name = local_name(self.subject)
+        if found:
+            raise NameAmbiguous(name, kind="individual", known=found)
+        raise NameUnknown(name, kind="individual of the class")
+
+    @property
+    def instances(self) -> tuple[Iri, ...]:
+        """The IRIs of the individuals that the answer is about: `subject`, or all members of the class that it is.
+
+        Raises:
+            AttributeError: as for `individual`.
+        """
+        if self.subject_kind is NameKind.INDIVIDUAL:
+            return (self.subject,)
+        if self.subject_kind is not NameKind.CLASS:
+            raise AttributeError(f"{local_name(self.subject)} is a {self.subject_kind.value}, not an individual")
+        return self._origin().members(self.subject)
+
+    def __repr__(self) -> str:
+        from mindstage.knowledge.questions.telling import cell_text
+
+        fields = ((name, getattr(self, name)) for name in self.__struct_fields__)
+        return f"{type(self).__name__}({', '.join(f'{name}={cell_text(value)}' for name, value in fields)})"
+
+    def _origin(self) -> Answers[Any]:
+        answers: Answers[Any] | None = self.__dict__.get("_answers")
+        if answers is None:
+            raise AttributeError(f"this {type(self).__name__} was not returned by a question")
+        return answers
 
 
 R = TypeVar("R", bound=Row)
@@ -84,13 +159,41 @@ class Answers(Sequence[R]):
     """All answers, in the question's order; and where there is none, what is missing."""
 
     def __init__(
-        self, question: Question[R], args: Mapping[str, object], rows: Sequence[R], missing: Sequence[Missing]
-    ):
+        self,
+        question: Question[R],
+        args: Mapping[str, object],
+        rows: Sequence[R],
+        missing: Sequence[Missing],
+        *,
+        kb: KnowledgeBase | None = None,
+    ) -> None:
         self.question = question
         self.args: Mapping[str, object] = MappingProxyType(dict(args))
         """What was asked about, with names written out."""
         self.missing = tuple(missing)
         self._rows = tuple(rows)
+        self._kb = None if kb is None else ref(kb)  # the knowledge base remembers answers: no circle
+        for row in self._rows:
+            row.__dict__["_answers"] = self
+
+    @cached_property
+    def subject_column(self) -> str | None:
+        """The column of what was asked for: an individual, if there is one, else a class, property or map."""
+        names = (NameKind.INDIVIDUAL,), (NameKind.CLASS, NameKind.PROPERTY), (NameKind.MAP,)
+        return next((column for kinds in names if (column := self.asked_for(*kinds))), None)
+
+    def members(self, cls: Iri) -> tuple[Iri, ...]:
+        """The individuals of a class in all loaded maps."""
+        kb = self._kb() if self._kb else None
+        if kb is None:
+            return ()
+        with kb.turn:
+            found = (each for map in sorted(kb.index.residents) for each in kb.index.members(cls, map))
+            return tuple(dict.fromkeys(found))
+
+    def to_dicts(self) -> list[dict[str, Any]]:
+        """The rows as dicts of plain values (texts, numbers, lists): `pandas.DataFrame(answers.to_dicts())`."""
+        return [msgspec.to_builtins(row) for row in self._rows]
 
     def asked_for(self, *kinds: object) -> str | None:
         """The column of such names that the question was after: the handle of a door that was given.
@@ -115,7 +218,18 @@ class Answers(Sequence[R]):
         return len(self._rows)
 
     def __repr__(self) -> str:
-        return f"Answers({self.question.name}, {list(self._rows)!r}, missing={list(self.missing)!r})"
+        asked = ", ".join(f"{name}={local_name(str(value))}" for name, value in self.args.items())
+        lack = f", {len(self.missing)} missing" if self.missing else ""
+        return f"<{type(self).__name__} to {self.question.name}({asked}): {counted(len(self), 'row')}{lack}>"
+
+    def _repr_html_(self) -> str:
+        """A table for notebooks."""
+        from mindstage.knowledge.questions.telling import cell_text
+
+        columns = self.question.row.__struct_fields__
+        rows = [[cell_text(getattr(row, column)) for column in columns] for row in self._rows]
+        missing = [lack.why for lack in self.missing]
+        return html_table(repr(self), columns, rows, notes=missing)
 
 
 @dataclass(frozen=True, slots=True)
@@ -241,7 +355,7 @@ class Question(Generic[R]):
             rows = [row for row in rows if told(row) == wanted]
         answers = tuple(rows)
         missing = () if answers or self._lacking is None else tuple(self._lacking(kb, **found, **view))
-        return Answers(self, found, answers, missing)
+        return Answers(self, found, answers, missing, kb=kb)
 
     def _found(self, kb: KnowledgeBase, present: Present, name: str, value: object) -> object:
         argument = self._by_name.get(name)

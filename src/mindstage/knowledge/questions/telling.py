@@ -47,10 +47,10 @@ def cell_text(value: object) -> str | int | float | None:  # noqa: PLR0911 (one 
             return "yes" if value else "no"
         case None | int() | float():
             return value
-        case str():
-            return local_name(value) if "://" in value else value
         case Enum():
             return str(value.value)
+        case str():
+            return local_name(value) if "://" in value else value
         case tuple():
             return ", ".join(str(cell_text(each)) for each in value)
         case Pose(position, quaternion):

@@ -6,7 +6,7 @@ of their distance, so that middle - limit is `lower` again and middle + limit `u
 
 from __future__ import annotations
 
-from enum import Enum
+from enum import StrEnum
 
 import msgspec
 import numpy as np
@@ -17,7 +17,7 @@ from mindstage.world.geometry import Array, pose_from
 __all__ = ["Joint", "JointKind", "Range", "joint_along", "span", "vector"]
 
 
-class JointKind(Enum):
+class JointKind(StrEnum):
     """What a joint lets its child do."""
 
     HINGE = "hinge"

@@ -5,14 +5,14 @@ Few maps say it. A reader decides it from what it finds (see `assumptions`), unl
 
 from __future__ import annotations
 
-from enum import Enum
+from enum import StrEnum
 
 import msgspec
 
 __all__ = ["SI", "Conventions", "Frame", "QuaternionOrder", "Units"]
 
 
-class Units(Enum):
+class Units(StrEnum):
     """What lengths are counted in."""
 
     METRES = "m"
@@ -25,7 +25,7 @@ class Units(Enum):
         return {Units.METRES: 1.0, Units.CENTIMETRES: 100.0, Units.MILLIMETRES: 1000.0}[self]
 
 
-class Frame(Enum):
+class Frame(StrEnum):
     """Which way the axes point; z is up in both."""
 
     ROS = "ros"
@@ -34,7 +34,7 @@ class Frame(Enum):
     """Left-handed: x forward, y right."""
 
 
-class QuaternionOrder(Enum):
+class QuaternionOrder(StrEnum):
     """Where a quaternion has its scalar."""
 
     WXYZ = "wxyz"

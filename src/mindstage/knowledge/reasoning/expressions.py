@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from enum import Enum
+from enum import StrEnum
 
 import msgspec
 import pyoxigraph as ox
@@ -33,7 +33,7 @@ _UNION, _INTERSECTION, _INVERSE = OWL + "unionOf", OWL + "intersectionOf", OWL +
 _COMPLEMENT, _ONE_OF = OWL + "complementOf", OWL + "oneOf"
 
 
-class Kind(Enum):
+class Kind(StrEnum):
     """How a restriction binds a property."""
 
     SOME = "someValuesFrom"

@@ -7,7 +7,7 @@ gave a type gets one by the domain or range of a property that it has.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from enum import Enum
+from enum import StrEnum
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -41,7 +41,7 @@ Proof = tuple[Statement, ...]
 _NONE: Mapping[Iri, Ground] = {}
 
 
-class Rule(Enum):
+class Rule(StrEnum):
     """How somebody became a member."""
 
     DOMAIN = "domain"

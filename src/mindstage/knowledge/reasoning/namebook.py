@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from enum import Enum
+from enum import StrEnum
 from functools import cached_property
 
 import pyoxigraph as ox
@@ -33,7 +33,7 @@ PREFIXES = {
 _BUILT_IN = (TYPE, *(Iri(RDFS + name) for name in ("subClassOf", "subPropertyOf", "label", "comment")))
 
 
-class NameKind(Enum):
+class NameKind(StrEnum):
     """What a name can be the name of."""
 
     CLASS = "class"

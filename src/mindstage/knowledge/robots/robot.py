@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from enum import Enum
+from enum import StrEnum
 
 import msgspec
 
@@ -11,7 +11,7 @@ from mindstage.world import Colour, Pose, Vector
 __all__ = ["Geometry", "GeometryKind", "Joint", "JointType", "Link", "Oddity", "Robot"]
 
 
-class GeometryKind(Enum):
+class GeometryKind(StrEnum):
     """The forms that a description knows."""
 
     BOX = "box"
@@ -45,7 +45,7 @@ class Link(msgspec.Struct, frozen=True, kw_only=True):
     """The text that told it."""
 
 
-class JointType(Enum):
+class JointType(StrEnum):
     """What a joint lets its child do."""
 
     FIXED = "fixed"

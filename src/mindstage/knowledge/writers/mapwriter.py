@@ -8,7 +8,7 @@ they came.
 from __future__ import annotations
 
 import os
-from enum import Enum
+from enum import StrEnum
 from pathlib import Path
 
 from mindstage.errors import MapUnwritable
@@ -26,7 +26,7 @@ from mindstage.world import World
 __all__ = ["MapDialect", "MapFormat", "save_map", "write_map"]
 
 
-class MapDialect(Enum):
+class MapDialect(StrEnum):
     """In whose words any world can be written."""
 
     SEMLOG = "semlog"
@@ -35,7 +35,7 @@ class MapDialect(Enum):
     """Those of KnowRob 2; what it has no words for is told in SemLog's."""
 
 
-class MapFormat(Enum):
+class MapFormat(StrEnum):
     """How a map file is written."""
 
     RDF_XML = "rdf/xml"

@@ -1,0 +1,16 @@
+"""Ask declared questions: where milk is kept, what stands on the table, and why."""
+
+import mindstage as ms
+
+with ms.open("bundled:kitchen", engine="null") as sim:
+    for answer in sim.ask("storage_place_in_environment", item="CowsMilk"):
+        print("milk is kept in", answer.individual)
+        for line in sim.knowledge.why("storage_place_in_environment", answer):
+            print("   because", line)
+
+    for answer in sim.ask("where_is", relation="on", other="table"):
+        print(answer)
+        assert answer.relation == "on"  # enumerations compare equal to their words
+
+    nothing = sim.ask("storage_place", item="Radiator")
+    print(nothing, "-", nothing.missing[0].why)

@@ -1,0 +1,15 @@
+"""Query with SPARQL, tell the knowledge base something new, and retract it."""
+
+from mindstage import KnowledgeBase
+
+QUERY = "SELECT ?mug { ?mug a ms:CoffeeMug } ORDER BY ?mug"
+
+with KnowledgeBase() as kb:
+    kb.load("bundled:kitchen")
+    for (mug,) in kb.sparql(QUERY).rows:
+        print(mug.value)
+
+    kb.tell("CookieJar", "typePrimaryFunction-containerFor", "Candy")
+    print(*kb.ask("storage_place", item="Candy"))
+    kb.retract("CookieJar", "typePrimaryFunction-containerFor", "Candy")
+    print(kb.ask("storage_place", item="Candy"))

@@ -1,0 +1,13 @@
+"""Export a map for other programs: MuJoCo's MJCF, glTF for viewers, Turtle in the words of SOMA."""
+
+import tempfile
+from pathlib import Path
+
+import mindstage as ms
+
+world = ms.load("bundled:kitchen")
+with tempfile.TemporaryDirectory() as folder:
+    for name, options in (("kitchen.mjcf", {}), ("kitchen.glb", {}), ("kitchen.ttl", {"dialect": "soma"})):
+        out = Path(folder, name)
+        notes = ms.save(world, out, **options)
+        print(f"{name}: {out.stat().st_size:,} bytes, {len(notes)} notes")

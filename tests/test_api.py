@@ -1,0 +1,219 @@
+"""`import mindstage as ms`: one obvious way from a map to a simulation, and back to a map."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import textwrap
+from pathlib import Path
+
+import pytest
+
+import mindstage as ms
+from mindstage.bridge import Hub, Server
+from mindstage.engines import NullEngine
+from mindstage.errors import (
+    ArgumentRefused,
+    EngineUnavailable,
+    MapMissing,
+    MapUnwritable,
+    SourceUnreadable,
+    StageError,
+)
+from mindstage.knowledge import Conventions, KnowledgeBase, save_map
+from mindstage.ros import RosFace
+from mindstage.world import Iri, World
+from tests.kitchenette import kitchenette
+
+
+@pytest.fixture(scope="module")
+def map_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("maps") / "kitchenette.owl"
+    save_map(kitchenette(), path)
+    return path
+
+
+def test_the_loop_of_the_readme_works(tmp_path: Path) -> None:
+    with ms.open("bundled:kitchen") as sim:
+        sim.step(0.1)
+        for answer in sim.ask("storage_place", item="CowsMilk"):
+            assert sim.highlight(answer.individual, color="green").lit == ("fridge",)
+        assert sim.joint("fridge_door").open()
+        page = ms.view(sim, port=0)
+        assert page.url.startswith("http://127.0.0.1:")
+        sim.save(tmp_path / "now.owl")
+    changed = ms.diff("bundled:kitchen", tmp_path / "now.owl")
+    assert "fridge_door pose.quaternion" in str(changed)
+    assert {change.id for change in changed.changed} >= {"fridge_door", "fridge_door_handle"}
+    assert not changed.lost
+
+
+@pytest.mark.parametrize("engine", ["mujoco", "null", NullEngine()], ids=["mujoco", "null", "given"])
+def test_opening_spawns_the_map_in_any_engine(engine: object, map_path: Path) -> None:
+    with ms.open(map_path, engine=engine) as sim:  # type: ignore[arg-type]
+        assert sim.reports[0].ok
+        assert set(sim.frame.ids) == {body.id for body in kitchenette().bodies}
+    with pytest.raises(StageError):
+        sim.log()
+
+
+def test_several_maps_are_spawned_together_or_the_one_that_is_named(map_path: Path, tmp_path: Path) -> None:
+    other = World(iri=Iri("http://example.org/maps/Other.owl#Other"), name="Other")
+    save_map(other, tmp_path / "other.owl")
+    with ms.open([map_path, tmp_path / "other.owl"], engine="null") as sim:
+        assert len(sim.worlds) == 2
+    with ms.open([map_path, str(tmp_path / "other.owl")], map_name="Other", engine="null") as sim:
+        assert [world.iri for world in sim.worlds] == [other.iri]
+        assert sim.frame.ids == ()
+
+
+def test_without_a_map_the_simulation_is_empty() -> None:
+    with ms.open(engine="null") as sim:
+        assert (sim.worlds, sim.frame.ids) == ((), ())
+
+
+def test_what_fails_to_open_leaves_nothing_running(map_path: Path, tmp_path: Path) -> None:
+    engine = NullEngine()
+    with pytest.raises(SourceUnreadable):
+        ms.open(tmp_path / "nothing.owl", engine=engine)
+    assert engine._closed
+    with pytest.raises(MapMissing):
+        ms.open(map_path, map_name="Nowhere", engine="null")
+    with pytest.raises(EngineUnavailable, match="no engine of that name"):
+        ms.open(map_path, engine="bullet")
+    with pytest.raises(SourceUnreadable, match="no such folder"):
+        ms.open(map_path, engine="null", assets=tmp_path / "no-meshes")
+
+
+def test_a_store_is_free_again_when_the_simulation_is_closed(map_path: Path, tmp_path: Path) -> None:
+    with ms.open(map_path, engine="null", store=tmp_path / "store") as sim:
+        assert sim.knowledge.tell("CookieJar", "typePrimaryFunction-containerFor", "Candy")
+    with KnowledgeBase(store=tmp_path / "store") as kb:
+        assert kb.ask("storage_place", item="Candy")[0].place.endswith("#CookieJar")
+
+
+def test_loading_gives_the_world_of_the_map(map_path: Path) -> None:
+    assert ms.diff(ms.load(map_path), kitchenette()).identical()
+    assert ms.load("bundled:kitchen").body("fridge").id == "fridge"
+
+
+def test_conventions_are_given_once_or_for_each_map(map_path: Path) -> None:
+    assert ms.load(map_path, conventions=Conventions()) == ms.load(map_path, conventions=[Conventions()])
+    with pytest.raises(ArgumentRefused, match="there are 2 for 1 maps"):
+        ms.load(map_path, conventions=[Conventions(), Conventions()])
+
+
+@pytest.mark.parametrize(
+    ("name", "start"),
+    [("x.owl", b"<?xml"), ("x.ttl", b"@prefix"), ("x.mjcf", b"<mujoco"), ("x.xml", b"<mujoco"), ("x.glb", b"glTF")],
+)
+def test_a_world_is_saved_in_the_format_of_the_suffix(name: str, start: bytes, tmp_path: Path) -> None:
+    ms.save(kitchenette(), tmp_path / name)
+    assert (tmp_path / name).read_bytes().startswith(start)
+
+
+def test_a_simulation_and_a_world_are_saved_alike(map_path: Path, tmp_path: Path) -> None:
+    with ms.open(map_path, engine="null") as sim:
+        for dialect in (None, "soma", "same"):
+            out = tmp_path / f"{dialect}.ttl"
+            ms.save(sim, out, dialect=dialect)
+            assert ms.diff(sim, out).identical()
+        sim.save(tmp_path / "sim.out", format="owl")
+        assert ms.diff(map_path, tmp_path / "sim.out").identical()
+        sim.save(tmp_path / "boxes.glb", plain_shapes=True)
+        assert (tmp_path / "boxes.glb").stat().st_size < 100_000
+
+
+def test_what_cannot_be_saved_is_refused_and_leaves_no_file(tmp_path: Path) -> None:
+    with pytest.raises(MapUnwritable, match="stands for no format"):
+        ms.save(kitchenette(), tmp_path / "x.docx")
+    with pytest.raises(ArgumentRefused, match="glb has no dialects"):
+        ms.save(kitchenette(), tmp_path / "x.glb", dialect="soma")
+    with pytest.raises(ArgumentRefused, match="use one of"):
+        ms.save(kitchenette(), tmp_path / "x.owl", dialect="klingon")
+    with pytest.raises(ArgumentRefused, match="use one of"):
+        ms.save(kitchenette(), tmp_path / "x.owl", format="docx")
+    with pytest.raises(ArgumentRefused, match="knowledge base"):
+        ms.save(kitchenette(), tmp_path / "x.owl", dialect="same")
+    assert not list(tmp_path.iterdir())
+
+
+def test_anything_is_compared_with_anything(map_path: Path) -> None:
+    with ms.open(map_path, engine="null") as sim:
+        ways = (map_path, str(map_path), kitchenette(), sim)
+        assert all(ms.diff(a, b).identical() for a in ways for b in ways)
+        sim.joint("Drawer").open()
+        moved = ms.diff(map_path, sim)
+        assert not moved.identical()
+        assert "Drawer" in str(moved)
+
+
+def test_a_page_closes_with_its_simulation(map_path: Path) -> None:
+    with ms.open(map_path, engine="null") as sim:
+        page = ms.view(sim, port=0)
+        assert page.url in page._repr_html_()
+        blocked = ms.view(sim, port=0, block=True, duration_s=0.3)
+        assert "closed" in repr(blocked)
+        assert not sim.frame.playing
+        assert sim.frame.time_s > 0.0, "it plays while it blocks"
+    assert "closed" in repr(page)
+
+
+def test_connecting_reaches_the_simulation_that_is_served(map_path: Path) -> None:
+    with ms.open(map_path, engine="mujoco") as served, Hub() as hub, Server(hub, port=0) as server:
+        face = RosFace(served, hub, namespace="far")
+        url = f"{server.url.replace('ws://', 'ros://')}/far"
+        with ms.connect(url, map_path) as sim:
+            assert set(sim.frame.ids) == set(served.frame.ids)
+            sim.highlight("Mug", "red")
+            assert "Mug" in served.frame.highlights
+            assert sim.ask("where_is", thing="Mug", relation="on")[0].other.endswith("#Cupboard")
+            assert sim.joint("Drawer").open()
+            assert served.joint("Drawer").openness > 0.9
+            sim.joint("Drawer").close()
+        with ms.connect(url) as again:  # its zero is where the joint was spawned there, not where it is now
+            assert served.joint("Drawer").open()
+            again.call(lambda engine: None)
+            assert again.joint("Drawer").openness > 0.9
+        assert not served.closed
+        face.close()
+    with pytest.raises(EngineUnavailable):
+        ms.connect(url, timeout_s=0.5)
+
+
+def test_importing_stays_light_and_names_are_completed() -> None:
+    code = "import mindstage as ms, sys; print({'open', 'Stage', 'diff'} <= set(dir(ms)), 'msgspec' in sys.modules)"
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert result.stdout == "True False\n"
+    with pytest.raises(AttributeError, match="no attribute 'opn'"):
+        ms.opn  # noqa: B018
+
+
+def test_type_checkers_see_the_classes(tmp_path: Path) -> None:
+    pytest.importorskip("mypy")
+    source = tmp_path / "typed.py"
+    source.write_text(
+        textwrap.dedent(
+            """
+            import mindstage as ms
+            from mindstage.stage import JointMotion, Stage
+            from mindstage.world import Difference, World
+
+            def check() -> None:
+                sim: Stage = ms.open("x.owl")
+                world: World = ms.load("x.owl")
+                motion: JointMotion = sim.joint("door").open()
+                found: Difference = ms.diff(world, sim)
+                wrong: int = ms.load("x.owl")
+            """
+        )
+    )
+    result = subprocess.run(
+        [sys.executable, "-m", "mypy", "--strict", "--no-incremental", "--follow-imports=silent", str(source)],
+        capture_output=True,
+        text=True,
+        check=False,
+        cwd=Path(__file__).resolve().parent.parent,
+    )
+    assert "Found 1 error" in result.stdout, result.stdout
+    assert 'variable has type "int"' in result.stdout
