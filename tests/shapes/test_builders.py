@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from mindstage.shapes import DESIGNS, Design, Side, build
+from mindstage.shapes import DESIGNS, Design, Side, build, design_of
 from mindstage.world import Form, Vector
 from tests.shapes.designs import designs_of, orientations, sizes
 from tests.shapes.judging import is_closed, is_convex, is_inside, reach, seen_extents, volume
@@ -90,3 +92,14 @@ def _built(kind: str, data: st.DataObject, size: Vector, way: tuple[Side, Side])
 
 def _copied(design: Design) -> Design:
     return type(design)(**{name: getattr(design, name) for name in design.__struct_fields__})
+
+
+def test_skins_and_key_are_computed_when_first_read_and_only_once() -> None:
+    form = build(design_of("mug"), (0.08, 0.08, 0.0937))
+    with pytest.raises(AttributeError):
+        object.__getattribute__(form, "skins")
+    with pytest.raises(AttributeError, match="colour"):
+        form.colour  # type: ignore[attr-defined]  # noqa: B018
+    assert form.skins is form.skins
+    assert form.key == build(design_of("mug"), (0.08, 0.08, 0.0937), why="again").key
+    assert replace(form, friction=0.5).skins is form.skins

@@ -21,6 +21,8 @@ _WALL_M = 0.015
 _THINNEST_M = 0.001
 _CLEARANCE_M = 0.0005
 """Between a wall and what stands next to it."""
+_FEW = 8
+"""So many contents are compared faster in plain numbers than in arrays."""
 _LEVEL_M = 0.004
 """Contents whose undersides differ by less stand on one level."""
 _SIDES = ("to the back", "to the front", "to the right", "to the left", "to the bottom", "to the top")
@@ -118,7 +120,21 @@ def _floors(half: list[float], vertical: int, upright: bool, low: Array, high: A
     tops = (high if upright else -low)[:, vertical]
     bottom = -half[vertical]
     lowest = bottoms.tolist()
-    if len(lowest) > 1:  # one alone stands on nothing else
+    if 1 < len(lowest) <= _FEW:
+        firsts, lasts, highest = low.tolist(), high.tolist(), tops.tolist()
+        lowest = [
+            level
+            for one, level in enumerate(lowest)
+            if not any(
+                other != one
+                and abs(top - level) < _LEVEL_M
+                and all(
+                    firsts[one][axis] < lasts[other][axis] and firsts[other][axis] < lasts[one][axis] for axis in flat
+                )
+                for other, top in enumerate(highest)
+            )
+        ]
+    elif len(lowest) > _FEW:
         beneath = np.abs(tops - bottoms[:, None]) < _LEVEL_M
         beside = np.all((low[:, flat] < high[:, None, flat]) & (low[:, None, flat] < high[:, flat]), axis=2)
         stacked = np.any(beneath & beside & ~np.eye(len(low), dtype=bool), axis=1)

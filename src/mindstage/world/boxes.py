@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mindstage.world.geometry import Array, rotation_matrix
+from mindstage.world.geometry import Array, cross, rotation_matrix
 from mindstage.world.values import Vector
 
 __all__ = ["Boxes", "Indices", "contains", "coverage", "depths", "neighbours"]
@@ -88,7 +88,7 @@ def depths(boxes: Boxes, a: Indices, b: Indices) -> Array:
     """
     apart = boxes.centre[b] - boxes.centre[a]
     axes_a, axes_b = np.swapaxes(boxes.rotation[a], 1, 2), np.swapaxes(boxes.rotation[b], 1, 2)
-    crossed = np.cross(axes_a[:, :, None, :], axes_b[:, None, :, :]).reshape(-1, 9, 3)
+    crossed = cross(axes_a[:, :, None, :], axes_b[:, None, :, :]).reshape(-1, 9, 3)
     length = np.linalg.norm(crossed, axis=2, keepdims=True)
     parallel = length[..., 0] < 1e-6
     crossed = np.divide(crossed, length, out=np.zeros_like(crossed), where=length >= 1e-6)
