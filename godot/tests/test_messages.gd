@@ -19,7 +19,7 @@ func test_missing_request_fields_have_defaults() -> void:
 	same(reading.value["plan"], "", "no plan")
 
 
-func test_wrong_types_are_errors_with_the_path() -> void:
+func test_values_of_another_type_are_errors_with_the_path() -> void:
 	for each: Array in [
 		["delete", {"ids": "mug"}, "ids: expected array"],
 		["step", {"duration_s": "long"}, "duration_s: expected float"],

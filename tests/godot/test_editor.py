@@ -155,7 +155,9 @@ def test_a_saved_scene_that_is_opened_again_is_still_the_map(furnished: tuple[Ed
 def test_a_saved_scene_that_is_run_lives_as_the_map_says(furnished: tuple[Editor, RemoteEngine], godot: Path) -> None:
     editor, _ = furnished
     assert editor.do("save") == "OK"
-    done = run(godot, editor.project, "--headless", "--script", "tests/editor/run_saved_scene.gd", "--", SCENE, timeout_s=120.0)
+    done = run(
+        godot, editor.project, "--headless", "--script", "tests/editor/run_saved_scene.gd", "--", SCENE, timeout_s=120.0
+    )
     assert done.returncode == 0, done.stdout
     assert "SCRIPT ERROR" not in done.stdout, done.stdout
 

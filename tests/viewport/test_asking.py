@@ -220,7 +220,9 @@ def test_a_query_cannot_write_nor_ask_elsewhere(page: PretendedPage, query: str)
 
 
 def test_a_query_that_names_a_file_reads_none(page: PretendedPage) -> None:
-    found = page.ask("ask.sparql", query='SELECT * FROM <file:///etc/passwd> { ?s ?p ?o FILTER(CONTAINS(?o, "root:")) }')
+    found = page.ask(
+        "ask.sparql", query='SELECT * FROM <file:///etc/passwd> { ?s ?p ?o FILTER(CONTAINS(?o, "root:")) }'
+    )
     assert found["total"] == 0
     with pytest.raises(Refused, match="more than 20000 letters"):
         page.ask("ask.sparql", query="#" * 20_001)

@@ -69,7 +69,9 @@ def test_all_are_told_to_look_again_even_where_the_outline_stays_the_same(page: 
         wait_until(lambda: other.sees("details_changed"), "the other one is there")
         world, before = other.told["scene_tree"], other.told["details_changed"]
         guest.ask("set_physics", id="Mug", mass_kg=1.5)
-        eventually(other, "details_changed", lambda now: now > before, "the other one is told that something has changed")
+        eventually(
+            other, "details_changed", lambda now: now > before, "the other one is told that something has changed"
+        )
         assert other.told["scene_tree"] == world
         assert other.ask("details", id="Mug")["mass"] == 1.5
 
@@ -139,7 +141,9 @@ def test_what_is_selected_is_told_with_its_pose_and_joints_as_they_are(alive: St
     eventually(guest, "live_details", lambda live: live["id"] == "Drawer", "where it is is told")
     assert guest.told["live_details"]["joints"] == {"DrawerSlide": {"x": 0.0}}
     alive.editing.move(DRAWER, Pose((1.75, 0.0, 0.65)))
-    eventually(guest, "live_details", lambda live: live["joints"] == {"DrawerSlide": {"x": -0.2}}, "and where it is now")
+    eventually(
+        guest, "live_details", lambda live: live["joints"] == {"DrawerSlide": {"x": -0.2}}, "and where it is now"
+    )
     assert guest.told["live_details"]["pose"]["position"] == [1.75, 0.0, 0.65]
 
 

@@ -72,7 +72,9 @@ def test_a_joint_is_told_with_its_other_end_and_its_range() -> None:
 
 def test_where_things_are_kept_is_passed_on() -> None:
     world, kept = kitchenette(), Kept(class_name="Cupboard", ids=(BodyId("Cupboard"),))
-    assert details_of(world.body("Mug"), world, ancestors=(), joints=(), storage_places=[kept]).storage_places == (kept,)
+    assert details_of(world.body("Mug"), world, ancestors=(), joints=(), storage_places=[kept]).storage_places == (
+        kept,
+    )
 
 
 def test_what_trembles_is_told_in_the_same_digits() -> None:

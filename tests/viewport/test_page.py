@@ -141,7 +141,9 @@ def test_what_is_hidden_is_hidden_for_all(viewport: Viewport, visit: Visiting) -
     visitor.page.locator(".tree-row[data-id=Fridge] [data-action=toggle-visibility]").click()
     hidden = {"Fridge", "FridgeDoor", "FridgeHandle"}
     wait_until(lambda: viewport.sights.hidden == hidden, "the fridge is hidden with all that belongs to it")
-    wait_until(lambda: other.page.locator(".tree-row.hidden-body[data-id=Fridge]").count() == 1, "the other one sees it")
+    wait_until(
+        lambda: other.page.locator(".tree-row.hidden-body[data-id=Fridge]").count() == 1, "the other one sees it"
+    )
 
 
 def test_values_are_typed_in_and_undone(stage: Stage, viewport: Viewport, visit: Visiting) -> None:
@@ -178,7 +180,9 @@ def test_a_body_is_attached_by_choosing_its_holder(stage: Stage, viewport: Viewp
     wait_until(lambda: "Drawer" in visitor.rows(), "the drawer is found")
     visitor.page.locator(".tree-row[data-id=Drawer] .tree-name").click()
     wait_until(lambda: any(hold.child == "Mug" for hold in stage.log().attachments), "the mug hangs on the drawer")
-    wait_until(lambda: visitor.selected == "Mug" and visitor.details()["attached_to"] == "Drawer", "and the page says so")
+    wait_until(
+        lambda: visitor.selected == "Mug" and visitor.details()["attached_to"] == "Drawer", "and the page says so"
+    )
     visitor.press("detach")
     wait_until(lambda: all(hold.child != "Mug" for hold in stage.log().attachments), "it is loose again")
 

@@ -105,7 +105,9 @@ def test_the_report_is_looked_at_again_only_when_there_is_more_to_report(
 def test_who_is_connected_is_told_until_they_are_gone(stage: Stage, channel: Channel) -> None:
     farewell = stage.company.introduce(lambda: [Guest(name="/robot", transport="ROS", activity="calls only")])
     StatusDesk(stage, channel).tell(stage.frame)
-    assert PretendedPage(channel).sees("status")["clients"] == [{"name": "/robot", "transport": "ROS", "activity": "calls only"}]
+    assert PretendedPage(channel).sees("status")["clients"] == [
+        {"name": "/robot", "transport": "ROS", "activity": "calls only"}
+    ]
     farewell()
     farewell()
     assert stage.company.guests() == ()

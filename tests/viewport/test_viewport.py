@@ -203,7 +203,9 @@ def test_a_fault_is_said_on_the_page_and_once_on_stderr_and_is_got_over(
         with monkeypatch.context() as broken:
             broken.setattr(stage, "log", fail)
             stage.call(lambda engine: None, edits=True)
-            wait_until(lambda: "the log is on fire" in (guest.sees("viewer_error") or ""), "the page says what is wrong")
+            wait_until(
+                lambda: "the log is on fire" in (guest.sees("viewer_error") or ""), "the page says what is wrong"
+            )
             wait_until(lambda: len(calls) >= 2, "the page tries again")
         wait_until(lambda: guest.sees("viewer_error") == "", "the page has got over it")
     told = [record for record in caplog.records if "the log is on fire" in record.getMessage()]

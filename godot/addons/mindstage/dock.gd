@@ -81,8 +81,8 @@ func _on_edited(what: String, before: MindstageUndoSnapshot, simulation: Mindsta
 	MindstageSceneFile.set_owners(simulation, EditorInterface.get_edited_scene_root())
 	var after: MindstageUndoSnapshot = MindstageUndoSnapshot.capture(simulation)
 	undo.create_action("Mindstage: " + what, UndoRedo.MERGE_DISABLE, simulation)
-	undo.add_do_method(self, &"bring_back", simulation, after)
-	undo.add_undo_method(self, &"bring_back", simulation, before)
+	undo.add_do_method(self, &"restore", simulation, after)
+	undo.add_undo_method(self, &"restore", simulation, before)
 	for node: Node3D in after.nodes():
 		if not node in before.nodes():
 			undo.add_do_reference(node)

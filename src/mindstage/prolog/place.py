@@ -110,8 +110,8 @@ class Place:
     def highlight(self, individuals: Sequence[Value], colour: Value, reason: Value) -> Value:
         """Lights bodies up, or puts them out; how many they were, and what has no body, each as dark(Name, Reason)."""
         shown = self._stage.show([self._called(each) for each in individuals], _colour(colour), label=str(reason))
-        dark = [Compound("dark", (Atom(each.id), each.reason)) for each in shown.not_lit]
-        return Compound("shown", (len(shown.lit), dark))
+        dark = [Compound("not_highlighted", (Atom(each.id), each.reason)) for each in shown.not_lit]
+        return Compound("highlighted", (len(shown.lit), dark))
 
     def unhighlight(self) -> Value:
         """Puts all lights out."""

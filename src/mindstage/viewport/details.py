@@ -89,7 +89,13 @@ class Live(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def details_of(
-    body: Body, world: World, *, ancestors: Sequence[Iri], joints: Iterable[Joint], storage_places: Iterable[Kept], geometry: str = ""
+    body: Body,
+    world: World,
+    *,
+    ancestors: Sequence[Iri],
+    joints: Iterable[Joint],
+    storage_places: Iterable[Kept],
+    geometry: str = "",
 ) -> Details:
     """What there is to know about a body.
 

@@ -124,7 +124,9 @@ class Photographer:
                 browser.go(f"{address(self._server)}/?{urlencode({'token': self._token})}")
             browser.go(self._address(key, shot))
             if shot.panels:
-                key = _until(lambda: browser.evaluate("window.mindstage?.clientKey ?? ''"), end, "the page did not open")
+                key = _until(
+                    lambda: browser.evaluate("window.mindstage?.clientKey ?? ''"), end, "the page did not open"
+                )
                 _bring_forward(browser, shot.panel)
             client = _until(lambda: self._client(key), end, "the view did not open")
             self._prepare(shot, client.client_id)

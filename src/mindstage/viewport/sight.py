@@ -263,7 +263,9 @@ class Sight:
             self._cut.remove()
             self._cut = None
         if height is not None:
-            self._cut = self._scene.add_frame("/clipping_plane", show_axes=False, position=(0.0, 0.0, height), visible=False)
+            self._cut = self._scene.add_frame(
+                "/clipping_plane", show_axes=False, position=(0.0, 0.0, height), visible=False
+            )
 
     def fly(self) -> None:
         """A little farther, where the camera is on its way."""
