@@ -97,8 +97,8 @@ class PrologConsole:
     def answers(self, line: str, *, limit: int = 1000, timeout_s: float = 10.0) -> list[Solution]:
         """What makes a line true that a stranger wrote, such as a visitor of a page. Any thread may ask.
 
-        It can only ask questions and join their answers (`line_queries.pl`): nothing in it can run, change, read or write
-        anything, and it gets little memory.
+        Only questions and their combinations are allowed (`line_queries.pl`): a query cannot call, change, read or
+        write anything else, and it has a memory limit.
 
         Args:
             line: as one types it, the full stop left out or not.
