@@ -1,5 +1,6 @@
 extends SceneTree
-## Runs all tests beside it: `godot --headless --path godot --script tests/run.gd [-- WORD]`; 1 if any fails.
+## Runs all tests in this folder: `godot --headless --path godot --script tests/run.gd [-- WORD]`. The exit code is 1
+## if a test fails.
 
 const _FOLDER: String = "res://tests"
 
@@ -37,7 +38,7 @@ func _passes(file: String, name_of_test: String) -> bool:
 	test.tree = self
 	await test.call(name_of_test)
 	if test.checks == 0:
-		test.failures.append("it checks nothing, or broke off")
+		test.failures.append("the test has no checks, or was aborted by an error")
 	for failure: String in test.failures:
 		print("%s: %s: %s" % [file, name_of_test, failure])
 	return test.failures.is_empty()

@@ -1,38 +1,38 @@
 class_name MindstageTestCase
 extends RefCounted
-## Tests of one thing: every method whose name begins with `test_` is one, and may wait.
+## Base class of test cases: each method whose name begins with `test_` is a test and may be a coroutine.
 
 var tree: SceneTree
 var failures: PackedStringArray = []
 var checks: int = 0
 
 
-## Notes a failure unless something is true.
+## Records a failure unless the condition is true.
 func check(is_true: bool, what: String) -> void:
 	checks += 1
 	if not is_true:
 		failures.append(what)
 
 
-## Notes a failure unless two values are the same.
-func same(found: Variant, wanted: Variant, what: String = "") -> void:
-	check(typeof(found) == typeof(wanted) and found == wanted, "%s: %s is not %s" % [what, found, wanted])
+## Records a failure unless two values have the same type and value.
+func same(found: Variant, expected: Variant, what: String = "") -> void:
+	check(typeof(found) == typeof(expected) and found == expected, "%s: %s is not %s" % [what, found, expected])
 
 
-## Notes a failure unless two numbers are as good as the same.
-func near(found: float, wanted: float, within: float, what: String = "") -> void:
-	check(absf(found - wanted) <= within, "%s: %s is not %s within %s" % [what, found, wanted, within])
+## Records a failure unless two numbers are equal within a tolerance.
+func near(found: float, expected: float, within: float, what: String = "") -> void:
+	check(absf(found - expected) <= within, "%s: %s is not %s within %s" % [what, found, expected, within])
 
 
-## A stage in the tree, in which time passes by steps only.
-func new_stage() -> MindstageStage:
-	var stage: MindstageStage = MindstageStage.new()
-	stage.clock.speed = 0.0
-	tree.root.add_child(stage)
-	return stage
+## A paused simulation in the tree.
+func new_simulation() -> MindstageSimulation:
+	var simulation: MindstageSimulation = MindstageSimulation.new()
+	simulation.clock.speed = 0.0
+	tree.root.add_child(simulation)
+	return simulation
 
 
-## Takes it away again.
+## Frees a node and waits until it is gone.
 func drop(node: Node) -> void:
 	node.queue_free()
 	await tree.process_frame

@@ -1,8 +1,8 @@
 extends MindstageTestCase
-## Taking JSON apart without touching what is in it.
+## Splitting JSON texts without changing their parts.
 
 
-func test_members_keep_every_digit_and_blank() -> void:
+func test_members_keep_all_digits_and_spaces() -> void:
 	var text: String = '{ "a" : 1.50 , "b":[1, {"c": "}\\"]"}],"d":{"e":null} }'
 	var parts: Dictionary[String, String] = MindstageJsonText.members(text)
 	same(parts.keys(), ["a", "b", "d"], "keys")
@@ -17,14 +17,14 @@ func test_elements_of_any_kind() -> void:
 	same(MindstageJsonText.elements("[]").size(), 0, "none")
 
 
-func test_one_member_is_replaced_and_no_other() -> void:
+func test_only_the_given_member_is_replaced() -> void:
 	var text: String = '{"a":1.50,"b":2}'
 	same(MindstageJsonText.with_member(text, "b", "[3]"), '{"a":1.50,"b":[3]}', "another value")
 	same(MindstageJsonText.with_member(text, "c", "4"), '{"a":1.50,"b":2,"c":4}', "a new one")
 	same(MindstageJsonText.with_member(text, "a", ""), '{"b":2}', "without")
 
 
-func test_numbers_are_written_so_that_they_come_back() -> void:
+func test_numbers_are_written_with_all_digits() -> void:
 	var number: float = 0.1 + 0.2
 	var text: String = MindstageJsonText.write([number, 1.0 / 3.0, 5])
 	var read: Array = JSON.parse_string(text)

@@ -34,7 +34,7 @@ def test_the_page_s_python_runs(prolog: Path, tmp_path: Path, monkeypatch: pytes
 def test_the_page_names_every_predicate_of_the_thesis(prolog: Path) -> None:
     done = run(
         "-g",
-        "module_property(mindstage_thesis, exports(Names)), forall(member(Name/_, Names), (write(Name), nl))",
+        "module_property(mindstage_veit2019_compat, exports(Names)), forall(member(Name/_, Names), (write(Name), nl))",
     )
     names = set(done.stdout.split())
     assert len(names) > 20

@@ -115,11 +115,11 @@ def test_without_an_answer_nothing_is_lit(console: PrologConsole, stage: Stage) 
 
 
 def test_what_is_not_there_cannot_be_lit(console: PrologConsole, capfd: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(GoalRefused, match=r"fridge stays dark: .*; spawn_semantic_map") as refused:
+    with pytest.raises(GoalRefused, match=r"fridge cannot be highlighted: .*; spawn_semantic_map") as refused:
         console.holds("highlight(fridge)")
     assert refused.value.kind == "body_unknown"
     assert console.holds("spawn_semantic_map(_), highlight([fridge, fridge_door_hinge])")
-    assert "fridge_door_hinge stays dark: it is a constraint, which has no body" in capfd.readouterr().err
+    assert "fridge_door_hinge cannot be highlighted: it is a constraint, which has no body" in capfd.readouterr().err
     with pytest.raises(GoalRefused, match="pink") as refused:
         console.holds("highlight(fridge, pink)")
     assert refused.value.kind == "colour_unknown"

@@ -110,14 +110,14 @@ def test_names_are_short_prefixed_or_whole(name: str, kitchen: PrologConsole) ->
     ],
 )
 def test_names_are_printed_with_their_prefix(term: str, printed: str, kitchen: PrologConsole) -> None:
-    goal = f"mindstage_names:spelt({term}, Spelt), with_output_to(atom(X), print(Spelt))"
+    goal = f"mindstage_prefixes:expand_prefixes({term}, Expanded), with_output_to(atom(X), print(Expanded))"
     assert values(kitchen, goal) == [printed]
 
 
 def test_users_may_add_prefixes(kitchen: PrologConsole) -> None:
     assert kitchen.holds("rdf_register_prefix(my, 'http://my.org/x#'), rdf_global_id(my:a, 'http://my.org/x#a')")
     assert kitchen.holds("rdf_global_id(my:N, 'http://my.org/x#b'), N == b, rdf_current_prefix(my, _)")
-    with pytest.raises(GoalRefused, match="no prefix mine is known; there is ") as refused:
+    with pytest.raises(GoalRefused, match="unknown prefix mine; known prefixes: ") as refused:
         kitchen.holds("handle_of(_, mine:thing, _)")
     assert refused.value.kind == "prefix_unknown"
 

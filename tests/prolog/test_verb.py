@@ -128,7 +128,7 @@ def test_the_toplevel_reads_a_pipe(prolog: Path) -> None:
     assert done.returncode == 3
     for line in ("Place = ms:'Breadbasket'", "Place = knowrob:'Refrigerator'", "H = kitchen:fridge_door_handle."):
         assert line in done.stdout
-    assert "fridge stays dark: it has no body here; spawn_semantic_map(Map)" in done.stderr
+    assert "fridge cannot be highlighted: it has no body here; spawn_semantic_map(Map)" in done.stderr
     assert "M = kitchen:kitchen." in done.stdout
     assert "Unknown procedure: no_such_thing/1" in done.stderr
     assert "Traceback" not in done.stderr

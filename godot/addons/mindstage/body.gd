@@ -1,51 +1,51 @@
 @tool
 class_name MindstageBody
 extends RefCounted
-## One body of the world: how it was described, what was decided about it, and the node that it is here.
+## One body: its description, its physics model and its nodes.
 
 ## The local name of the individual.
 var id: String
-## Its JSON as it came; an edit replaces the member that it is about, and no other.
+## Its description as JSON text; an edit replaces only the member that changed.
 var text: String
-## The same, read.
+## The parsed description.
 var data: Dictionary
-## Its number among all bodies, and in the table of poses.
+## Its index among all bodies and in the table of poses.
 var row: int
-## Whether it is no longer where its description says.
+## Whether its pose differs from its description.
 var moved: bool = false
-## What it is made of, where that was told.
-var form: Dictionary = {}
-## How it takes part in the physics: `BodyChange` of mindstage_msgs' plans.
-var part: Dictionary = {}
-## It in the scene.
+## Its geometry (visual mesh, collision shapes, emitted lights), if given.
+var geometry: Dictionary = {}
+## Its physics model: `BodyChange` of a plan.
+var physics_model: Dictionary = {}
+## Its node in the scene.
 var node: Node3D
-## The body whose physics node its solids belong to: the top of an assembly that moves, else itself.
-var carrier: MindstageCarrier
-## The constraints that it is an end of.
+## The rigid group whose physics node has its collision shapes.
+var group: MindstageRigidGroup
+## The ids of the joints that connect it.
 var joints: Dictionary[String, bool] = {}
-## Where its node was put, or seen, last.
-var last: Transform3D
+## The last known transform of its node.
+var last_transform: Transform3D
 
 
-## Reads a description.
-static func from_text(written: String, read: Dictionary) -> MindstageBody:
+## Creates a body from its description.
+static func from_text(json_text: String, read: Dictionary) -> MindstageBody:
 	var body: MindstageBody = MindstageBody.new()
-	body.text = written
+	body.text = json_text
 	body.data = read
 	body.id = read["id"]
 	return body
 
 
-## A body of its own with the same content, for who keeps the past.
+## A copy for a snapshot, without the group.
 func copy() -> MindstageBody:
-	var twin: MindstageBody = MindstageBody.new()
-	for field: String in ["id", "text", "data", "row", "moved", "form", "part", "node", "last"]:
-		twin.set(field, get(field))
-	twin.joints = joints.duplicate()
-	return twin
+	var copied: MindstageBody = MindstageBody.new()
+	for field: String in ["id", "text", "data", "row", "moved", "geometry", "physics_model", "node", "last_transform"]:
+		copied.set(field, get(field))
+	copied.joints = joints.duplicate()
+	return copied
 
 
-## Replaces a member of its description by the text of another value.
+## Replaces a member of its description with a JSON value.
 func replace(key: String, value: String) -> void:
 	text = MindstageJsonText.with_member(text, key, value)
 	data = data.duplicate()
@@ -54,31 +54,35 @@ func replace(key: String, value: String) -> void:
 		MindstageTags.write(node, data)
 
 
-## How it takes part in the physics, as the map says.
+## The physics properties of its description.
 func physics() -> Dictionary:
 	return data.get("physics", {})
 
 
-## Whether the physics moves its assembly.
-func simulates() -> bool:
-	return part.get("mobility", "static") == "dynamic"
+## Whether its rigid group is moved by the physics.
+func is_dynamic() -> bool:
+	return physics_model.get("mobility", "static") == "dynamic"
 
 
-## The id of the body that its rigid assembly hangs on.
-func top() -> String:
-	return part.get("top", id)
+## The id of the root body of its rigid group.
+func root_id() -> String:
+	return physics_model.get("top", id)
 
 
-## The id of the body whose physics node its solids belong to.
-func carrier_id() -> String:
-	return top() if simulates() else id
+## The id of the body whose physics node has its collision shapes.
+func group_id() -> String:
+	return root_id() if is_dynamic() else id
 
 
-## Where it is in the frame of that body.
-func hold() -> Transform3D:
-	return MindstageFrames.transform_from(part.get("hold", {})) if simulates() and top() != id else Transform3D()
+## Its transform relative to that body.
+func transform_in_group() -> Transform3D:
+	return (
+		MindstageFrames.transform_from(physics_model.get("hold", {}))
+		if is_dynamic() and root_id() != id
+		else Transform3D()
+	)
 
 
-## What can be touched of it, in its own frame.
-func solids() -> Array:
-	return part.get("solids", [])
+## Its collision shapes in its own frame.
+func collision_shapes() -> Array:
+	return physics_model.get("solids", [])

@@ -1,15 +1,15 @@
 @tool
 class_name MindstageDock
 extends VBoxContainer
-## The editor's dock: where the rosbridge is, whether it is joined, and what was asked.
+## Editor dock: connects to a rosbridge, and shows the connection state and a log of service calls.
 ##
-## A map that somebody spawns goes into the open scene. There it can be edited by hand, undone, saved, and logged back.
+## Maps are spawned into the open scene, where they can be edited, undone, saved and read back.
 
-const _LINES: int = 200
+const _MAX_LINES: int = 200
 const _SETTING: String = "mindstage/%s"
 
 var undo: EditorUndoRedoManager
-var client: MindstageClient = MindstageClient.new()
+var client: MindstageRosbridgeClient = MindstageRosbridgeClient.new()
 
 var _address: LineEdit = LineEdit.new()
 var _name_space: LineEdit = LineEdit.new()
@@ -22,67 +22,67 @@ var _log: RichTextLabel = RichTextLabel.new()
 func _enter_tree() -> void:
 	if get_child_count() == 0:
 		_build()
-	client.find_stage = find_stage
-	client.changed.connect(_on_changed)
-	client.noted.connect(_on_noted)
+	client.find_simulation = find_simulation
+	client.state_changed.connect(_on_state_changed)
+	client.logged.connect(_on_logged)
 	_button.pressed.connect(_on_pressed)
-	_on_changed(client.state)
+	_on_state_changed(client.state)
 
 
 func _exit_tree() -> void:
-	client.leave()
-	client.changed.disconnect(_on_changed)
-	client.noted.disconnect(_on_noted)
+	client.disconnect_from_server()
+	client.state_changed.disconnect(_on_state_changed)
+	client.logged.disconnect(_on_logged)
 	_button.pressed.disconnect(_on_pressed)
 
 
-## Joins the rosbridge that the fields tell, or leaves it.
+## Connects to the rosbridge given by the fields, or disconnects.
 func toggle() -> void:
-	if client.state != MindstageClient.State.OFF:
-		client.leave()
+	if client.state != MindstageRosbridgeClient.State.DISCONNECTED:
+		client.disconnect_from_server()
 		return
 	for field: String in ["address", "name_space"]:
 		EditorInterface.get_editor_settings().set_setting(_SETTING % field, (get("_" + field) as LineEdit).text)
-	client.join(_address.text.strip_edges(), _name_space.text.strip_edges(), _token.text)
+	client.connect_to(_address.text.strip_edges(), _name_space.text.strip_edges(), _token.text)
 
 
-## Fills the fields.
-func fill(address: String, its_name_space: String, token: String = "") -> void:
+## Sets the input fields.
+func set_fields(address: String, name_space_text: String, token: String = "") -> void:
 	_address.text = address
-	_name_space.text = its_name_space
+	_name_space.text = name_space_text
 	_token.text = token
 
 
-## The stage of the open scene; made there if there is none. Null if no scene is open.
-func find_stage() -> MindstageStage:
+## Returns the simulation node of the open scene, which is added if missing; null if no scene is open.
+func find_simulation() -> MindstageSimulation:
 	var scene: Node = EditorInterface.get_edited_scene_root()
 	if scene == null:
 		return null
-	if scene is MindstageStage:
-		return _followed(scene)
+	if scene is MindstageSimulation:
+		return _watched(scene)
 	for child: Node in scene.find_children("*", "Node3D"):
-		if child is MindstageStage:
-			return _followed(child)
-	var stage: MindstageStage = MindstageStage.new()
-	stage.name = "Mindstage"
-	scene.add_child(stage)
-	stage.owner = scene
-	return _followed(stage)
+		if child is MindstageSimulation:
+			return _watched(child)
+	var simulation: MindstageSimulation = MindstageSimulation.new()
+	simulation.name = "Mindstage"
+	scene.add_child(simulation)
+	simulation.owner = scene
+	return _watched(simulation)
 
 
-func _followed(stage: MindstageStage) -> MindstageStage:
-	if not stage.edited.is_connected(_on_edited):
-		stage.edited.connect(_on_edited.bind(stage))
-	return stage
+func _watched(simulation: MindstageSimulation) -> MindstageSimulation:
+	if not simulation.edited.is_connected(_on_edited):
+		simulation.edited.connect(_on_edited.bind(simulation))
+	return simulation
 
 
-## Makes an edit that just happened one that can be undone.
-func _on_edited(what: String, before: MindstagePast, stage: MindstageStage) -> void:
-	MindstageSceneFile.own(stage, EditorInterface.get_edited_scene_root())
-	var after: MindstagePast = MindstagePast.of(stage)
-	undo.create_action("Mindstage: " + what, UndoRedo.MERGE_DISABLE, stage)
-	undo.add_do_method(self, &"bring_back", stage, after)
-	undo.add_undo_method(self, &"bring_back", stage, before)
+## Registers an edit that was made with the editor's undo history.
+func _on_edited(what: String, before: MindstageUndoSnapshot, simulation: MindstageSimulation) -> void:
+	MindstageSceneFile.set_owners(simulation, EditorInterface.get_edited_scene_root())
+	var after: MindstageUndoSnapshot = MindstageUndoSnapshot.capture(simulation)
+	undo.create_action("Mindstage: " + what, UndoRedo.MERGE_DISABLE, simulation)
+	undo.add_do_method(self, &"restore", simulation, after)
+	undo.add_undo_method(self, &"restore", simulation, before)
 	for node: Node3D in after.nodes():
 		if not node in before.nodes():
 			undo.add_do_reference(node)
@@ -92,21 +92,21 @@ func _on_edited(what: String, before: MindstagePast, stage: MindstageStage) -> v
 	undo.commit_action(false)
 
 
-## Makes a stage as it was once; for undo and redo.
-func bring_back(stage: MindstageStage, past: MindstagePast) -> void:
-	past.bring_back(stage)
-	MindstageSceneFile.own(stage, EditorInterface.get_edited_scene_root())
+## Restores a snapshot; called by undo and redo.
+func restore(simulation: MindstageSimulation, snapshot: MindstageUndoSnapshot) -> void:
+	snapshot.restore(simulation)
+	MindstageSceneFile.set_owners(simulation, EditorInterface.get_edited_scene_root())
 
 
 func _build() -> void:
 	var settings: EditorSettings = EditorInterface.get_editor_settings()
-	var told: Callable = func(field: String, otherwise: String) -> String:
+	var setting: Callable = func(field: String, otherwise: String) -> String:
 		var path: String = _SETTING % field
 		return str(settings.get_setting(path)) if settings.has_setting(path) else otherwise
-	fill(told.call("address", "ws://127.0.0.1:9090"), told.call("name_space", "godot"))
+	set_fields(setting.call("address", "ws://127.0.0.1:9090"), setting.call("name_space", "godot"))
 	_token.secret = true
-	_token.placeholder_text = "only where one is needed"
-	_add_field("Address", _address)
+	_token.placeholder_text = "if the server requires one"
+	_add_field("Server URL", _address)
 	_add_field("Namespace", _name_space)
 	_add_field("Token", _token)
 	add_child(_button)
@@ -130,20 +130,20 @@ func _on_pressed() -> void:
 	toggle()
 
 
-func _on_changed(state: MindstageClient.State) -> void:
-	_button.text = "Connect" if state == MindstageClient.State.OFF else "Disconnect"
+func _on_state_changed(state: MindstageRosbridgeClient.State) -> void:
+	_button.text = "Connect" if state == MindstageRosbridgeClient.State.DISCONNECTED else "Disconnect"
 	match state:
-		MindstageClient.State.OFF:
+		MindstageRosbridgeClient.State.DISCONNECTED:
 			_status.text = "not connected"
-		MindstageClient.State.JOINING:
+		MindstageRosbridgeClient.State.CONNECTING:
 			_status.text = "connecting to %s" % _address.text
-		MindstageClient.State.JOINED:
+		MindstageRosbridgeClient.State.CONNECTED:
 			_status.text = "connected; services below /%s" % _name_space.text
-		MindstageClient.State.LOST:
-			_status.text = "nobody answers at %s; trying again" % _address.text
+		MindstageRosbridgeClient.State.LOST:
+			_status.text = "no connection to %s; reconnecting" % _address.text
 
 
-func _on_noted(line: String) -> void:
+func _on_logged(line: String) -> void:
 	_log.add_text(line + "\n")
-	while _log.get_paragraph_count() > _LINES:
+	while _log.get_paragraph_count() > _MAX_LINES:
 		_log.remove_paragraph(0)

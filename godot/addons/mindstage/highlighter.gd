@@ -1,35 +1,35 @@
 @tool
 class_name MindstageHighlighter
 extends RefCounted
-## Lights bodies up: a glowing coat of any colour over all that is seen of them.
+## Highlights bodies with a translucent overlay material on their visuals.
 
-const _STRENGTH: float = 0.55
+const _OPACITY: float = 0.55
 
-static var _coats: Dictionary[Color, StandardMaterial3D] = {}
-
-
-## Lights a body up.
-static func light(body: MindstageBody, colour: Color) -> void:
-	_coat(body, _coat_of(colour))
+static var _overlays: Dictionary[Color, StandardMaterial3D] = {}
 
 
-## Puts it out.
-static func put_out(body: MindstageBody) -> void:
-	_coat(body, null)
+## Highlights a body.
+static func highlight(body: MindstageBody, color: Color) -> void:
+	_set_overlay(body, _overlay_material(color))
 
 
-static func _coat(body: MindstageBody, coat: StandardMaterial3D) -> void:
-	for part: MeshInstance3D in MindstageLooks.parts(body.node):
-		part.material_overlay = coat
+## Clears the highlight of a body.
+static func clear(body: MindstageBody) -> void:
+	_set_overlay(body, null)
 
 
-static func _coat_of(colour: Color) -> StandardMaterial3D:
-	if not _coats.has(colour):
-		var coat: StandardMaterial3D = StandardMaterial3D.new()
-		coat.shading_mode = BaseMaterial3D.SHADING_MODE_UNSHADED
-		coat.transparency = BaseMaterial3D.TRANSPARENCY_ALPHA
-		coat.albedo_color = Color(colour, _STRENGTH)
-		coat.grow = true
-		coat.grow_amount = 0.004
-		_coats[colour] = coat
-	return _coats[colour]
+static func _set_overlay(body: MindstageBody, overlay: StandardMaterial3D) -> void:
+	for part: MeshInstance3D in MindstageVisuals.mesh_instances(body.node):
+		part.material_overlay = overlay
+
+
+static func _overlay_material(color: Color) -> StandardMaterial3D:
+	if not _overlays.has(color):
+		var overlay: StandardMaterial3D = StandardMaterial3D.new()
+		overlay.shading_mode = BaseMaterial3D.SHADING_MODE_UNSHADED
+		overlay.transparency = BaseMaterial3D.TRANSPARENCY_ALPHA
+		overlay.albedo_color = Color(color, _OPACITY)
+		overlay.grow = true
+		overlay.grow_amount = 0.004
+		_overlays[color] = overlay
+	return _overlays[color]

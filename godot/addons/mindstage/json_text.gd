@@ -1,10 +1,10 @@
 @tool
 class_name MindstageJsonText
 extends RefCounted
-## JSON as text: takes it apart and puts it together without touching what is not looked at.
+## Splits and joins JSON texts without changing their parts.
 ##
-## Whoever reads a number and writes it again may write other digits. So a description stays the text that it came as,
-## and only what changed is replaced.
+## Parsing and writing a number may change its digits. Descriptions are therefore kept as text, and only changed members
+## are replaced.
 
 const _VALUE: String = (
 	'(?<value>\\{(?:[^{}"]++|"(?:[^"\\\\]++|\\\\.)*+"|(?&value))*+\\}'
@@ -18,7 +18,7 @@ static var _member: RegEx = RegEx.create_from_string(
 static var _element: RegEx = RegEx.create_from_string("\\G\\s*+[\\[,]\\s*+" + _VALUE)
 
 
-## The members of an object: each key with the text of its value.
+## The members of an object as texts by key.
 static func members(text: String) -> Dictionary[String, String]:
 	var found: Dictionary[String, String] = {}
 	for each: RegExMatch in _all(_member, text):
@@ -26,7 +26,7 @@ static func members(text: String) -> Dictionary[String, String]:
 	return found
 
 
-## The texts of an array's elements.
+## The elements of an array as texts.
 static func elements(text: String) -> PackedStringArray:
 	var found: PackedStringArray = []
 	for each: RegExMatch in _all(_element, text):
@@ -34,7 +34,7 @@ static func elements(text: String) -> PackedStringArray:
 	return found
 
 
-## An object from its members' texts.
+## The object of the given member texts.
 static func object(parts: Dictionary[String, String]) -> String:
 	var written: PackedStringArray = []
 	for key: String in parts:
@@ -42,12 +42,12 @@ static func object(parts: Dictionary[String, String]) -> String:
 	return "{" + ",".join(written) + "}"
 
 
-## An array from its elements' texts.
+## The array of the given element texts.
 static func array(parts: PackedStringArray) -> String:
 	return "[" + ",".join(parts) + "]"
 
 
-## An object in which one member is another one, or none where its new text is empty.
+## The object with a member replaced, or removed if the new text is empty.
 static func with_member(text: String, key: String, value: String) -> String:
 	var parts: Dictionary[String, String] = members(text)
 	if value.is_empty():
@@ -57,13 +57,13 @@ static func with_member(text: String, key: String, value: String) -> String:
 	return object(parts)
 
 
-## A value from text, or null where it is no JSON.
+## Parses a text; null if it is not JSON.
 static func read(text: String) -> Variant:
 	var json: JSON = JSON.new()
 	return json.data if json.parse(text) == OK else null
 
 
-## A value as text, with every digit of its numbers.
+## Writes a value with all digits of its numbers.
 static func write(value: Variant) -> String:
 	return JSON.stringify(value, "", false, true)
 

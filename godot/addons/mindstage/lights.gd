@@ -1,50 +1,50 @@
 @tool
 class_name MindstageLights
 extends RefCounted
-## A map's lights, and what glows.
+## Lights of the map, and lights emitted by bodies.
 
-const _REACH_M: float = 8.0
-## A lamp of so many candela is as bright as Godot's own are at first; the sun of so many lux likewise.
+const _RANGE_M: float = 8.0
+## The intensity that corresponds to Godot's light energy 1.0, for lamps [cd] and for directional lights [lx].
 const _CANDELA: float = 150.0
 const _LUX: float = 3.0
-const _BRIGHTEST: float = 0.7
+const _MAX_ENERGY: float = 0.7
 
 
-## A light of a world's description.
-static func make(light: Dictionary) -> Node3D:
-	var lamp: Light3D = _lamp(str(light.get("kind", "point")))
-	lamp.name = str(light.get("id", "light")).validate_node_name()
-	MindstageTags.write(lamp, light)
-	_shine(lamp, light)
-	return lamp
+## Creates the node of a light from its description.
+static func make(data: Dictionary) -> Node3D:
+	var node: Light3D = _new_light(str(data.get("kind", "point")))
+	node.name = str(data.get("id", "light")).validate_node_name()
+	MindstageTags.write(node, data)
+	_configure(node, data)
+	return node
 
 
-## What shines with a body, from the glows of its form.
-static func glow(body: MindstageBody) -> void:
-	for told: Dictionary in body.form.get("glows", []):
-		var lamp: Light3D = _lamp(str(told.get("kind", "point")))
-		lamp.set_meta(MindstageLooks.NODE, true)
-		_shine(lamp, told)
-		body.node.add_child(lamp)
+## Adds the lights that the geometry of a body emits.
+static func add_emitted_lights(body: MindstageBody) -> void:
+	for data: Dictionary in body.geometry.get("glows", []):
+		var node: Light3D = _new_light(str(data.get("kind", "point")))
+		node.set_meta(MindstageVisuals.NODE, true)
+		_configure(node, data)
+		body.node.add_child(node)
 
 
-static func _lamp(kind: String) -> Light3D:
+static func _new_light(kind: String) -> Light3D:
 	match kind:
 		"spot":
 			var spot: SpotLight3D = SpotLight3D.new()
-			spot.spot_range = _REACH_M
+			spot.spot_range = _RANGE_M
 			return spot
 		"directional":
 			return DirectionalLight3D.new()
 	var point: OmniLight3D = OmniLight3D.new()
-	point.omni_range = _REACH_M
+	point.omni_range = _RANGE_M
 	return point
 
 
-static func _shine(lamp: Light3D, told: Dictionary) -> void:
-	# Along the negative z axis of ROS's own axes, as Godot's lamps shine along the negative z of theirs.
-	lamp.transform = MindstageFrames.joint_frame(told.get("pose", {}))
-	var colour: Array = told.get("colour", [1.0, 1.0, 1.0])
-	lamp.light_color = Color(colour[0], colour[1], colour[2])
-	var as_usual: float = _LUX if lamp is DirectionalLight3D else _CANDELA
-	lamp.light_energy = minf(float(told.get("intensity", 1.0)) / as_usual, _BRIGHTEST)
+static func _configure(node: Light3D, data: Dictionary) -> void:
+	# Light shines along the negative z axis, in ROS and in Godot.
+	node.transform = MindstageFrames.joint_frame(data.get("pose", {}))
+	var color: Array = data.get("colour", [1.0, 1.0, 1.0])
+	node.light_color = Color(color[0], color[1], color[2])
+	var unit_intensity: float = _LUX if node is DirectionalLight3D else _CANDELA
+	node.light_energy = minf(float(data.get("intensity", 1.0)) / unit_intensity, _MAX_ENERGY)

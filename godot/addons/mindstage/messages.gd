@@ -1,17 +1,17 @@
 @tool
 class_name MindstageMessages
 extends RefCounted
-## The messages of the wire: which fields each has, and of which kind.
+## Message definitions of the services: field names, types and defaults.
 ##
-## The golden messages in `wire/` hold for both ends.
+## The golden messages in `wire/` are tested in GDScript and in Python.
 ##
-## A type is told by an example of its defaults; an array by one element. What is left out of a request has its default,
-## as ROS has it; what is of another kind is refused, with the path to it.
+## A type is given by its default value, an array type by one element. Missing fields of a request get their defaults,
+## as in ROS; a value of another type is an error with the path to it.
 
 const POINT: Dictionary = {"x": 0.0, "y": 0.0, "z": 0.0}
-const TURN: Dictionary = {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0}
-const POSE: Dictionary = {"position": POINT, "orientation": TURN}
-const COLOUR: Dictionary = {"r": 0.0, "g": 0.0, "b": 0.0, "a": 0.0}
+const QUATERNION: Dictionary = {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0}
+const POSE: Dictionary = {"position": POINT, "orientation": QUATERNION}
+const COLOR: Dictionary = {"r": 0.0, "g": 0.0, "b": 0.0, "a": 0.0}
 const FORCE: Dictionary = {"id": "", "force": POINT, "at_point": false, "point": POINT}
 const REFUSAL: Dictionary = {
 	"kind": "", "text": "", "body": "", "parent": "", "child": "", "reason": "", "world": "", "near": [""]
@@ -28,9 +28,9 @@ const REPORT: Dictionary = {
 	"notes": [NOTE],
 }
 const JOINT: Dictionary = {"id": "", "x": 0.0, "y": 0.0, "z": 0.0, "twist": 0.0, "swing2": 0.0, "swing1": 0.0}
-const DONE: Dictionary = {"success": false, "refusal": REFUSAL}
+const RESULT: Dictionary = {"success": false, "refusal": REFUSAL}
 
-## Of each service that is offered: its package, and its two parts.
+## Type, request and response of each service.
 const SERVICES: Dictionary = {
 	"describe":
 	{
@@ -50,36 +50,37 @@ const SERVICES: Dictionary = {
 		"request": {},
 		"response": {"success": false, "refusal": REFUSAL, "world": ""},
 	},
-	"delete": {"type": "mindstage_msgs/Delete", "request": {"ids": [""], "plan": ""}, "response": DONE},
-	"clear": {"type": "mindstage_msgs/Clear", "request": {}, "response": DONE},
+	"delete": {"type": "mindstage_msgs/Delete", "request": {"ids": [""], "plan": ""}, "response": RESULT},
+	"clear": {"type": "mindstage_msgs/Clear", "request": {}, "response": RESULT},
 	"attach":
 	{
 		"type": "mindstage_msgs/Attach",
 		"request": {"parent": "", "child": "", "plan": ""},
-		"response": DONE,
+		"response": RESULT,
 	},
-	"detach": {"type": "mindstage_msgs/Detach", "request": {"child": "", "plan": ""}, "response": DONE},
-	"set_pose": {"type": "mindstage_msgs/SetPose", "request": {"id": "", "pose": POSE, "plan": ""}, "response": DONE},
+	"detach": {"type": "mindstage_msgs/Detach", "request": {"child": "", "plan": ""}, "response": RESULT},
+	"set_pose": {"type": "mindstage_msgs/SetPose", "request": {"id": "", "pose": POSE, "plan": ""}, "response": RESULT},
 	"set_physics":
 	{
 		"type": "mindstage_msgs/SetPhysics",
 		"request": {"id": "", "physics": "", "plan": ""},
-		"response": DONE,
+		"response": RESULT,
 	},
-	"set_materials": {"type": "mindstage_msgs/SetMaterials", "request": {"id": "", "materials": ""}, "response": DONE},
+	"set_materials":
+	{"type": "mindstage_msgs/SetMaterials", "request": {"id": "", "materials": ""}, "response": RESULT},
 	"highlight":
 	{
 		"type": "mindstage_msgs/Highlight",
-		"request": {"ids": [""], "lit": false, "color": COLOUR},
-		"response": DONE,
+		"request": {"ids": [""], "lit": false, "color": COLOR},
+		"response": RESULT,
 	},
 	"get_highlights":
 	{
 		"type": "mindstage_msgs/GetHighlights",
 		"request": {},
-		"response": {"success": false, "refusal": REFUSAL, "ids": [""], "colors": [COLOUR]},
+		"response": {"success": false, "refusal": REFUSAL, "ids": [""], "colors": [COLOR]},
 	},
-	"push": {"type": "mindstage_msgs/Push", "request": FORCE, "response": DONE},
+	"push": {"type": "mindstage_msgs/Push", "request": FORCE, "response": RESULT},
 	"step":
 	{
 		"type": "mindstage_msgs/Step",
@@ -113,23 +114,23 @@ const SERVICES: Dictionary = {
 		"request": {},
 		"response": {"success": false, "refusal": REFUSAL, "joints": [JOINT]},
 	},
-	"save_scene": {"type": "mindstage_msgs/SaveScene", "request": {"path": ""}, "response": DONE},
+	"save_scene": {"type": "mindstage_msgs/SaveScene", "request": {"path": ""}, "response": RESULT},
 	"photograph":
 	{
 		"type": "mindstage_msgs/Photograph",
 		"request": {"path": "", "width": 0, "height": 0, "eye": POINT, "target": POINT, "fov_deg": 0.0},
-		"response": DONE,
+		"response": RESULT,
 	},
 	"display_basic_marker":
 	{
 		"type": "unreal_vis_msgs/DisplayBasicMarker",
-		"request": {"marker_type": 0, "pose": POSE, "color": COLOUR, "scale": 0.0, "marker_id": ""},
+		"request": {"marker_type": 0, "pose": POSE, "color": COLOR, "scale": 0.0, "marker_id": ""},
 		"response": {"marker_id": ""},
 	},
 	"display_trajectory":
 	{
 		"type": "unreal_vis_msgs/DisplayTrajectory",
-		"request": {"points": [POINT], "color_begin": COLOUR, "color_end": COLOUR, "marker_id": ""},
+		"request": {"points": [POINT], "color_begin": COLOR, "color_end": COLOR, "marker_id": ""},
 		"response": {"marker_id": ""},
 	},
 	"remove_marker":
@@ -141,14 +142,14 @@ const SERVICES: Dictionary = {
 }
 
 
-## What was read, or why it cannot be.
-class Reading:
+## A message that was read, or why it is invalid.
+class ReadResult:
 	var value: Dictionary = {}
-	var cause: String = ""
+	var error: String = ""
 
 
-## Where a service is offered below a namespace.
-static func place(service: String, name_space: String) -> String:
+## The path of a service below a namespace.
+static func service_path(service: String, name_space: String) -> String:
 	var parts: PackedStringArray = name_space.split("/", false)
 	if (SERVICES[service]["type"] as String).begins_with("mindstage_msgs/"):
 		parts.append("mindstage")
@@ -156,33 +157,33 @@ static func place(service: String, name_space: String) -> String:
 	return "/" + "/".join(parts)
 
 
-## Reads a request: each field, with its default where it is left out.
-static func request(service: String, values: Variant) -> Reading:
+## Reads a request, with defaults for missing fields.
+static func request(service: String, values: Variant) -> ReadResult:
 	return read(SERVICES[service]["request"], values)
 
 
-## A whole response: what is not told has its default.
+## A complete response, with defaults for missing fields.
 static func response(service: String, values: Dictionary) -> Dictionary:
 	return read(SERVICES[service]["response"], values).value
 
 
-## Reads a message of a type that is told by its defaults.
-static func read(type: Dictionary, values: Variant) -> Reading:
-	var reading: Reading = Reading.new()
-	var read_value: Variant = _read(type, values, "", reading)
-	if not reading.cause:
-		reading.value = read_value
-	return reading
+## Reads a message of a type given by its defaults.
+static func read(type: Dictionary, values: Variant) -> ReadResult:
+	var result: ReadResult = ReadResult.new()
+	var value: Variant = _read(type, values, "", result)
+	if not result.error:
+		result.value = value
+	return result
 
 
-static func _read(type: Variant, value: Variant, path: String, reading: Reading) -> Variant:
+static func _read(type: Variant, value: Variant, path: String, result: ReadResult) -> Variant:
 	match typeof(type):
 		TYPE_DICTIONARY when value is Dictionary:
-			return _read_fields(type, value, path, reading)
+			return _read_fields(type, value, path, result)
 		TYPE_ARRAY when value is Array or value is PackedStringArray:
 			var found: Array = []
 			for index: int in value.size():
-				found.append(_read(type[0], value[index], "%s[%d]" % [path, index], reading))
+				found.append(_read(type[0], value[index], "%s[%d]" % [path, index], result))
 			return found
 		TYPE_STRING when value is String:
 			return value
@@ -193,23 +194,23 @@ static func _read(type: Variant, value: Variant, path: String, reading: Reading)
 		TYPE_INT when value is int or (value is float and value == floorf(value)):
 			if value >= 0 and value < 4294967296.0:
 				return int(value)
-	if not reading.cause:
-		var wanted: String = type_string(typeof(type)).to_lower()
-		reading.cause = "%s: expected %s, got %s" % [path if path else "values", wanted, _called(value)]
+	if not result.error:
+		var expected: String = type_string(typeof(type)).to_lower()
+		result.error = "%s: expected %s, got %s" % [path if path else "values", expected, _type_name(value)]
 	return type
 
 
-static func _read_fields(type: Dictionary, values: Dictionary, path: String, reading: Reading) -> Dictionary:
+static func _read_fields(type: Dictionary, values: Dictionary, path: String, result: ReadResult) -> Dictionary:
 	var found: Dictionary = {}
 	for key: String in type:
 		if values.has(key):
-			found[key] = _read(type[key], values[key], key if path.is_empty() else path + "." + key, reading)
+			found[key] = _read(type[key], values[key], key if path.is_empty() else path + "." + key, result)
 		else:
 			found[key] = default_of(type[key])
 	return found
 
 
-## The default of a type: an array has no element.
+## The default of a type; an array defaults to an empty one.
 static func default_of(type: Variant) -> Variant:
 	if type is Array:
 		return []
@@ -221,5 +222,5 @@ static func default_of(type: Variant) -> Variant:
 	return type
 
 
-static func _called(value: Variant) -> String:
+static func _type_name(value: Variant) -> String:
 	return "null" if value == null else type_string(typeof(value)).to_lower()

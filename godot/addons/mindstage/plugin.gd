@@ -1,6 +1,6 @@
 @tool
 extends EditorPlugin
-## Puts Mindstage's dock into the editor.
+## Editor plugin: adds the Mindstage dock.
 
 var _dock: MindstageDock
 

@@ -1,32 +1,32 @@
 @tool
 class_name MindstageSceneFile
 extends RefCounted
-## A stage as a scene file of Godot's own, with all that it is made of in it.
+## Exports a simulation as a self-contained Godot scene file.
 ##
-## Nothing of this addon is in it, so it opens anywhere.
+## The file does not depend on this addon.
 
 
-## Writes it; gives why it cannot, or an empty string.
-static func save(stage: MindstageStage, path: String) -> String:
+## Writes the file. Returns why it failed, or an empty string.
+static func save(simulation: MindstageSimulation, path: String) -> String:
 	if not (path.ends_with(".tscn") or path.ends_with(".scn")):
-		return "'%s' is no scene file; its name ends with .tscn or .scn" % path
-	stage.dress_all()
-	var plain: Node = stage.duplicate(0)  # without scripts
+		return "'%s' is not a scene file name; it must end with .tscn or .scn" % path
+	simulation.build_all_visuals()
+	var copy: Node = simulation.duplicate(0)  # 0: without scripts and signals
 	if not Engine.is_editor_hint():
-		for id: String in stage.assembler.carriers:
-			var node: CollisionObject3D = stage.assembler.carriers[id].node
-			MindstageSpawner.show_shapes(node, plain.get_node(stage.get_path_to(node)))
-	own(plain, plain)
+		for id: String in simulation.physics_scene.groups:
+			var node: CollisionObject3D = simulation.physics_scene.groups[id].node
+			MindstagePhysicsNodeBuilder.add_shape_nodes(node, copy.get_node(simulation.get_path_to(node)))
+	set_owners(copy, copy)
 	var packed: PackedScene = PackedScene.new()
-	var error: Error = packed.pack(plain)
-	plain.free()
+	var error: Error = packed.pack(copy)
+	copy.free()
 	if error == OK:
 		error = ResourceSaver.save(packed, path)
 	return "" if error == OK else "the scene cannot be written to '%s': %s" % [path, error_string(error)]
 
 
-## Makes everything below a node part of a scene, so that it is saved with it.
-static func own(node: Node, scene: Node) -> void:
+## Sets the owner of all descendants of a node, so that they are saved with the scene.
+static func set_owners(node: Node, scene: Node) -> void:
 	for child: Node in node.get_children():
 		child.owner = scene
-		own(child, scene)
+		set_owners(child, scene)

@@ -1,221 +1,229 @@
 @tool
 class_name MindstageServices
 extends RefCounted
-## Answers the services of the *mindstage* profile, for one stage.
+## Handlers of the services of the *mindstage* profile for one simulation.
+##
+## A service `name` is handled by the method `_name`.
 
 const ENGINE: String = "godot"
 
-var stage: MindstageStage
+var simulation: MindstageSimulation
 var markers: MindstageMarkers
-## Made anew with each: another one means that the world of before is gone.
+## Identifies this instance: clients see from another session id that the earlier world no longer exists.
 var session: String = Crypto.new().generate_random_bytes(8).hex_encode()
 
 
-## What came of a call.
-class Answer:
+## The response to a service call.
+class Response:
 	var values: Dictionary = {}
-	## Why the call itself broke, if it did: for what lies outside of the world.
-	var broke: String = ""
+	## Why the call failed (`result` is false), or empty. Errors about the world are reported in `refusal` instead.
+	var error: String = ""
 
 
-func _init(its_stage: MindstageStage) -> void:
-	stage = its_stage
+func _init(owner_simulation: MindstageSimulation) -> void:
+	simulation = owner_simulation
 	markers = MindstageMarkers.new()
-	stage.add_child(markers, false, Node.INTERNAL_MODE_BACK)
+	simulation.add_child(markers, false, Node.INTERNAL_MODE_BACK)
 
 
-## Takes away what it put into the stage.
+## Removes the markers from the simulation.
 func close() -> void:
 	if is_instance_valid(markers):
 		markers.queue_free()
 
 
-## Answers a call; it may take a while.
-func answer(service: String, values: Variant) -> Answer:
-	var reading: MindstageMessages.Reading = MindstageMessages.request(service, values)
-	if reading.cause:
-		push_error("Mindstage: %s is refused: %s" % [service, reading.cause])
-		return _broken("%s: %s" % [MindstageMessages.SERVICES[service]["type"], reading.cause])
-	var found: Answer = await call("_" + service, reading.value)
-	if not found.broke:
-		found.values = MindstageMessages.response(service, found.values)
-	return found
+## Handles a call; a coroutine, since stepping and rendering take several frames.
+func respond(service: String, values: Variant) -> Response:
+	var reading: MindstageMessages.ReadResult = MindstageMessages.request(service, values)
+	if reading.error:
+		push_error("Mindstage: invalid request for %s: %s" % [service, reading.error])
+		return _failed("%s: %s" % [MindstageMessages.SERVICES[service]["type"], reading.error])
+	var response: Response = await call("_" + service, reading.value)
+	if not response.error:
+		response.values = MindstageMessages.response(service, response.values)
+	return response
 
 
 # -- the world -------------------------------------------------------------------------------------------------------
 
 
-func _describe(_request: Dictionary) -> Answer:
-	return _given(
+func _describe(_request: Dictionary) -> Response:
+	return _respond_with(
 		{
 			"engine": ENGINE,
-			"abilities": ["joints", "scenes", "pictures"] if MindstagePhotographer.can_see() else ["joints", "scenes"],
-			"time_s": stage.clock.time_s(),
-			"format_version": MindstageInventory.FORMAT_VERSION,
+			"abilities":
+			["joints", "scenes", "pictures"] if MindstageScreenshot.is_available() else ["joints", "scenes"],
+			"time_s": simulation.clock.time_s(),
+			"format_version": MindstageWorldModel.FORMAT_VERSION,
 			"session": session,
 			"takes": ["forms", "plan"],
 		}
 	)
 
 
-func _spawn_world(request: Dictionary) -> Answer:
-	var added: MindstageInventory.Added = MindstageInventory.Added.new()
-	var reason: String = stage.spawn(request["world"], request["forms"], request["plan"], added)
+func _spawn_world(request: Dictionary) -> Response:
+	var result: MindstageWorldModel.SpawnResult = MindstageWorldModel.SpawnResult.new()
+	var reason: String = simulation.spawn(request["world"], request["forms"], request["plan"], result)
 	if reason:
-		return _broken(reason)
+		return _failed(reason)
 	var failed: bool = not (
-		added.failed_bodies.is_empty() and added.failed_constraints.is_empty() and added.failed_attachments.is_empty()
+		result.failed_bodies.is_empty() and result.failed_joints.is_empty() and result.failed_attachments.is_empty()
 	)
-	return _given({"success": not failed, "report": added.report()})
+	return _respond_with({"success": not failed, "report": result.report()})
 
 
-func _log_world(_request: Dictionary) -> Answer:
-	return _given({"success": true, "world": stage.world_text()})
+func _log_world(_request: Dictionary) -> Response:
+	return _respond_with({"success": true, "world": simulation.world_text()})
 
 
-func _delete(request: Dictionary) -> Answer:
-	return _done(stage.delete(request["ids"], request["plan"]))
+func _delete(request: Dictionary) -> Response:
+	return _result(simulation.delete(request["ids"], request["plan"]))
 
 
-func _clear(_request: Dictionary) -> Answer:
-	stage.clear()
-	return _done({})
+func _clear(_request: Dictionary) -> Response:
+	simulation.clear()
+	return _result({})
 
 
-func _attach(request: Dictionary) -> Answer:
-	return _done(stage.attach(request["parent"], request["child"], request["plan"]))
+func _attach(request: Dictionary) -> Response:
+	return _result(simulation.attach(request["parent"], request["child"], request["plan"]))
 
 
-func _detach(request: Dictionary) -> Answer:
-	return _done(stage.detach(request["child"], request["plan"]))
+func _detach(request: Dictionary) -> Response:
+	return _result(simulation.detach(request["child"], request["plan"]))
 
 
 # -- one body --------------------------------------------------------------------------------------------------------
 
 
-func _set_pose(request: Dictionary) -> Answer:
-	var turn: Dictionary = request["pose"]["orientation"]
+func _set_pose(request: Dictionary) -> Response:
+	var orientation: Dictionary = request["pose"]["orientation"]
 	var at: Dictionary = request["pose"]["position"]
 	var pose: Dictionary = {
-		"position": [at["x"], at["y"], at["z"]], "quaternion": [turn["w"], turn["x"], turn["y"], turn["z"]]
+		"position": [at["x"], at["y"], at["z"]],
+		"quaternion": [orientation["w"], orientation["x"], orientation["y"], orientation["z"]]
 	}
-	return _done(stage.set_pose(request["id"], pose, request["plan"]))
+	return _result(simulation.set_pose(request["id"], pose, request["plan"]))
 
 
-func _set_physics(request: Dictionary) -> Answer:
+func _set_physics(request: Dictionary) -> Response:
 	if not MindstageJsonText.read(request["physics"]) is Dictionary:
-		return _broken("mindstage_msgs/SetPhysics: physics: it is no JSON object")
-	return _done(stage.set_physics(request["id"], request["physics"], request["plan"]))
+		return _failed("mindstage_msgs/SetPhysics: physics: it is not a JSON object")
+	return _result(simulation.set_physics(request["id"], request["physics"], request["plan"]))
 
 
-func _set_materials(request: Dictionary) -> Answer:
+func _set_materials(request: Dictionary) -> Response:
 	if not MindstageJsonText.read(request["materials"]) is Array:
-		return _broken("mindstage_msgs/SetMaterials: materials: it is no JSON array")
-	return _done(stage.set_materials(request["id"], request["materials"]))
+		return _failed("mindstage_msgs/SetMaterials: materials: it is not a JSON array")
+	return _result(simulation.set_materials(request["id"], request["materials"]))
 
 
-func _highlight(request: Dictionary) -> Answer:
-	var told: Dictionary = request["color"]
-	var colour: Color = Color(told["r"], told["g"], told["b"], 1.0) if request["lit"] else Color(0, 0, 0, 0)
-	return _done(stage.highlight(request["ids"], colour))
+func _highlight(request: Dictionary) -> Response:
+	var rgba: Dictionary = request["color"]
+	var color: Color = Color(rgba["r"], rgba["g"], rgba["b"], 1.0) if request["lit"] else Color(0, 0, 0, 0)
+	return _result(simulation.highlight(request["ids"], color))
 
 
-func _get_highlights(_request: Dictionary) -> Answer:
-	var colours: Array = []
-	for id: String in stage.inventory.lit:
-		var colour: Color = stage.inventory.lit[id]
-		colours.append({"r": colour.r, "g": colour.g, "b": colour.b, "a": 1.0})
-	return _given({"success": true, "ids": stage.inventory.lit.keys(), "colors": colours})
+func _get_highlights(_request: Dictionary) -> Response:
+	var colors: Array = []
+	for id: String in simulation.world_model.highlights:
+		var color: Color = simulation.world_model.highlights[id]
+		colors.append({"r": color.r, "g": color.g, "b": color.b, "a": 1.0})
+	return _respond_with({"success": true, "ids": simulation.world_model.highlights.keys(), "colors": colors})
 
 
-func _push(request: Dictionary) -> Answer:
-	return _done(_apply_force(request))
+func _push(request: Dictionary) -> Response:
+	return _result(_apply_force(request))
 
 
 # -- time and poses --------------------------------------------------------------------------------------------------
 
 
-func _step(request: Dictionary) -> Answer:
+func _step(request: Dictionary) -> Response:
 	var duration_s: float = request["duration_s"]
 	if duration_s < 0.0:
-		return _broken("mindstage_msgs/Step: duration_s: time does not pass backwards (%s s)" % duration_s)
+		return _failed("mindstage_msgs/Step: duration_s: it must not be negative (%s s)" % duration_s)
 	if Engine.is_editor_hint():
-		return _unable("let time pass in the editor", "run the scene to see it move")
+		return _unsupported("simulate in the editor", "run the scene instead")
 	for force: Dictionary in request["forces"]:
 		var refusal: Dictionary = _apply_force(force)
 		if refusal:
-			return _done(refusal)
-	var lost: String = await stage.step(duration_s)
+			return _result(refusal)
+	var lost: String = await simulation.step(duration_s)
 	if lost:
 		return _unstable("the pose of '%s' is not a number or far too large" % lost)
-	var values: Dictionary = {"success": true, "time_s": stage.clock.time_s()}
+	var values: Dictionary = {"success": true, "time_s": simulation.clock.time_s()}
 	if request["packed"]:
-		values["revision"] = stage.inventory.revision
-		values["rows"] = _packed(stage.rows_as_written())
-	return _given(values)
+		values["revision"] = simulation.world_model.revision
+		values["rows"] = _packed(simulation.recorded_rows())
+	return _respond_with(values)
 
 
-func _set_speed(request: Dictionary) -> Answer:
+func _set_speed(request: Dictionary) -> Response:
 	if request["speed"] < 0.0:
-		return _broken("mindstage_msgs/SetSpeed: speed: time does not pass backwards (%s)" % request["speed"])
-	return _given({"success": true, "before": stage.clock.play(request["speed"])})
+		return _failed("mindstage_msgs/SetSpeed: speed: it must not be negative (%s)" % request["speed"])
+	return _respond_with({"success": true, "before": simulation.clock.play(request["speed"])})
 
 
-func _get_poses(request: Dictionary) -> Answer:
-	var rows: PackedFloat64Array = stage.rows()
-	var revision: int = stage.inventory.revision
-	var values: Dictionary = {"success": true, "time_s": stage.clock.time_s(), "revision": revision}
+func _get_poses(request: Dictionary) -> Response:
+	var rows: PackedFloat64Array = simulation.rows()
+	var revision: int = simulation.world_model.revision
+	var values: Dictionary = {"success": true, "time_s": simulation.clock.time_s(), "revision": revision}
 	if request["known"] != revision or not request["packed"]:
-		values["ids"] = stage.inventory.bodies.keys()
+		values["ids"] = simulation.world_model.bodies.keys()
 	if request["packed"]:
 		values["rows"] = _packed(rows)
 	else:
-		values["poses"] = range(stage.inventory.bodies.size()).map(
+		values["poses"] = range(simulation.world_model.bodies.size()).map(
 			func(row: int) -> Dictionary: return _pose_message(rows, row * MindstageFrames.ROW)
 		)
-	return _given(values)
+	return _respond_with(values)
 
 
-func _get_joint_positions(_request: Dictionary) -> Answer:
-	var found: Array = []
-	for id: String in stage.assembler.joints:
-		var at: PackedFloat64Array = stage.assembler.joints[id].position_of_axes()
-		found.append({"id": id, "x": at[0], "y": at[1], "z": at[2], "twist": at[3], "swing2": at[4], "swing1": at[5]})
-	return _given({"success": true, "joints": found})
+func _get_joint_positions(_request: Dictionary) -> Response:
+	var response: Array = []
+	for id: String in simulation.physics_scene.joints:
+		var at: PackedFloat64Array = simulation.physics_scene.joints[id].joint_position()
+		response.append(
+			{"id": id, "x": at[0], "y": at[1], "z": at[2], "twist": at[3], "swing2": at[4], "swing1": at[5]}
+		)
+	return _respond_with({"success": true, "joints": response})
 
 
 # -- pictures and scenes ---------------------------------------------------------------------------------------------
 
 
-func _save_scene(request: Dictionary) -> Answer:
-	return _said(MindstageSceneFile.save(stage, request["path"]))
+func _save_scene(request: Dictionary) -> Response:
+	return _world_error(MindstageSceneFile.save(simulation, request["path"]))
 
 
-func _photograph(request: Dictionary) -> Answer:
+func _photograph(request: Dictionary) -> Response:
 	var eye: Vector3 = MindstageFrames.vector_from_message(request["eye"])
 	var target: Vector3 = MindstageFrames.vector_from_message(request["target"])
 	var size: Vector2i = Vector2i(request["width"], request["height"])
-	return _said(await MindstagePhotographer.take(stage, request["path"], size, eye, target, request["fov_deg"]))
+	return _world_error(
+		await MindstageScreenshot.take(simulation, request["path"], size, eye, target, request["fov_deg"])
+	)
 
 
-func _display_basic_marker(request: Dictionary) -> Answer:
-	return _given({"marker_id": markers.show_marker(request)})
+func _display_basic_marker(request: Dictionary) -> Response:
+	return _respond_with({"marker_id": markers.show_marker(request)})
 
 
-func _display_trajectory(request: Dictionary) -> Answer:
-	return _given({"marker_id": markers.show_trajectory(request)})
+func _display_trajectory(request: Dictionary) -> Response:
+	return _respond_with({"marker_id": markers.show_trajectory(request)})
 
 
-func _remove_marker(request: Dictionary) -> Answer:
-	return _given({"success": markers.remove(request["marker_id"])})
+func _remove_marker(request: Dictionary) -> Response:
+	return _respond_with({"success": markers.remove(request["marker_id"])})
 
 
 # -- answers ---------------------------------------------------------------------------------------------------------
 
 
-func _apply_force(push: Dictionary) -> Dictionary:
-	var at: Variant = MindstageFrames.vector_from_message(push["point"]) if push["at_point"] else null
-	return stage.push(push["id"], MindstageFrames.vector_from_message(push["force"]), at)
+func _apply_force(request: Dictionary) -> Dictionary:
+	var at: Variant = MindstageFrames.vector_from_message(request["point"]) if request["at_point"] else null
+	return simulation.apply_force(request["id"], MindstageFrames.vector_from_message(request["force"]), at)
 
 
 static func _packed(rows: PackedFloat64Array) -> String:
@@ -229,34 +237,34 @@ static func _pose_message(rows: PackedFloat64Array, at: int) -> Dictionary:
 	}
 
 
-static func _given(values: Dictionary) -> Answer:
-	var found: Answer = Answer.new()
-	found.values = values
-	return found
+static func _respond_with(values: Dictionary) -> Response:
+	var response: Response = Response.new()
+	response.values = values
+	return response
 
 
-static func _done(refusal: Dictionary) -> Answer:
-	return _given({"success": refusal.is_empty(), "refusal": refusal})
+static func _result(refusal: Dictionary) -> Response:
+	return _respond_with({"success": refusal.is_empty(), "refusal": refusal})
 
 
-## Done, or not for a reason in words.
-static func _said(reason: String) -> Answer:
-	return _done({"kind": "WorldError", "text": reason} if reason else {})
+## A result that succeeded, or failed with a WorldError if there is a reason.
+static func _world_error(reason: String) -> Response:
+	return _result({"kind": "WorldError", "text": reason} if reason else {})
 
 
-static func _broken(text: String) -> Answer:
-	var found: Answer = Answer.new()
-	found.broke = text
-	return found
+static func _failed(text: String) -> Response:
+	var response: Response = Response.new()
+	response.error = text
+	return response
 
 
-## A text whose second line holds the facts, as `mindstage.bridge.description.error_text` writes it.
-static func _unable(what: String, remedy: String) -> Answer:
+## An error message followed by a line of JSON with its fields, see `mindstage.bridge.description.error_text`.
+static func _unsupported(what: String, remedy: String) -> Response:
 	var facts: Dictionary = {"kind": "EngineUnable", "engine": ENGINE, "what": what, "remedy": remedy}
-	return _broken("the engine '%s' cannot %s; %s\n%s" % [ENGINE, what, remedy, JSON.stringify(facts)])
+	return _failed("the engine '%s' cannot %s; %s\n%s" % [ENGINE, what, remedy, JSON.stringify(facts)])
 
 
-func _unstable(what: String) -> Answer:
-	var facts: Dictionary = {"kind": "SimulationUnstable", "time_s": stage.clock.time_s(), "what": what}
-	var text: String = "the simulation became unstable at %.3f s: %s" % [stage.clock.time_s(), what]
-	return _broken("%s\n%s" % [text, JSON.stringify(facts)])
+func _unstable(what: String) -> Response:
+	var facts: Dictionary = {"kind": "SimulationUnstable", "time_s": simulation.clock.time_s(), "what": what}
+	var text: String = "the simulation became unstable at %.3f s: %s" % [simulation.clock.time_s(), what]
+	return _failed("%s\n%s" % [text, JSON.stringify(facts)])

@@ -1,18 +1,18 @@
 @tool
 class_name MindstageTags
 extends RefCounted
-## What a map says of a body, as metadata of its node: whoever writes a game on top of it finds bodies by their tags.
+## The description of a body as metadata of its node, so that game code can find bodies by their tags.
 
-## The whole description, as it is in the world: `id`, `cls`, `tags`, `facts` and what else there is.
+## Key of the metadata: the description with `id`, `cls`, `tags`, `facts` and all other members.
 const META: StringName = &"mindstage"
 
 
-## Writes a description to a node.
+## Sets the description of a node.
 static func write(node: Node, description: Dictionary) -> void:
 	node.set_meta(META, description)
 
 
-## The id of what a node is; its own name where it is nothing of a map.
+## The id of the body or joint of a node; the node's name if it has no description.
 static func id_of(node: Node) -> String:
 	return node.get_meta(META, {}).get("id", str(node.name))
 
@@ -25,11 +25,11 @@ static func value(node: Node, type: String, key: String) -> Variant:
 	return null
 
 
-## All nodes below one that have a tag; with a value, only those whose tag has it.
-static func find(below: Node, type: String, key: String, wanted: Variant = null) -> Array[Node]:
+## All descendants of a node with a tag, optionally only those with a given value.
+static func find(below: Node, type: String, key: String, expected: Variant = null) -> Array[Node]:
 	var found: Array[Node] = []
 	for node: Node in below.find_children("*", "Node3D", true, false):
 		var has: Variant = value(node, type, key)
-		if has != null and (wanted == null or has == wanted):
+		if has != null and (expected == null or has == expected):
 			found.append(node)
 	return found

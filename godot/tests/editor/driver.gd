@@ -1,6 +1,6 @@
 @tool
 extends EditorPlugin
-## Does what a hand would do in the editor. A test writes what into `res://command.txt`, and reads `res://done.txt`.
+## Performs user actions in the editor: a test writes a command to `res://command.txt` and reads `res://done.txt`.
 
 const _COMMAND: String = "res://command.txt"
 const _DONE: String = "res://done.txt"
@@ -39,13 +39,13 @@ func _open(words: PackedStringArray) -> String:
 
 func _connect_dock(words: PackedStringArray) -> String:
 	var dock: MindstageDock = _dock()
-	dock.fill(words[0], words[1])
+	dock.set_fields(words[0], words[1])
 	dock.toggle()
 	return "toggled"
 
 
 func _status(_words: PackedStringArray) -> String:
-	return MindstageClient.State.keys()[_dock().client.state]
+	return MindstageRosbridgeClient.State.keys()[_dock().client.state]
 
 
 func _move(words: PackedStringArray) -> String:

@@ -1,40 +1,40 @@
-% What Python calls: everything in module `user` that there is to ask, and goals that end.
+% Entry points called by Python: set-up of module `user`, running goals with limits, interrupts and exit.
 
-:- module(mindstage_console, [start/1, solve/4, solve_line/4, consult_file/2, on_interrupt/2]).
-:- use_module(asking).
-:- use_module(lines).
-:- use_module(names).
+:- module(mindstage_console, [start/1, solve/4, solve_query/4, consult_file/2, on_interrupt/2]).
+:- use_module(questions).
+:- use_module(line_queries).
+:- use_module(prefixes).
 :- use_module(semweb, []).
-:- use_module(thesis, []).
+:- use_module(veit2019_compat, []).
 :- use_module(library(apply)).
 :- use_module(library(error)).
 :- use_module(library(lists)).
 :- use_module(library(solution_sequences)).
 :- use_module(library(time)).
 
-% start(-Alarm): anew for each console; nudge where a signal wakes Prolog without ending the process.
+% start(-Alarm): called for each console. Alarm is nudge if SIGUSR2 wakes Prolog without ending the process, else none.
 start(Alarm) :-
     on_signal(usr2, Handler, Handler),
     (   Handler == default -> Alarm = none ; Alarm = nudge ),
-    facade,
+    create_user_module,
     request(prefixes, Pairs),
-    keep_prefixes(Pairs),
+    set_default_prefixes(Pairs),
     define_questions.
 
-facade :- module_property(mindstage, exports(_)), import_module(user, mindstage), !.
-facade :-
-    forall(( member(Module, [mindstage_thesis, mindstage_semweb]), module_property(Module, exports(Names)) ),
+create_user_module :- module_property(mindstage, exports(_)), import_module(user, mindstage), !.
+create_user_module :-
+    forall(( member(Module, [mindstage_veit2019_compat, mindstage_semweb]), module_property(Module, exports(Names)) ),
            forall(member(Name, Names), mindstage:import(Module:Name))),
-    forall(member(Name, [questions/0, why/1, missing/2]), mindstage:import(mindstage_asking:Name)),
+    forall(member(Name, [questions/0, why/1, missing/2]), mindstage:import(mindstage_questions:Name)),
     delete_import_module(mindstage, user),
     add_import_module(mindstage, system, start),
     add_import_module(user, mindstage, start).
 
 % -- goals -------------------------------------------------------------------------------------------------------------
 
-% solve(+Text, +Limit, +Seconds, -End): found(Rows), refused(Kind, Sentence), timed_out or interrupted.
+% solve(+Text, +Limit, +Seconds, -End): End is found(Rows), error_reply(Kind, Sentence), timed_out or interrupted.
 solve(Text, Limit, Seconds, End) :-
-    catch(solutions(Text, Limit, Seconds, End), Error, ended(Error, End)),
+    catch(solutions(Text, Limit, Seconds, End), Error, error_end(Error, End)),
     flush_output(user_output).
 
 solutions(Text, Limit, Seconds, found(Rows)) :-
@@ -43,80 +43,80 @@ solutions(Text, Limit, Seconds, found(Rows)) :-
     call_with_time_limit(Seconds, findall(Variables, limit(Limit, user:Goal), Solutions)),
     maplist(row, Solutions, Rows).
 
-% solve_line(+Text, +Limit, +Seconds, -End): the same for what a stranger asks, in little memory.
-solve_line(Text, Limit, Seconds, End) :-
+% solve_query(+Text, +Limit, +Seconds, -End): the same for a query of an untrusted client, with a memory limit.
+solve_query(Text, Limit, Seconds, End) :-
     current_prolog_flag(stack_limit, Before),
-    most_memory(Bytes),
-    Least is min(Before, Bytes),
+    max_memory_bytes(Bytes),
+    Limit0 is min(Before, Bytes),
     setup_call_cleanup(
-        set_prolog_flag(stack_limit, Least),
-        catch(line(Text, Limit, Seconds, End), Error, ended(Error, End)),
+        set_prolog_flag(stack_limit, Limit0),
+        catch(query_solutions(Text, Limit, Seconds, End), Error, error_end(Error, End)),
         set_prolog_flag(stack_limit, Before)).
 
-most_memory(33554432).
+max_memory_bytes(33554432).
 
-line(Text, Limit, Seconds, found(Rows)) :-
-    line_goal(Text, Variables, Goal),
-    call_with_time_limit(Seconds, findall(Variables, ( limit(Limit, bounded(Goal)), acyclic_term(Variables) ), Solutions)),
+query_solutions(Text, Limit, Seconds, found(Rows)) :-
+    query_goal(Text, Variables, Goal),
+    call_with_time_limit(Seconds, findall(Variables, ( limit(Limit, call_bounded(Goal)), acyclic_term(Variables) ), Solutions)),
     maplist(row, Solutions, Rows).
 
 row(Variables, Row) :-
     findall([Name, Cell], ( member(Name=Value, Variables), \+ sub_atom(Name, 0, _, _, '_'), cell(Value, Cell) ), Row).
 
-% Terms that other programs have no form for are shown as people read them.
+% Compound terms are converted to text.
 cell(Value, Value) :- \+ compound(Value), !.
 cell(Value, Cells) :- is_list(Value), !, maplist(cell, Value, Cells).
 cell(Value, Cell) :- format(atom(Cell), "~p", [Value]).
 
-ended(time_limit_exceeded, timed_out) :- !.
-ended(mindstage_interrupted, interrupted) :- !.
-ended('$aborted', interrupted) :- !.
-ended(unwind(abort), interrupted) :- !.
-% Its context has no message: it is as large as what there was no place for.
-ended(error(resource_error(What), _), refused(prolog, Sentence)) :- !,
-    format(string(Sentence), "it takes more memory (~w) than it may have", [What]).
-ended(Error, refused(Kind, Sentence)) :-
+error_end(time_limit_exceeded, timed_out) :- !.
+error_end(mindstage_interrupted, interrupted) :- !.
+error_end('$aborted', interrupted) :- !.
+error_end(unwind(abort), interrupted) :- !.
+% The context is dropped: it may be as large as the memory limit.
+error_end(error(resource_error(What), _), error_reply(prolog, Sentence)) :- !,
+    format(string(Sentence), "the memory limit was exceeded (~w)", [What]).
+error_end(Error, error_reply(Kind, Sentence)) :-
     (   Error = mindstage_error(Kind, _) -> true ; Kind = prolog ),
-    sentence(Error, Sentence).
+    error_message(Error, Sentence).
 
-% What Prolog would print of an error, in one line. Where it was thrown from is our own doing, but for a syntax error.
-sentence(error(Formal, Context), Sentence) :- Formal \= syntax_error(_), nonvar(Context), !,
-    sentence(error(Formal, _), Sentence).
-sentence(Error, Sentence) :-
+% Prolog's error message in one line. The context is internal, except for syntax errors.
+error_message(error(Formal, Context), Sentence) :- Formal \= syntax_error(_), nonvar(Context), !,
+    error_message(error(Formal, _), Sentence).
+error_message(Error, Sentence) :-
     '$messages':translate_message(Error, Lines, []),
     with_output_to(string(Text), print_message_lines(current_output, '', Lines)),
     split_string(Text, "\n", " \t", Parts),
-    exclude(==(""), Parts, Told),
-    atomic_list_concat(Told, ' ', Atom),
+    exclude(==(""), Parts, Answers),
+    atomic_list_concat(Answers, ' ', Atom),
     atom_string(Atom, Sentence).
 
-% consult_file(+File, -Errors): how many there were, or interrupted.
+% consult_file(+File, -Errors): the number of errors, or interrupted.
 consult_file(File, Errors) :-
     statistics(errors, Before),
-    catch(user:load_files(File, []), Error, stopped(Error, Stopped)),
+    catch(user:load_files(File, []), Error, consult_stopped(Error, Stopped)),
     statistics(errors, After),
     (   nonvar(Stopped) -> Errors = Stopped ; Errors is After - Before ).
 
-stopped(mindstage_interrupted, interrupted) :- !.
-stopped(Error, _) :- print_message(error, Error).
+consult_stopped(mindstage_interrupted, interrupted) :- !.
+consult_stopped(Error, _) :- print_message(error, Error).
 
-% on_interrupt(+Action, -Done): what Ctrl-C does: debug, throw or default.
+% on_interrupt(+Action, -Done): sets the action of Ctrl-C: debug, throw or default.
 on_interrupt(throw, true) :- !, on_signal(int, _, mindstage_console:interrupted).
 on_interrupt(Action, true) :- on_signal(int, _, Action).
 
 interrupted(_) :- throw(mindstage_interrupted).
 
-% -- the end -----------------------------------------------------------------------------------------------------------
+% -- exit --------------------------------------------------------------------------------------------------------------
 
-% The last of all that is done at halt, which ends the process: see _halting in console.py.
-ending :-
-    forall(( clause(system:'$at_halt'(Goal, _), true), Goal \= _:ending ), catch(ignore(Goal), _, true)),
+% The last at_halt goal: Python ends the process, see _halting in console.py.
+at_exit :-
+    forall(( clause(system:'$at_halt'(Goal, _), true), Goal \= _:at_exit ), catch(ignore(Goal), _, true)),
     flush_output(user_output),
     flush_output(user_error),
     (   current_prolog_flag(exit_status, Status) -> true ; Status = 0 ),
     request(halting(Status), _).
 
-:- initialization(at_halt(mindstage_console:ending)).
+:- initialization(at_halt(mindstage_console:at_exit)).
 
 % -- messages ----------------------------------------------------------------------------------------------------------
 
@@ -124,10 +124,10 @@ ending :-
 
 prolog:message(mindstage_error(Kind, Sentence)) --> [ '~w'-[Sentence] ], mindstage_console:hint(Kind).
 prolog:message(mindstage_interrupted) --> [ 'interrupted' ].
-prolog:message(mindstage_unknown(Sentence)) --> [ '~w'-[Sentence] ].
+prolog:message(mindstage_unknown_name(Sentence)) --> [ '~w'-[Sentence] ].
 prolog:message(mindstage_failed(Number)) -->
     [ '~D items could not be spawned; debug_failed_items lists them'-[Number] ].
-prolog:message(mindstage_dark(Name, Why)) --> [ '~w stays dark: ~w'-[Name, Why] ].
+prolog:message(mindstage_not_highlighted(Name, Why)) --> [ '~w cannot be highlighted: ~w'-[Name, Why] ].
 
-hint(body_unknown) --> !, [ '; spawn_semantic_map(Map) puts what a map describes into the world' ].
+hint(body_unknown) --> !, [ '; spawn_semantic_map(Map) spawns the bodies of a map' ].
 hint(_) --> [].

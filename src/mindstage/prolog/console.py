@@ -97,8 +97,8 @@ class PrologConsole:
     def answers(self, line: str, *, limit: int = 1000, timeout_s: float = 10.0) -> list[Solution]:
         """What makes a line true that a stranger wrote, such as a visitor of a page. Any thread may ask.
 
-        It can only ask questions and join their answers (`lines.pl`): nothing in it can run, change, read or write
-        anything, and it gets little memory.
+        Only questions and their combinations are allowed (`line_queries.pl`): a query cannot call, change, read or
+        write anything else, and it has a memory limit.
 
         Args:
             line: as one types it, the full stop left out or not.
@@ -109,7 +109,7 @@ class PrologConsole:
             GoalRefused: it is no Prolog, more than that, or an error was thrown.
             GoalTimedOut: it did not end in time.
         """
-        return self._solved("solve_line", line, limit, timeout_s)
+        return self._solved("solve_query", line, limit, timeout_s)
 
     def _solved(self, predicate: str, goal: str, limit: int, timeout_s: float) -> list[Solution]:
         if limit < 1 or not 0.0 < timeout_s < float("inf"):
@@ -119,7 +119,7 @@ class PrologConsole:
         match end:
             case Compound("found", (rows,)):
                 return [dict(row) for row in _plain(rows)]
-            case Compound("refused", (kind, cause)):
+            case Compound("error_reply", (kind, cause)):
                 raise GoalRefused(goal, kind=str(kind), cause=str(cause))
             case "timed_out":
                 raise GoalTimedOut(goal, timeout_s=timeout_s)
@@ -250,7 +250,7 @@ def _prepare(library: Library) -> None:
         write(library, arguments, Atom(str(_SOURCE)))
         write(library, arguments + 1, [Compound("silent", (True,))])
         library.call("user", "load_files", 2, arguments)
-    library.register("mindstage_asking", "python", answered)
+    library.register("mindstage_questions", "python", answered)
 
 
 def _answer_to(request: int, library: Library, handlers: Mapping[str, Handler]) -> int:
@@ -258,12 +258,12 @@ def _answer_to(request: int, library: Library, handlers: Mapping[str, Handler]) 
     try:
         reply = answer(handlers, read(library, request))
     except ValueError as error:
-        reply = Compound("refused", (Atom("argument_refused"), str(error)))
+        reply = Compound("error_reply", (Atom("argument_refused"), str(error)))
     term, other = library.new_terms(2), library.new_terms(1)
     try:
         write(library, term, reply)
     except TypeError as error:
-        write(library, other, Compound("refused", (Atom("defect"), str(error))))
+        write(library, other, Compound("error_reply", (Atom("defect"), str(error))))
         return other
     return term
 

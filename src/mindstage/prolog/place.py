@@ -111,8 +111,8 @@ class Place:
         """Lights bodies up, or puts them out; how many they were, and what has no body, each as dark(Name, Reason)."""
         names = [self._called(each) for each in individuals]
         shown = self._stage.highlight(names, _colour(colour), label=str(reason), missing_ok=True)
-        dark = [Compound("dark", (Atom(each.id), each.reason)) for each in shown.not_lit]
-        return Compound("shown", (len(shown.lit), dark))
+        dark = [Compound("not_highlighted", (Atom(each.id), each.reason)) for each in shown.not_lit]
+        return Compound("highlighted", (len(shown.lit), dark))
 
     def unhighlight(self) -> Value:
         """Puts all lights out."""

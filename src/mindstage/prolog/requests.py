@@ -25,9 +25,9 @@ def answer(handlers: Mapping[str, Handler], request: Value) -> Compound:
     if name not in handlers:
         return _refused("prolog_unavailable", f"nobody answers {name}: the console was closed")
     try:
-        return Compound("told", (handlers[name](*arguments),))
+        return Compound("answer", (handlers[name](*arguments),))
     except NameUnknown as error:
-        return Compound("unknown", (Atom(error.name), str(error)))
+        return Compound("unknown_name", (Atom(error.name), str(error)))
     except MindstageError as error:
         return _refused(error_kind(error), str(error))
     except KeyboardInterrupt:
@@ -44,4 +44,4 @@ def error_kind(error: MindstageError) -> str:
 
 
 def _refused(kind: str, sentence: str) -> Compound:
-    return Compound("refused", (Atom(kind), sentence))
+    return Compound("error_reply", (Atom(kind), sentence))

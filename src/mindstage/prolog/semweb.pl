@@ -1,21 +1,21 @@
-% Triples, under the names of SWI-Prolog's semweb library (rdf_db, rdfs) and KnowRob's, over Mindstage's own store.
+% RDF predicates named like those of SWI-Prolog's semweb library (rdf_db, rdfs) and KnowRob, over Mindstage's store.
 %
-% Literals are literal(type(Type, Text)) and literal(lang(Language, Text)); a text without a type is an xsd:string.
-% literal(Text) asks for a text whatever its type.
+% Literals are literal(type(Type, Text)) and literal(lang(Language, Text)); plain literals have the type xsd:string.
+% literal(Text) matches literals of any type.
 
 :- module(mindstage_semweb,
           [ rdf/3, rdf_has/3, rdf_reachable/3, rdf_assert/3, rdf_retractall/3,
             rdfs_individual_of/2, rdfs_subclass_of/2, rdfs_label/2,
             owl_has/3, owl_individual_of/2, owl_subclass_of/2 ]).
-:- reexport(names, except([spelt/2, shown_name/2, keep_prefixes/1])).
-:- use_module(asking).
-:- use_module(names).
+:- reexport(prefixes, except([expand_prefixes/2, abbreviated_name/2, set_default_prefixes/1])).
+:- use_module(questions).
+:- use_module(prefixes).
 :- use_module(library(error)).
 :- use_module(library(lists)).
 
 rdf(Subject, Property, Value) :- answers(rdf(Subject, Property, Value)).
 
-% rdf_has(?Subject, ?Property, ?Value): those of properties that imply it, and of its inverse, too.
+% rdf_has(?Subject, ?Property, ?Value): includes subproperties and inverse properties.
 rdf_has(Subject, Property, Value) :- answers(rdf_has(Subject, Property, Value)).
 owl_has(Subject, Property, Value) :- rdf_has(Subject, Property, Value).
 
@@ -32,35 +32,35 @@ rdfs_label(Resource, Label) :-
 rdf_assert(Subject, Property, Value) :- request(rdf_assert(Subject, Property, Value), _).
 rdf_retractall(Subject, Property, Value) :- request(rdf_retractall(Subject, Property, Value), _).
 
-% rdf_reachable(?Subject, +Property, ?Value): any number of steps of rdf_has/3, none among them; one end is given.
+% rdf_reachable(?Subject, +Property, ?Value): reflexive transitive closure of rdf_has/3; one end must be bound.
 rdf_reachable(Subject, Property, Value) :-
     nonvar(Subject), !,
-    spelt(Subject, Start),
-    reached([Start], forth(Property), [Start], Reached),
-    spelt(Value, Wanted),
+    expand_prefixes(Subject, Start),
+    reachable([Start], forward(Property), [Start], Reached),
+    expand_prefixes(Value, Wanted),
     member(Wanted, Reached).
 rdf_reachable(Subject, Property, Value) :-
     nonvar(Value), !,
-    spelt(Value, End),
-    reached([End], back(Property), [End], Reached),
+    expand_prefixes(Value, End),
+    reachable([End], backward(Property), [End], Reached),
     member(Subject, Reached).
 rdf_reachable(_, _, _) :- instantiation_error(_).
 
-reached([], _, _, []).
-reached([Here|Waiting], Way, Seen, [Here|Reached]) :-
-    findall(Next, ( step(Way, Here, Next), \+ memberchk(Next, Seen) ), Found),
+reachable([], _, _, []).
+reachable([Node|Queue0], Direction, Seen, [Node|Reached]) :-
+    findall(Next, ( edge(Direction, Node, Next), \+ memberchk(Next, Seen) ), Found),
     list_to_set(Found, New),
-    append(Waiting, New, Queue),
+    append(Queue0, New, Queue),
     append(Seen, New, Known),
-    reached(Queue, Way, Known, Reached).
+    reachable(Queue, Direction, Known, Reached).
 
-step(forth(Property), Here, Next) :- atom(Here), rdf_has(Here, Property, Next).
-step(back(Property), Here, Next) :- rdf_has(Next, Property, Here).
+edge(forward(Property), Node, Next) :- atom(Node), rdf_has(Node, Property, Next).
+edge(backward(Property), Node, Next) :- rdf_has(Next, Property, Node).
 
-% -- files that load SWI-Prolog's own ----------------------------------------------------------------------------------
+% -- replacing SWI-Prolog's libraries ----------------------------------------------------------------------------------
 
-% Users' files written for KnowRob begin by loading the store of SWI-Prolog, in which nothing is; they get this one.
-% SWI-Prolog's own libraries still load what they ask for.
+% Files written for KnowRob load SWI-Prolog's RDF libraries, whose store is empty here; this module is loaded instead.
+% Within SWI-Prolog's own libraries nothing is replaced.
 :- multifile user:prolog_load_file/2.
 :- dynamic user:prolog_load_file/2.
 

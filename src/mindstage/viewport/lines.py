@@ -1,7 +1,7 @@
 """Lines: what a visitor asks in Prolog, where that is installed.
 
 A visitor's line can ask the questions and join their answers, and no more: each goal in it is held against a list
-before anything runs (`prolog/lines.pl`).
+before anything runs (`prolog/line_queries.pl`).
 """
 
 from __future__ import annotations

@@ -1,17 +1,17 @@
-class_name MindstagePainter
+class_name MindstageRenderThrottle
 extends Node
-## Draws the window often enough to be watched, and no more: where drawing is slow, the world must not wait for it.
+## Limits the frame rate of the window, so that slow rendering does not slow down the simulation.
 
 const _PERIOD_US: int = 33_000
-## At least so many times as long as a picture takes is not drawn after it.
-const _REST: int = 4
+## Minimum pause after a frame, as a multiple of its rendering time.
+const _IDLE_RATIO: int = 4
 
 var _began_us: int = 0
 var _next_us: int = 0
 
 
-## Lets the next frame be drawn, whenever it comes.
-static func hurry() -> void:
+## Renders the next frame in any case.
+static func request_frame() -> void:
 	RenderingServer.render_loop_enabled = true
 
 
@@ -36,6 +36,6 @@ func _on_pre_draw() -> void:
 
 
 func _on_post_draw() -> void:
-	var took_us: int = Time.get_ticks_usec() - _began_us
-	_next_us = _began_us + maxi(_PERIOD_US, (1 + _REST) * took_us)
+	var frame_us: int = Time.get_ticks_usec() - _began_us
+	_next_us = _began_us + maxi(_PERIOD_US, (1 + _IDLE_RATIO) * frame_us)
 	RenderingServer.render_loop_enabled = false

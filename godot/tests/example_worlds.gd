@@ -1,4 +1,4 @@
-class_name MindstageScenes
+class_name MindstageExampleWorlds
 extends RefCounted
 ## Small worlds for tests, as JSON.
 
@@ -10,7 +10,7 @@ static func body(
 	var physics: Dictionary = {"mobility": mobility}
 	if mass > 0.0:
 		physics["mass_kg"] = mass
-	var whole: Dictionary = {
+	var data: Dictionary = {
 		"id": id,
 		"iri": "http://example.org/maps/scene.owl#" + id,
 		"cls": "http://example.org/maps/scene.owl#Thing",
@@ -18,36 +18,36 @@ static func body(
 		"size": size,
 		"physics": physics,
 	}
-	whole.merge(more, true)
-	return whole
+	data.merge(more, true)
+	return data
 
 
-## A constraint between two bodies.
+## A joint between two bodies.
 static func joint(id: String, parent: String, child: String, at: Array, motions: Dictionary) -> Dictionary:
-	var whole: Dictionary = {
+	var data: Dictionary = {
 		"id": id,
 		"iri": "http://example.org/maps/scene.owl#" + id,
 		"parent": parent,
 		"child": child,
 		"pose": {"position": at, "quaternion": [1.0, 0.0, 0.0, 0.0]},
 	}
-	whole.merge(motions)
-	return whole
+	data.merge(motions)
+	return data
 
 
-static func world(bodies: Array, constraints: Array = [], attachments: Array = []) -> String:
-	var whole: Dictionary = {
+static func world(bodies: Array, joints: Array = [], attachments: Array = []) -> String:
+	var data: Dictionary = {
 		"iri": "http://example.org/maps/scene.owl#scene",
 		"name": "scene",
 		"bodies": bodies,
-		"constraints": constraints,
+		"constraints": joints,
 		"attachments": attachments,
 		"format_version": 1,
 	}
-	return MindstageJsonText.write(whole)
+	return MindstageJsonText.write(data)
 
 
-## A case with a drawer, and a handle on the drawer.
+## A cabinet with a drawer and a handle.
 static func drawer(motions: Dictionary) -> String:
 	return world(
 		[

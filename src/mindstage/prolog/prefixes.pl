@@ -1,7 +1,7 @@
-% Names with prefixes, in and out: knowrob:'Handle' is 'http://knowrob.org/kb/knowrob.owl#Handle'.
+% Prefixed names: knowrob:'Handle' is 'http://knowrob.org/kb/knowrob.owl#Handle'.
 
-:- module(mindstage_names,
-          [ spelt/2, shown_name/2, keep_prefixes/1,
+:- module(mindstage_prefixes,
+          [ expand_prefixes/2, abbreviated_name/2, set_default_prefixes/1,
             rdf_register_prefix/2, rdf_register_prefix/3, rdf_register_ns/2, rdf_register_ns/3,
             rdf_current_prefix/2, rdf_current_ns/2, rdf_global_id/2 ]).
 :- use_module(library(apply)).
@@ -13,8 +13,8 @@
 known_prefix(Prefix, Start) :- registered(Prefix, Start).
 known_prefix(Prefix, Start) :- given(Prefix, Start), \+ registered(Prefix, _).
 
-% keep_prefixes(+Pairs): those that come with what is known; what somebody registered comes first.
-keep_prefixes(Pairs) :-
+% set_default_prefixes(+Pairs): the prefixes of the knowledge base; registered prefixes take precedence.
+set_default_prefixes(Pairs) :-
     retractall(given(_, _)),
     forall(member(Prefix-Start, Pairs), assertz(given(Prefix, Start))).
 
@@ -30,36 +30,36 @@ rdf_register_ns(Prefix, Start, _) :- rdf_register_prefix(Prefix, Start).
 rdf_current_prefix(Prefix, Start) :- known_prefix(Prefix, Start).
 rdf_current_ns(Prefix, Start) :- known_prefix(Prefix, Start).
 
-% rdf_global_id(?Prefix:Name, ?Iri): either way.
+% rdf_global_id(?Prefix:Name, ?Iri): converts in both directions.
 rdf_global_id(Name, Iri) :- nonvar(Name), Name = Prefix:Local, atom(Prefix), var(Local), !,
     known_prefix(Prefix, Start),
     atom_concat(Start, Local, Iri).
-rdf_global_id(Name, Iri) :- nonvar(Name), !, spelt(Name, Iri).
-rdf_global_id(Name, Iri) :- must_be(atom, Iri), ( shown_name(Iri, Found) -> Name = Found ; Name = Iri ).
+rdf_global_id(Name, Iri) :- nonvar(Name), !, expand_prefixes(Name, Iri).
+rdf_global_id(Name, Iri) :- must_be(atom, Iri), ( abbreviated_name(Iri, Found) -> Name = Found ; Name = Iri ).
 
-% spelt(+Term, -Spelt): every Prefix:Name in it written out.
-spelt(Term, Spelt) :-
+% expand_prefixes(+Term, -Expanded): replaces every Prefix:Name in a term by its IRI.
+expand_prefixes(Term, Expanded) :-
     must_be(acyclic, Term),
-    written_out(Term, Spelt).
+    expand(Term, Expanded).
 
-written_out(Term, Term) :- \+ compound(Term), !.
-written_out(Prefix:Name, Iri) :- !,
+expand(Term, Term) :- \+ compound(Term), !.
+expand(Prefix:Name, Iri) :- !,
     must_be(atom, Prefix),
     must_be(atomic, Name),
     (   known_prefix(Prefix, Start)
     ->  atom_concat(Start, Name, Iri)
     ;   findall(Known, known_prefix(Known, _), All),
-        format(string(Sentence), "no prefix ~q is known; there is ~w; rdf_register_prefix(Prefix, Iri) adds one",
+        format(string(Sentence), "unknown prefix ~q; known prefixes: ~w; rdf_register_prefix(Prefix, Iri) adds one",
                [Prefix, All]),
         throw(mindstage_error(prefix_unknown, Sentence))
     ).
-written_out(Term, Spelt) :-
+expand(Term, Expanded) :-
     compound_name_arguments(Term, Name, Arguments),
-    maplist(written_out, Arguments, Written),
-    compound_name_arguments(Spelt, Name, Written).
+    maplist(expand, Arguments, Written),
+    compound_name_arguments(Expanded, Name, Written).
 
-% shown_name(+Iri, -Short): the same with the prefix that says most of it.
-shown_name(Iri, Prefix:Name) :-
+% abbreviated_name(+Iri, -Short): the prefixed name with the longest matching prefix.
+abbreviated_name(Iri, Prefix:Name) :-
     findall(Length-Found, starts(Iri, Found, Length), Starts),
     max_member(Length-Prefix, Starts),
     sub_atom(Iri, Length, _, 0, Name),
@@ -76,6 +76,6 @@ starts(Iri, Prefix, Length) :-
 user:portray(Iri) :-
     atom(Iri),
     sub_atom(Iri, _, _, _, '://'),
-    mindstage_names:shown_name(Iri, Prefix:Name),
+    mindstage_prefixes:abbreviated_name(Iri, Prefix:Name),
     !,
     format("~q:~q", [Prefix, Name]).

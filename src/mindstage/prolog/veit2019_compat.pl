@@ -1,6 +1,7 @@
-% The names of B. Veit's thesis, in its order of arguments. docs/how-to/prolog.md describes them.
+% Compatibility with the predicates of B. Veit's thesis (2019): the same names and order of arguments, see
+% docs/how-to/prolog.md.
 
-:- module(mindstage_thesis,
+:- module(mindstage_veit2019_compat,
           [ map_instance/1, map_root_object/2, get_subclass_in_map/3,
             likely_storage_place/2, likely_storage_place_in_environment/3, owl_class_properties/3,
             analyse_semantic_map/6, identical_maps/2, identical_maps/3,
@@ -9,8 +10,8 @@
             highlight_handle_of/2, highlight_device_for_action/3,
             spawn_semantic_map/1, spawn_models/2, spawn_constraints/2, spawn_relations/3,
             attach_model/2, debug_failed_items/0, failed_item/3, owl_parse/1 ]).
-:- use_module(asking).
-:- use_module(names).
+:- use_module(questions).
+:- use_module(prefixes).
 :- use_module(library(aggregate)).
 :- use_module(library(apply)).
 :- use_module(library(error)).
@@ -26,11 +27,11 @@ likely_storage_place_in_environment(Map, ItemClass, Individual) :-
     question(storage_place_in_environment, [Map, ItemClass, Individual]).
 analyse_semantic_map(Map, Classes, Individuals, Objects, Constraints, Relations) :-
     question(analyse, [Map, Classes, Individuals, Objects, Constraints, Relations]).
-% As in the thesis: poses, masses and limits. The question itself (identical, differences) compares all that maps say.
+% Compares poses, masses and joint limits, as in the thesis. The questions `identical` and `differences` compare everything.
 identical_maps(One, Other) :- identical_maps(One, Other, 0.0).
 identical_maps(One, Other, Tolerance) :- question(identical_maps, [One, Other, Tolerance, _, true, _]).
 
-% The value is a class, a literal, or union_of([...]), intersection_of([...]), restriction(Property, Kind, Value).
+% Value is a class, a literal, union_of([...]), intersection_of([...]) or restriction(Property, Kind, Value).
 owl_class_properties(Class, Property, Value) :- answers(owl_class_properties(Class, Property), [Class, Property, Value]).
 
 % -- the running world -------------------------------------------------------------------------------------------------
@@ -38,20 +39,20 @@ owl_class_properties(Class, Property, Value) :- answers(owl_class_properties(Cla
 spawn_semantic_map(Map) :-
     map_instance(Map),
     request(spawn(Map), Done),
-    complete(Done).
+    check_complete(Done).
 
-% What is left open becomes all that the map has.
+% Unbound arguments are bound to all models, constraints or relations of the map.
 spawn_models(Map, Models) :-
     contents(Map, contents(All, _, _, _)),
-    all_or_some(All, Models),
+    all_if_unbound(All, Models),
     request(spawn_models(Map, Models), Done),
-    complete(Done).
+    check_complete(Done).
 
 spawn_constraints(Map, Constraints) :-
     contents(Map, contents(_, All, _, _)),
-    all_or_some(All, Constraints),
+    all_if_unbound(All, Constraints),
     request(spawn_constraints(Map, Constraints), Done),
-    complete(Done).
+    check_complete(Done).
 
 spawn_relations(Map, Parents, Children) :-
     contents(Map, contents(_, _, AllParents, AllChildren)),
@@ -60,17 +61,17 @@ spawn_relations(Map, Parents, Children) :-
     ;   must_be(list, Parents), must_be(list, Children)
     ),
     request(spawn_relations(Map, Parents, Children), Done),
-    complete(Done).
+    check_complete(Done).
 
 contents(Map, Contents) :-
     map_instance(Map),
     request(contents(Map), Contents).
 
-all_or_some(All, Some) :- var(Some), !, Some = All.
-all_or_some(_, Some) :- must_be(list, Some).
+all_if_unbound(All, Some) :- var(Some), !, Some = All.
+all_if_unbound(_, Some) :- must_be(list, Some).
 
-complete(true).
-complete(false) :-
+check_complete(true).
+check_complete(false) :-
     aggregate_all(count, failed_item(_, _, _), Number),
     print_message(warning, mindstage_failed(Number)),
     fail.
@@ -84,49 +85,49 @@ attach_model(Parent, Child) :- request(attach(Parent, Child), _).
 owl_parse(Source) :-
     request(owl_parse(Source), _),
     request(prefixes, Pairs),
-    keep_prefixes(Pairs).
+    set_default_prefixes(Pairs).
 
-% -- lights ------------------------------------------------------------------------------------------------------------
+% -- highlights ------------------------------------------------------------------------------------------------------------
 
 highlight(Individuals) :- highlight(Individuals, green).
 
-% highlight(+Individuals, +Colour): one or a list; a name, '#rrggbb', rgb(R, G, B) from 0 to 1, or none.
-highlight(Individuals, Colour) :- light(Individuals, Colour, '').
+% highlight(+Individuals, +Color): an individual or a list; a color name, '#rrggbb', rgb(R, G, B) from 0 to 1, or none.
+highlight(Individuals, Color) :- highlight_bodies(Individuals, Color, '').
 
 unhighlight :- request(unhighlight, _).
 
 highlight_everything_that_is(Map, Class) :-
-    lit(Individual, get_subclass_in_map(Map, Class, Individual), _).
+    highlight_answers(Individual, get_subclass_in_map(Map, Class, Individual), _).
 highlight_likely_storage_place(Map, ItemClass) :-
-    lit(Individual, likely_storage_place_in_environment(Map, ItemClass, Individual), _).
+    highlight_answers(Individual, likely_storage_place_in_environment(Map, ItemClass, Individual), _).
 highlight_handle_of(Map, Individual) :-
-    lit(Handle, handle_of(Map, Individual, Handle), _).
+    highlight_answers(Handle, handle_of(Map, Individual, Handle), _).
 highlight_device_for_action(Map, ActionClass, Device) :-
-    lit(Device, device_for_action_in_environment(Map, ActionClass, Device), Devices),
+    highlight_answers(Device, device_for_action_in_environment(Map, ActionClass, Device), Devices),
     member(Device, Devices).
 
-% lit(?Answer, :Question, -Answers): lights all of them at once; false, and nothing changes, where there is none.
-lit(Answer, Question, Answers) :-
-    reason(Question, Reason),
+% highlight_answers(?Answer, :Question, -Answers): highlights all answers at once; fails without changes if there is none.
+highlight_answers(Answer, Question, Answers) :-
+    highlight_label(Question, Reason),
     findall(Answer, mindstage:Question, Found),
     list_to_set(Found, Answers),
     Answers \== [],
-    light(Answers, green, Reason).
+    highlight_bodies(Answers, green, Reason).
 
-% What is open in a question is shown as "_".
-reason(Question, Reason) :-
+% The label of highlighted answers: the question, with unbound variables shown as "_".
+highlight_label(Question, Reason) :-
     copy_term(Question, Shown),
     term_variables(Shown, Open),
     maplist(=('$VAR'('_')), Open),
     format(atom(Reason), "~p", [Shown]).
 
-% Some of them may have no body, which is told; an error is that none of them has one.
-light(Individuals, Colour, Reason) :-
+% Prints a warning for individuals without a body; throws an error if none of them has one.
+highlight_bodies(Individuals, Color, Reason) :-
     (   is_list(Individuals) -> All = Individuals ; All = [Individuals] ),
     must_be(list(nonvar), All),
-    request(highlight(All, Colour, Reason), shown(Lit, Dark)),
-    (   Lit =:= 0, Dark = [dark(Name, Why)|_]
-    ->  format(string(Sentence), "~w stays dark: ~w", [Name, Why]),
+    request(highlight(All, Color, Reason), highlighted(Count, NotHighlighted)),
+    (   Count =:= 0, NotHighlighted = [not_highlighted(Name, Why)|_]
+    ->  format(string(Sentence), "~w cannot be highlighted: ~w", [Name, Why]),
         throw(mindstage_error(body_unknown, Sentence))
-    ;   forall(member(dark(Name, Why), Dark), print_message(warning, mindstage_dark(Name, Why)))
+    ;   forall(member(not_highlighted(Name, Why), NotHighlighted), print_message(warning, mindstage_not_highlighted(Name, Why)))
     ).
