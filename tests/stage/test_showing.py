@@ -10,7 +10,7 @@ import pytest
 from msgspec.structs import replace
 
 from mindstage.engines import MujocoEngine, NullEngine
-from mindstage.errors import BodyUnknown
+from mindstage.errors import BodyUnknown, ColourUnknown
 from mindstage.knowledge import KnowledgeBase, bundled_kitchen, save_map
 from mindstage.knowledge.moment import Moment
 from mindstage.stage import Lit, NotLit, Stage
@@ -202,3 +202,78 @@ def test_the_bundled_kitchen_shows_where_milk_is_kept_and_what_is_there() -> Non
         inside = stage.highlight(stage.ask("where_is", relation="inside", other="fridge"), GREEN)
         assert {"milk_carton_1", "egg_box_1"} <= set(inside.lit)
         assert len(stage.frame.highlights) == 1 + len(inside.lit)
+
+
+# -- one way to highlight ----------------------------------------------------------------------------------------------
+
+
+TEXT = ",".join(map(str, GREEN))
+
+
+@pytest.mark.parametrize("color", ["green", "#1FA83C", GREEN, list(GREEN), TEXT])
+def test_a_color_is_a_name_or_numbers(stage: Stage, color: str | tuple[float, float, float]) -> None:
+    stage.highlight("Mug", color)
+    assert stage.frame.highlights == {"Mug": pytest.approx(GREEN)}
+
+
+def test_an_id_an_iri_and_answers_are_highlighted_alike(stage: Stage) -> None:
+    answers = stage.ask("storage_place_in_environment", item="CowsMilk")
+    iri = answers[0].individual
+    for shown in (
+        "Fridge",
+        iri,
+        answers[0],
+        answers,
+        ["Fridge"],
+        [iri, answers[0]],
+        list(answers),
+        {"Fridge": 1},
+        iter([iri]),
+    ):
+        assert stage.highlight(shown, "red").lit == ("Fridge",)
+        assert stage.frame.highlights == {"Fridge": RED}
+        stage.put_out()
+
+
+def test_a_loop_over_answers_adds_up(stage: Stage) -> None:
+    for answer in stage.ask("individual_of_class", cls="Handle"):
+        stage.highlight(answer.individual, color="blue")
+    assert stage.frame.highlights.keys() == {"FridgeHandle", "DrawerHandle"}
+    assert [set(group.ids) for group in stage.frame.lit] == [{"FridgeHandle", "DrawerHandle"}]
+
+
+def test_an_answer_that_is_a_class_has_no_body(stage: Stage) -> None:
+    (answer,) = stage.ask("storage_place", item="CowsMilk")
+    shown = stage.highlight(answer, "green")
+    assert shown.not_lit == (NotLit("Refrigerator", "it is a class, which has no body"),)
+    assert stage.highlight(answer.individual, "green").lit == ("Fridge",)
+
+
+def test_an_unknown_id_changes_nothing(stage: Stage) -> None:
+    stage.highlight("Mug", "red", label="first")
+    for shown in ("Mugg", ["Fridge", "Mugg"]):
+        with pytest.raises(BodyUnknown, match="near: 'Mug'"):
+            stage.highlight(shown, "green", replace=True)
+        with pytest.raises(BodyUnknown):
+            stage.highlight(shown, None)
+    assert lit(stage) == {"first": ("Mug",)}
+    with pytest.raises(ColourUnknown):
+        stage.highlight("Mug", "greenish")
+    with pytest.raises(ColourUnknown):
+        stage.highlight("Mug", (2.0, 0.0, 0.0))
+    shown = stage.highlight("http://example.org/nobody", "green")
+    assert shown.not_lit == (NotLit("nobody", "it has no body here"),)
+
+
+def test_a_simulation_says_what_it_is_and_calls_back_when_it_closes(knowledge: KnowledgeBase) -> None:
+    called: list[str] = []
+    with Stage(knowledge, NullEngine()) as stage:
+        assert repr(stage) == "<Stage: 0 bodies, null, paused at 0.00 s>"
+        stage.spawn()
+        stage.on_close(lambda: called.append(f"first {stage.closed}"))
+        stage.on_close(lambda: called.append(f"second {len(stage.log().bodies) > 0}"))
+        assert repr(stage).startswith("<Stage map: ")
+    assert called == ["second True", "first False"]
+    assert "closed" in repr(stage)
+    stage.close()
+    assert len(called) == 2

@@ -1,0 +1,96 @@
+"""Answers are a sequence of rows that know what was asked for, as plain values and as tables."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from mindstage.errors import NameAmbiguous, NameUnknown
+from mindstage.knowledge import KnowledgeBase
+from mindstage.knowledge.questions import Storage, questions
+from mindstage.world import Iri
+
+KITCHEN = "http://mindstage.org/maps/kitchen.owl#"
+
+
+@pytest.fixture(scope="module")
+def kb() -> KnowledgeBase:
+    knowledge = KnowledgeBase()
+    knowledge.load("bundled:kitchen")
+    return knowledge
+
+
+@pytest.mark.parametrize(
+    ("question", "args", "individual"),
+    [
+        ("storage_place_in_environment", {"item": "CowsMilk"}, "fridge"),
+        ("storage_place", {"item": "CowsMilk"}, "fridge"),  # the only refrigerator of the map
+        ("openings", {"thing": "fridge"}, "fridge_door"),
+        ("openings", {"front": "fridge_door"}, "fridge"),
+        ("where_is", {"thing": "milk_carton_1", "relation": "inside"}, "fridge"),
+    ],
+)
+def test_an_answer_names_the_individual_that_was_asked_for(
+    kb: KnowledgeBase, question: str, args: dict[str, str], individual: str
+) -> None:
+    answers = kb.ask(question, **args)
+    assert {row.individual for row in answers} == {KITCHEN + individual}
+    assert {row.instances for row in answers} == {(KITCHEN + individual,)}
+
+
+def test_the_subject_of_a_handle_is_the_handle(kb: KnowledgeBase) -> None:
+    (row,) = kb.ask("handle_of", individual="fridge_door")
+    assert (row.subject, row.individual) == (f"{KITCHEN}fridge_door_handle", f"{KITCHEN}fridge_door")
+
+
+def test_a_class_stands_for_its_members(kb: KnowledgeBase) -> None:
+    (row,) = kb.ask("individual_of_class", cls="Refrigerator")[:1]
+    assert row.individual == f"{KITCHEN}fridge"
+    several = kb.ask("subclass_of", superclass="Cupboard")
+    with_members = next(row for row in several if len(row.instances) > 1)
+    with pytest.raises(NameAmbiguous):
+        with_members.individual  # noqa: B018
+    none = next(row for row in kb.ask("storage_place") if not row.instances)
+    with pytest.raises(NameUnknown, match="no individual of the class"):
+        none.individual  # noqa: B018
+
+
+def test_a_row_of_no_question_has_no_subject(kb: KnowledgeBase) -> None:
+    made = Storage(item=Iri("a"), place=Iri("b"), because_of=Iri("c"), generality=0)
+    with pytest.raises(AttributeError, match="not returned by a question"):
+        made.subject  # noqa: B018
+    with pytest.raises(AttributeError, match="is a map"):
+        kb.ask("maps")[0].individual  # noqa: B018
+    with pytest.raises(AttributeError, match="is a property"):
+        kb.ask("class_properties", cls="Refrigerator", value="Perishable")[0].instances  # noqa: B018
+
+
+@pytest.mark.parametrize("question", questions(), ids=lambda each: each.name)
+def test_every_question_s_answers_are_plain_values_and_tables(kb: KnowledgeBase, question: object) -> None:
+    answers = kb.ask(question)  # type: ignore[call-overload]
+    dicts = answers.to_dicts()
+    assert dicts == [msgspec.to_builtins(row) for row in answers]
+    assert all(list(each) == list(answers.question.row.__struct_fields__) for each in dicts)
+    assert answers._repr_html_().count("<tr>") == 1 + min(len(answers), 100)
+    assert repr(answers).startswith(f"<Answers to {answers.question.name}(")
+    assert "\n" not in repr(answers)
+    for row in answers[:3]:
+        assert repr(row).startswith(f"{type(row).__name__}(")
+        assert msgspec.convert(msgspec.to_builtins(row), type(row)) == row, "what was asked is no part of a row"
+        assert hash(row) == hash(msgspec.structs.replace(row))
+
+
+def test_a_knowledge_base_says_what_it_holds(kb: KnowledgeBase, tmp_path: Path) -> None:
+    assert repr(kb) == "<KnowledgeBase: 1 map (kitchen), 2 sources>"
+    assert repr(KnowledgeBase(bundled_ontology=False)) == "<KnowledgeBase: 0 maps, 0 sources>"
+
+
+def test_members_end_with_their_knowledge_base() -> None:
+    knowledge = KnowledgeBase()
+    knowledge.load("bundled:kitchen")
+    (row,) = knowledge.ask("storage_place", item="CowsMilk")
+    assert row.instances
+    del knowledge
+    assert row.instances == (), "answers keep no knowledge base alive"

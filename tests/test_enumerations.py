@@ -1,0 +1,42 @@
+"""Enumerations compare equal to the words that users see, and travel as these words."""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+import pkgutil
+from enum import Enum, IntEnum, StrEnum
+
+import msgspec
+import pytest
+
+import mindstage
+
+INTERNAL = {"Free", "Holds", "TroubleKind"}
+"""Marks inside the code that have no words: nobody outside sees them."""
+
+
+def enumerations() -> list[type[Enum]]:
+    found: dict[str, type[Enum]] = {}
+    for module in pkgutil.walk_packages(mindstage.__path__, "mindstage."):
+        if module.name.rpartition(".")[2] in {"__main__"} or module.name.endswith("_process"):
+            continue
+        loaded = importlib.import_module(module.name)
+        for name, each in inspect.getmembers(loaded, inspect.isclass):
+            if issubclass(each, Enum) and each.__module__.startswith("mindstage."):
+                found[f"{each.__module__}.{name}"] = each
+    return sorted(found.values(), key=lambda each: f"{each.__module__}.{each.__qualname__}")
+
+
+@pytest.mark.parametrize("kind", [each for each in enumerations() if each.__name__ not in INTERNAL], ids=str)
+def test_a_member_is_its_word_or_its_number(kind: type[Enum]) -> None:
+    assert issubclass(kind, StrEnum | IntEnum)
+    for member in kind:
+        assert member == member.value
+        assert msgspec.json.decode(msgspec.json.encode(member)) == member.value
+        assert type(msgspec.to_builtins(member)) in {str, int}
+        assert msgspec.convert(member.value, kind) is member
+    if issubclass(kind, StrEnum):
+        assert sorted(kind) == sorted(member.value for member in kind)
+        assert dict.fromkeys(kind, 1).keys() == {str(member.value) for member in kind}
+        assert all(f"{member}" == member.value for member in kind)
