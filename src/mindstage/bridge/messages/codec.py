@@ -14,7 +14,6 @@ are read; which one is written is the writer's choice.
 from __future__ import annotations
 
 import re
-from difflib import get_close_matches
 from functools import cache
 from typing import Any, TypeVar, cast
 
@@ -25,7 +24,7 @@ from mindstage.bridge.messages.fields import Field, fields_of, struct_of, type_o
 from mindstage.bridge.messages.message import Message, Ros
 from mindstage.bridge.messages.naming import type_name
 from mindstage.bridge.messages.primitives import plain
-from mindstage.errors import MessageRefused
+from mindstage.errors import MessageRefused, suggestion
 
 __all__ = ["decode", "decode_arguments", "encode"]
 
@@ -186,8 +185,7 @@ def _refusal(cls: Any, error: Exception) -> MessageRefused:
     remedy = ""
     if unknown := re.fullmatch(r"object contains unknown field (.*)", cause, re.DOTALL):
         known = [each.name for each in fields_of(inner)]
-        near = get_close_matches(unknown[1], known, n=1)
-        remedy = f"near: {near[0]!r}" if near else f"there is {', '.join(known)}" if known else "it has no fields"
+        remedy = suggestion(unknown[1], known, none="it has no fields")
         path, cause = _joined(path, unknown[1]), f"{type_name(inner)} has no such field"
     elif missing := re.fullmatch(r"object missing required field (.*)", cause):
         path, cause = _joined(path, missing[1]), MISSING
