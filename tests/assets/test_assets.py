@@ -13,6 +13,7 @@ from PIL import Image
 
 from mindstage.assets import Assets, cache_folder
 from mindstage.assets.reading import read_meshes
+from mindstage.engines.solids import prepare
 from mindstage.world import Body, BodyId, Form, FormSource, Iri, Pose, SolidKind, Vector
 
 MUG = (0.08, 0.1, 0.12)
@@ -243,6 +244,19 @@ def test_a_hull_has_the_extents_of_its_mesh(folder: Path, cache: Path, monkeypat
     (solid,) = form.solids
     assert solid.size == pytest.approx((0.1, 0.1, 0.1), rel=0.01)
     assert 100 < len(solid.points) < 600
+
+
+def test_the_hull_of_a_tilted_cylinder_weighs_what_the_cylinder_does(
+    folder: Path, cache: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An STL file rounds to single precision, so that the corners of a cap are not quite in one plane."""
+    monkeypatch.setattr("mindstage.assets.reading._with_pieces", lambda: False)
+    tilted = trimesh.creation.cylinder(radius=0.03, height=0.2, sections=32)
+    tilted.apply_transform(trimesh.transformations.rotation_matrix(0.7, (0.3, 0.9, 0.2), (1.0, 2.0, 3.0)))
+    tilted.export(folder / "mug.stl")
+    form, _ = formed(folder, cache, body(size=None))
+    assert form is not None
+    assert prepare(form.solids).volume == pytest.approx(tilted.volume, rel=1e-3)
 
 
 # -- kept --------------------------------------------------------------------------------------------------------------
