@@ -11,7 +11,7 @@ import pytest
 import trimesh
 from PIL import Image
 
-from mindstage.assets import Assets, cache_folder
+from mindstage.assets import Assets
 from mindstage.assets.reading import read_meshes
 from mindstage.engines.solids import prepare
 from mindstage.world import Body, BodyId, Form, FormSource, Iri, Pose, SolidKind, Vector
@@ -296,15 +296,6 @@ def test_a_broken_cache_is_made_anew(folder: Path, cache: Path) -> None:
     form, notes = formed(folder, cache, body())
     assert form is not None
     assert not notes
-
-
-def test_the_cache_lies_where_it_is_wanted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("MINDSTAGE_CACHE", str(tmp_path / "here"))
-    assert cache_folder("meshes") == tmp_path / "here" / "meshes"
-    monkeypatch.delenv("MINDSTAGE_CACHE")
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "there"))
-    assert cache_folder("meshes") == tmp_path / "there" / "mindstage" / "meshes"
-    assert (tmp_path / "there" / "mindstage" / "meshes").is_dir()
 
 
 # -- what strangers made -----------------------------------------------------------------------------------------------

@@ -120,7 +120,7 @@ def save_world(
         EngineUnavailable: it is a scene for Godot, and there is no Godot to make it.
     """
     from mindstage.knowledge import MapDialect, MapFormat, save_map
-    from mindstage.knowledge.writers.whole_files import save_whole
+    from mindstage.knowledge.writers.mapwriter import save_file
 
     if format is FileFormat.GODOT:
         return _save_scene(world, knowledge, path, assets=assets, plain_boxes=plain_boxes)
@@ -130,12 +130,12 @@ def save_world(
             from mindstage.engines.mujoco import mjcf
 
             text, notes = mjcf(world, forms=fitted.forms, find_mesh=knowledge.find_file)
-            save_whole(path, text.encode())
+            save_file(path, text.encode())
         else:
             from mindstage.exports import glb
 
             data, notes = glb(world, forms=fitted.forms)
-            save_whole(path, data)
+            save_file(path, data)
         return (*(note.text for note in fitted.notes), *notes)
     syntax = MapFormat.RDF_XML if format is FileFormat.OWL else MapFormat.TURTLE
     if dialect in (FileDialect.SAME, FileDialect.GIVEN):
@@ -158,7 +158,7 @@ def _save_scene(
     from tempfile import TemporaryDirectory
 
     from mindstage.cli.engine import godot_engine
-    from mindstage.knowledge.writers.whole_files import save_whole
+    from mindstage.knowledge.writers.mapwriter import save_file
 
     godot = godot_engine()
     staged = stage_for(knowledge, godot, assets=assets, plain_boxes=plain_boxes)
@@ -166,6 +166,6 @@ def _save_scene(
         report = stage.spawn(world)
         scene = Path(folder, "scene.tscn")
         stage.call(lambda engine: godot.save_scene(scene), what="save scene", timeout_s=60.0 + 0.05 * report.bodies)
-        save_whole(path, scene.read_bytes())
+        save_file(path, scene.read_bytes())
     failed = (*report.failed_bodies, *report.failed_constraints, *report.failed_attachments)
     return tuple(f"{each.id} is not in it: {each.reason}" for each in failed)
