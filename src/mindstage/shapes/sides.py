@@ -12,7 +12,7 @@ import numpy as np
 
 from mindstage.errors import ShapeRefused
 from mindstage.world import Quaternion, Vector
-from mindstage.world.geometry import Array
+from mindstage.world.geometry import Array, quaternion_from_matrix
 from mindstage.world.values import Value
 
 __all__ = ["Gap", "Side", "Turn"]
@@ -71,7 +71,8 @@ class Turn:
             raise ShapeRefused("any", reason=f"its front {front.value} and its top {up.value} lie on one axis")
         left = np.cross(up.vector, front.vector)
         self.matrix: Array = np.stack([front.vector, left, up.vector], axis=1)
-        self.quaternion = _quaternion(self.matrix)
+        w, x, y, z = quaternion_from_matrix(self.matrix).tolist()
+        self.quaternion: Quaternion = (w, x, y, z)
         self._axes = [int(np.flatnonzero(row)[0]) for row in self.matrix]
 
     @property
@@ -108,23 +109,3 @@ class Turn:
         """The two corners of a gap in the drawing."""
         corners = np.array([gap.low, gap.high]) @ self.matrix
         return corners.min(axis=0), corners.max(axis=0)
-
-
-def _quaternion(matrix: Array) -> Quaternion:
-    """Of a turn by right angles, w x y z: exact but for the square roots in it."""
-    # The largest of the four is found first, and the others from it, so that nothing is divided by zero.
-    trace = np.array([matrix.trace(), *matrix.diagonal()])
-    squares = np.array([1.0 + trace[0], *(1.0 - trace[0] + 2.0 * trace[1:])]) / 4.0
-    first = int(np.argmax(squares))
-    symmetric, skew = matrix + matrix.T, matrix - matrix.T
-    rows = np.array(
-        [
-            [4.0 * squares[0], skew[2, 1], skew[0, 2], skew[1, 0]],
-            [skew[2, 1], 4.0 * squares[1], symmetric[0, 1], symmetric[0, 2]],
-            [skew[0, 2], symmetric[0, 1], 4.0 * squares[2], symmetric[1, 2]],
-            [skew[1, 0], symmetric[0, 2], symmetric[1, 2], 4.0 * squares[3]],
-        ]
-    )
-    row = rows[first]
-    w, x, y, z = (row / np.linalg.norm(row)).tolist()
-    return (w, x, y, z)
