@@ -13,12 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mindstage.shapes.holes import Hole, cells, without_slivers
-from mindstage.shapes.meshes import Mesh, boxes, joined, lathe, loft, pierced, stretched, sweep
 from mindstage.shapes.sides import Gap, Side, Turn
 from mindstage.shapes.touchables import Touchable, ring, strips
 from mindstage.world import Vector
 from mindstage.world.forms import SolidKind
 from mindstage.world.geometry import Array
+from mindstage.world.meshes import TriangleMesh, boxes, joined, lathe, loft, pierced, stretched, sweep
 
 __all__ = ["Draft", "Spot", "TooSmall"]
 
@@ -63,7 +63,7 @@ class Draft:
         self.notes: list[str] = []
         self.light: Array | None = None
         self._boxes: dict[tuple[str, int], list[tuple[Array, Array, float]]] = {}
-        self._meshes: dict[tuple[str, bool], list[Mesh]] = {}
+        self._meshes: dict[tuple[str, bool], list[TriangleMesh]] = {}
 
     @property
     def least(self) -> float:
@@ -132,7 +132,7 @@ class Draft:
         across = extents[:2] / (2 * radius)
         mesh = stretched(mesh, np.array([*across, 1.0]), np.array([0.0, 0.0, -length / 2]))
         normals = None if mesh.normals is None else turn.points(mesh.normals)
-        self.mesh(role, Mesh(turn.points(mesh.points) + (lower + upper) / 2, mesh.faces, normals))
+        self.mesh(role, TriangleMesh(turn.points(mesh.points) + (lower + upper) / 2, mesh.faces, normals))
 
     def disc(
         self,
@@ -215,7 +215,7 @@ class Draft:
         """
         axes = [(thin + 1) % 3, (thin + 2) % 3, thin]
         lying = pierced(cuts, kept, thickness)
-        self.mesh(role, Mesh(lying.points[:, np.argsort(axes)], lying.faces, None))
+        self.mesh(role, TriangleMesh(lying.points[:, np.argsort(axes)], lying.faces, None))
         start = thickness[0] if down_to is None else down_to
         parts = []
         for first, last in strips(cuts, kept):
@@ -236,11 +236,11 @@ class Draft:
 
     def block(self, role: str, corners: Array, *, solid: bool = True) -> None:
         """A convex block of six flat sides: four corners, and the four above them, each counterclockwise from above."""
-        self.mesh(role, Mesh(corners, _BLOCK_FACES, None))
+        self.mesh(role, TriangleMesh(corners, _BLOCK_FACES, None))
         if solid:
             self.touch_hull(corners)
 
-    def mesh(self, role: str, mesh: Mesh) -> None:
+    def mesh(self, role: str, mesh: TriangleMesh) -> None:
         """Any other closed surface; it is seen only."""
         self._meshes.setdefault((role, mesh.normals is not None), []).append(mesh)
 
@@ -309,7 +309,7 @@ class Draft:
             self.light = self.light * scale + shift
         return float(np.abs(scale - 1.0).max())
 
-    def meshes(self) -> dict[tuple[str, bool], Mesh]:
+    def meshes(self) -> dict[tuple[str, bool], TriangleMesh]:
         """One a role, and one more for its parts whose faces have their own normals."""
         found = {key: list(meshes) for key, meshes in self._meshes.items()}
         for (role, steps), parts in self._boxes.items():
