@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-HEAVY = {"mujoco", "pyoxigraph", "viser", "websockets", "trimesh", "numpy"}
+HEAVY = {"mujoco", "pyoxigraph", "viser", "websockets", "trimesh", "numpy", "scipy"}
 
 
 def loaded_by(code: str) -> set[str]:
@@ -39,7 +39,7 @@ def test_help_loads_no_heavy_library(args: list[str]) -> None:
         ("World", HEAVY - {"numpy"}),
         ("NullEngine", HEAVY - {"numpy"}),
         ("KnowledgeBase", HEAVY - {"numpy", "pyoxigraph"}),
-        ("MujocoEngine", {"pyoxigraph", "viser", "trimesh"}),  # mujoco itself brings websockets along
+        ("MujocoEngine", {"pyoxigraph", "viser", "trimesh", "scipy"}),  # mujoco itself brings websockets along
         ("Stage", HEAVY - {"numpy", "pyoxigraph"}),
     ],
 )

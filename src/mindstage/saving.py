@@ -213,19 +213,19 @@ def _save_scene(
     godot: StrPath | None,
 ) -> tuple[str, ...]:
     """Writes what a world looks like, or how it moves."""
-    from mindstage.knowledge.writers.whole_files import save_whole
+    from mindstage.knowledge.writers.mapwriter import save_file
 
     fitted = _fitted(world, knowledge, assets=assets, plain_shapes=plain_shapes)
     if format is FileFormat.MJCF:
         from mindstage.engines.mujoco import mjcf
 
         text, notes = mjcf(world, forms=fitted.forms, find_mesh=knowledge.find_file)
-        save_whole(path, text.encode())
+        save_file(path, text.encode())
     elif format is FileFormat.GLTF:
         from mindstage.exports import glb
 
         data, notes = glb(world, forms=fitted.forms)
-        save_whole(path, data)
+        save_file(path, data)
     else:
         return _save_godot_scene(world, path, fitted, godot=godot)
     return (*(note.text for note in fitted.notes), *notes)
@@ -245,7 +245,7 @@ def _save_godot_scene(world: World, path: Path, fitted: Fitted, *, godot: StrPat
     from tempfile import TemporaryDirectory
 
     from mindstage.engines import GodotEngine
-    from mindstage.knowledge.writers.whole_files import save_whole
+    from mindstage.knowledge.writers.mapwriter import save_file
 
     engine = GodotEngine(None if godot is None else Path(godot))
     try:
@@ -253,7 +253,7 @@ def _save_godot_scene(world: World, path: Path, fitted: Fitted, *, godot: StrPat
         with TemporaryDirectory(prefix="mindstage-") as folder:
             scene = Path(folder, "scene.tscn")
             engine.save_scene(scene)
-            save_whole(path, scene.read_bytes())
+            save_file(path, scene.read_bytes())
     finally:
         engine.close()
     failed = (*report.failed_bodies, *report.failed_constraints, *report.failed_attachments)

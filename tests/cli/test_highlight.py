@@ -69,7 +69,7 @@ def test_of_several_maps_the_one_that_is_asked_about_is_spawned(run: Run, write_
 @pytest.mark.parametrize(
     ("args", "message"),
     [
-        (("--highlight", "purple"), "no colour 'purple'; there is black, red, blue, green, yellow, none, #rrggbb"),
+        (("--highlight", "purple"), "no color 'purple'; there is black, red, blue, green, yellow, none, #rrggbb"),
         (("--highlight", "yelow"), "near: 'yellow'"),
         (("--highlight", "red", "--engine", "foo"), "there is no engine of that name"),
         (("--port", "0"), "--port: it says how answers are shown; give --highlight COLOUR too"),

@@ -55,7 +55,7 @@ def test_a_map_is_photographed_with_its_answers_lit(
         (("--top", "--to", "1,2,3"), "it says by itself where the eye is"),
         (("--labels", "some"), "there is none, selected, class, all"),
         (("--colour", "red"), "there are 1 for 0 --highlight"),
-        (("--highlight", "Mug", "--colour", "redd"), "no colour 'redd'; near: 'red'"),
+        (("--highlight", "Mug", "--colour", "redd"), "no color 'redd'; near: 'red'"),
         (("--highlight", "'Mug"), "cannot be read: No closing quotation"),
         (("--highlight", " "), "it says nothing"),
         (("--browser", "netscape"), "there is no program 'netscape'"),

@@ -195,7 +195,7 @@ def in_a_hurry(engine: RemoteEngine) -> Iterator[None]:
 def test_a_late_answer_is_a_timeout_and_the_next_call_gets_its_own() -> None:
     blocked = Blocked()
     with FarSide(lambda: blocked) as far_side, closing(RemoteEngine.connect(far_side.address)) as engine:
-        late = r"did not answer .*/step within 0\.2 s; it may have done it"
+        late = r"did not answer .*/step within 0\.2 s; it may have been executed"
         with in_a_hurry(engine), pytest.raises(EngineTimedOut, match=late):
             engine.step(0.0)
         blocked.go.set()

@@ -15,7 +15,7 @@ from msgspec.structs import replace
 
 from mindstage.errors import MapUnwritable
 from mindstage.exports import form_glb, glb
-from mindstage.exports.solids import solid
+from mindstage.exports.gltf import _PRIMITIVES
 from mindstage.world import (
     Attachment,
     Body,
@@ -138,7 +138,7 @@ def test_what_looks_alike_is_there_once() -> None:
 
 @pytest.mark.parametrize("kind", ShapeKind)
 def test_solids_are_closed_and_face_outwards(kind: ShapeKind) -> None:
-    surface = solid(kind, (1.0, 2.0, 3.0))
+    surface = _PRIMITIVES[kind]((1.0, 2.0, 3.0))
     mesh = trimesh.Trimesh(surface.points, surface.faces)
     mesh.merge_vertices(merge_norm=True)
     assert mesh.is_watertight

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from mindstage.knowledge import KnowledgeBase
-from mindstage.knowledge.hierarchy import ClassHierarchy
+from mindstage.knowledge.taxonomy import ClassHierarchy
 from mindstage.world import Iri
 from tests.knowledge.maps import knowing, knowrob, room
 

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from mindstage.knowledge import KnowledgeBase, save_map
-from mindstage.knowledge.readers.matrices import Placement, placement_of, quaternion_of
+from mindstage.knowledge.readers.matrices import Placement, placement_of
 from mindstage.world import World, difference
-from mindstage.world.geometry import rotation_matrix
+from mindstage.world.geometry import quaternion_from_matrix, rotation_matrix
 from tests.knowledge.maps import Read, assert_same, knowing
 from tests.knowledge.other_maps import about, comes_back, knowrob1, matrix, perceived, range_of
 
@@ -117,7 +117,7 @@ def test_any_rotation_comes_back_from_its_matrix() -> None:
         assert (found.mirrored, found.remedies) == (False, ())
         np.testing.assert_allclose(found.pose.quaternion, quaternion, atol=1e-9)
     for half_turn in np.diag([1, -1, -1.0]), np.diag([-1, 1, -1.0]), np.diag([-1, -1, 1.0]):
-        np.testing.assert_allclose(rotation_matrix(quaternion_of(half_turn)), half_turn, atol=1e-12)
+        np.testing.assert_allclose(rotation_matrix(quaternion_from_matrix(half_turn)), half_turn, atol=1e-12)
 
 
 def test_lengths_below_zero_are_lengths(read: Read, tmp_path: Path) -> None:

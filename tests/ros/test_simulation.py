@@ -75,7 +75,7 @@ def test_filters_choose_by_name_kind_tags_and_place(call: Call, filters: Any, ex
 def test_filters_that_make_no_sense_are_refused(call: Call) -> None:
     reply = call("get_entities", filters={"filter": "(a"})
     assert code(reply) == FAILED
-    assert "is no extended regular expression" in reply["result"]["error_message"]
+    assert "is not an extended regular expression" in reply["result"]["error_message"]
     assert code(call("get_entities", filters={"bounds": {"type": 1, "points": [{"x": 1.0}]}})) == FAILED
     assert code(call("get_entities", filters={"bounds": {"type": 2, "points": []}})) == UNSUPPORTED
 

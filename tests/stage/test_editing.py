@@ -78,7 +78,7 @@ def test_edits_are_undone_in_turn_and_a_new_one_ends_what_was_undone(stage: Stag
     assert editing.history.redo == ()
     editing.undo()
     editing.undo()
-    with pytest.raises(NothingToUndo, match="nothing is left to be undone"):
+    with pytest.raises(NothingToUndo, match="there is nothing to undo"):
         editing.undo()
     editing.redo()
     editing.redo()

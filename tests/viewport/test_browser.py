@@ -45,7 +45,7 @@ def test_a_page_is_opened_asked_and_photographed(chromium: Path) -> None:
 def test_without_a_browser_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("PATH", str(tmp_path))
     monkeypatch.setattr("mindstage.viewport.browser.BROWSERS", ("chromium", "google-chrome"))
-    with pytest.raises(BrowserUnavailable, match=r"install Chromium or Chrome.*looked for chromium, google-chrome"):
+    with pytest.raises(BrowserUnavailable, match=r"install Chromium or Chrome.*searched for chromium, google-chrome"):
         find_browser()
     with pytest.raises(BrowserUnavailable, match="there is no program 'netscape'"):
         find_browser("netscape")

@@ -31,10 +31,10 @@ def read(*skins: Skin) -> list[Any]:
 
 
 def test_flat_faces_share_no_points_and_round_ones_do() -> None:
-    assert len(mesh_of([wedge()]).vertices) == 12
-    assert len(mesh_of([wedge(normals=NORMALS)]).vertices) == 4
+    assert len(mesh_of([wedge()]).points) == 12
+    assert len(mesh_of([wedge(normals=NORMALS)]).points) == 4
     both = mesh_of([wedge(), wedge(normals=NORMALS)])
-    assert both.vertices[both.faces] == pytest.approx(np.concatenate([POINTS[FACES]] * 2))
+    assert both.points[both.faces] == pytest.approx(np.concatenate([POINTS[FACES]] * 2))
     assert len(mesh_of([]).faces) == 0
 
 

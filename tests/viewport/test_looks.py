@@ -95,13 +95,13 @@ def look_of(*bodies: Body, forms: dict[str, Form] | None = None, **joined: tuple
 
 
 def extents(look: Look) -> np.ndarray:
-    return np.ptp(mesh_of(look.skins).vertices, axis=0)
+    return np.ptp(mesh_of(look.skins).points, axis=0)
 
 
 def sides(look: Look) -> set[tuple[float, ...]]:
     """Where the triangles look to."""
     mesh = mesh_of(look.skins)
-    a, b, c = (mesh.vertices[mesh.faces[:, corner]] for corner in range(3))
+    a, b, c = (mesh.points[mesh.faces[:, corner]] for corner in range(3))
     normals = np.cross(b - a, c - a)
     return {tuple(row) for row in np.round(normals / np.linalg.norm(normals, axis=1, keepdims=True)).tolist()}
 
@@ -148,7 +148,7 @@ def test_a_form_without_skins_is_seen_as_what_can_be_touched() -> None:
         Solid(kind=SolidKind.HULL, size=(1.0, 1.0, 2.0), points=corners),
     )
     look = look_of(body("it", "Cup", (0.0, 0.0, 0.0), None), forms={"it": Form("k", (), solids)})
-    vertices = mesh_of(look.skins).vertices
+    vertices = mesh_of(look.skins).points
     assert vertices.min(axis=0) == pytest.approx([0.0, -0.1, -0.1], abs=1e-6)
     assert vertices.max(axis=0) == pytest.approx([1.1, 1.0, 2.0], abs=1e-6)
 

@@ -77,7 +77,7 @@ def test_a_ghost_looks_like_its_body_as_long_as_that_is_there(stage: Stage, view
 
     stage.mark([Marker(id="soon", form=MarkerForm.GHOST, body="Mug", pose=IN_FRONT, colour=BLUE, opacity=0.4)])
     wait_until(vertices, "the ghost is shown")
-    assert vertices() == len(mesh_of(stage.forms[BodyId("Mug")].skins).vertices)
+    assert vertices() == len(mesh_of(stage.forms[BodyId("Mug")].skins).points)
     stage.call(lambda engine: engine.delete([BodyId("Mug")]), edits=True)
     wait_until(lambda: not vertices(), "it goes with its body")
     stage.spawn(replace(kitchenette(), bodies=(kitchenette().body("Mug"),), constraints=(), attachments=()))

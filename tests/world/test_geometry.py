@@ -19,6 +19,7 @@ from mindstage.world.geometry import (
     multiply,
     pose_array,
     pose_from,
+    quaternion_from_matrix,
     rotate,
     rotation_angle,
     rotation_matrix,
@@ -98,3 +99,17 @@ def test_poses_survive_the_way_through_an_array(many: list[Pose]) -> None:
 def test_it_does_not_matter_which_poses_are_composed_first(a: Pose, b: Pose, c: Pose) -> None:
     x, y, z = (np.concatenate([row[:3], unit(row[3:])]) for row in pose_array((a, b, c)))
     assert_allclose(compose(compose(x, y), z), compose(x, compose(y, z)), atol=1e-9)
+
+
+@given(poses())
+def test_a_matrix_gives_its_quaternion_back(pose: Pose) -> None:
+    quaternion = unit(pose.quaternion)
+    back = quaternion_from_matrix(rotation_matrix(quaternion))
+    assert back[0] >= 0.0
+    assert_allclose(rotation_angle(quaternion, back), 0.0, atol=1e-9)
+
+
+@pytest.mark.parametrize("diagonal", [(1, 1, 1), (1, -1, -1), (-1, 1, -1), (-1, -1, 1)])
+def test_half_turns_have_quaternions(diagonal: Vector) -> None:
+    half_turn = np.diag(np.array(diagonal, dtype=float))
+    assert_allclose(rotation_matrix(quaternion_from_matrix(half_turn)), half_turn, atol=1e-15)

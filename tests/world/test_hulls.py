@@ -6,7 +6,7 @@ from collections import Counter
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from mindstage.world.geometry import rotation_matrix, unit
@@ -28,10 +28,11 @@ def test_a_hull_is_closed_and_holds_all_its_points(cloud: list[tuple[float, floa
     edges = Counter((a, b) for face in hull.faces.tolist() for a, b in zip(face, face[1:] + face[:1], strict=True))
     assert set(edges.values()) == {1}
     assert all((b, a) in edges for a, b in edges)
-    planes = np.einsum("fi,fi->f", hull.normals, points[hull.faces[:, 0]])
-    sharp = np.linalg.norm(hull.normals, axis=1) > 0.5  # a sliver of no area has no side
-    assert (points @ hull.normals[sharp].T - planes[sharp]).max() < 1e-5
-    assert hull.moments()[0] > 0.0
+    planes = np.einsum("fi,fi->f", hull.normals, hull.points[hull.faces[:, 0]])
+    np.testing.assert_allclose(np.linalg.norm(hull.normals, axis=1), 1.0)
+    assert (points @ hull.normals.T - planes).max() < 1e-9
+    assert 0.0 < hull.moments()[0] <= np.ptp(points, axis=0).prod() * (1 + 1e-9)
+    assert {*map(tuple, hull.points)} <= {*map(tuple, points)}
 
 
 @given(
@@ -59,6 +60,64 @@ def test_a_tetrahedron_has_its_middle_at_the_mean_of_its_corners() -> None:
     np.testing.assert_allclose(middle, corners.mean(axis=0), atol=1e-12)
 
 
-@pytest.mark.parametrize("flat", [np.zeros((0, 3)), np.zeros((9, 3)), CUBE[:3], CUBE * (1, 1, 0), CUBE * (1, 0, 0)])
+def cylinder(radius: float, height: float, around: int) -> np.ndarray:
+    angle = np.arange(around) * 2 * np.pi / around
+    circle = np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1)
+    return np.concatenate([np.column_stack([circle, np.full(around, z)]) for z in (-height / 2, height / 2)])
+
+
+@given(
+    st.tuples(*[st.floats(-1.0, 1.0)] * 4).filter(lambda turn: np.linalg.norm(turn) > 0.1),
+    st.tuples(st.floats(-5, 5), st.floats(-5, 5), st.floats(-5, 5)),
+    st.sampled_from([8, 24, 32, 100]),
+)
+@example((0.9, 0.3, 0.2, 0.1), (1.0, 2.0, 3.0), 32)
+def test_a_tilted_cylinder_in_single_precision_has_its_analytic_volume(
+    turn: tuple[float, ...], centre: tuple[float, ...], around: int
+) -> None:
+    """Faces of many points, coplanar but for rounding, as STL files have them."""
+    radius, height = 0.03, 0.2
+    tilted = cylinder(radius, height, around) @ rotation_matrix(unit(turn)).T + centre
+    hull = hull_round(tilted.astype(np.float32).astype(np.float64))
+    assert hull is not None
+    volume, middle, _ = hull.moments()
+    assert volume == pytest.approx(around / 2 * np.sin(2 * np.pi / around) * radius**2 * height, rel=1e-4)
+    np.testing.assert_allclose(middle, centre, atol=1e-5)
+
+
+@given(st.tuples(*[st.floats(0.1, 1.0)] * 4), st.integers(0, 2**32 - 1))
+def test_the_volume_grows_with_the_points_and_with_the_scale(turn: tuple[float, ...], seed: int) -> None:
+    cloud = np.random.default_rng(seed).normal(size=(30, 3)) @ rotation_matrix(unit(turn)).T
+    few, many, large = hull_round(cloud[:10]), hull_round(cloud), hull_round(1000.0 * cloud + 5.0)
+    assert few is not None
+    assert many is not None
+    assert large is not None
+    assert few.moments()[0] <= many.moments()[0] * (1 + 1e-12)
+    assert large.moments()[0] == pytest.approx(1e9 * many.moments()[0])
+
+
+def test_points_inside_are_no_corners() -> None:
+    hull = hull_round(np.concatenate([CUBE * 0.5, CUBE, np.zeros((1, 3))]))
+    assert hull is not None
+    np.testing.assert_array_equal(hull.points, CUBE)
+    assert hull.faces.shape == (12, 3)
+
+
+def tilted_plate(thickness: float) -> np.ndarray:
+    turned = CUBE * (1.0, 0.5, thickness) @ rotation_matrix(unit((0.9, 0.3, 0.2, 0.1))).T + (1.0, 2.0, 3.0)
+    return turned.astype(np.float32).astype(np.float64)
+
+
+def test_a_tilted_plate_of_a_millimeter_is_a_body() -> None:
+    hull = hull_round(tilted_plate(0.001))
+    assert hull is not None
+    assert hull.moments()[0] == pytest.approx(0.0005, rel=1e-2)
+
+
+@pytest.mark.parametrize(
+    "flat",
+    [np.zeros((0, 3)), np.zeros((9, 3)), CUBE[:3], CUBE * (1, 1, 0), CUBE * (1, 0, 0), tilted_plate(0.0),
+     np.outer(np.arange(9), (1.0, 2.0, 3.0)), CUBE * (1, 1, np.nan), CUBE * (1, 1, np.inf)],
+)  # fmt: skip
 def test_what_is_flat_has_no_hull(flat: np.ndarray) -> None:
     assert hull_round(flat) is None

@@ -17,7 +17,7 @@ from zipfile import BadZipFile
 
 import numpy as np
 
-from mindstage.assets.cache import cache_folder
+from mindstage.files import cache_folder
 from mindstage.world import Skin, Surface
 from mindstage.world.geometry import Array
 

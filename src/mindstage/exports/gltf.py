@@ -14,12 +14,14 @@ import numpy as np
 
 from mindstage.errors import MapUnwritable
 from mindstage.exports.gltf_file import GltfFile
-from mindstage.exports.solids import solid
 from mindstage.world import NO_FORMS, Body, Form, Forms, Glow, Light, Pose, Shape, ShapeKind, Skin, Surface, World
 from mindstage.world.frames import xyzw_from_wxyz
 from mindstage.world.geometry import Array, compose, invert, unit_pose
+from mindstage.world.meshes import box, cylinder, sphere
 
 __all__ = ["Glb", "form_glb", "glb"]
+
+_PRIMITIVES = {ShapeKind.BOX: box, ShapeKind.SPHERE: sphere, ShapeKind.CYLINDER: cylinder}
 
 _ROOT_ROTATION = (-0.5, -0.5, -0.5, 0.5)
 """From x forward, y left, z up to z forward, x left, y up; x y z w."""
@@ -151,7 +153,7 @@ class _Document:
     def _shape(
         self, kind: ShapeKind, size: tuple[float, float, float], surface: Surface, name: str
     ) -> Iterator[dict[str, Any]]:
-        primitive = self.file.triangles(solid(kind, size))
+        primitive = self.file.triangles(_PRIMITIVES[kind](size))
         yield primitive | {"material": self.file.material(surface, name=name)}
 
 

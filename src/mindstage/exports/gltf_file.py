@@ -11,10 +11,10 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from mindstage.exports.solids import Triangles
 from mindstage.world import Colour, LightKind, Skin, Surface
 from mindstage.world.colours import linear
 from mindstage.world.geometry import Array
+from mindstage.world.meshes import TriangleMesh
 
 __all__ = ["GltfFile"]
 
@@ -66,14 +66,14 @@ class GltfFile:
 
     def skin(self, skin: Skin) -> dict[str, Any]:
         """A primitive with a surface of its own."""
-        primitive = self.triangles(Triangles(skin.points, skin.faces, skin.normals))
+        primitive = self.triangles(TriangleMesh(skin.points, skin.faces, skin.normals))
         if skin.uv is not None:
             # glTF counts from the upper edge of an image.
             primitive["attributes"]["TEXCOORD_0"] = self._rows(np.column_stack([skin.uv[:, 0], 1.0 - skin.uv[:, 1]]))
         image = None if skin.uv is None or skin.image is None else skin.image
         return primitive | {"material": self.material(skin.surface, image=image)}
 
-    def triangles(self, triangles: Triangles) -> dict[str, Any]:
+    def triangles(self, triangles: TriangleMesh) -> dict[str, Any]:
         """A primitive without a material; flat faces where there are no normals."""
         attributes = {"POSITION": self._rows(triangles.points, bounds=True)}
         if triangles.normals is not None:

@@ -9,9 +9,8 @@ import os
 from contextlib import suppress
 from pathlib import Path
 
-from mindstage.assets import cache_folder
-from mindstage.assets.cache import written_whole
 from mindstage.exports.gltf import form_glb
+from mindstage.files import atomic_write, cache_folder
 from mindstage.world import Form
 
 __all__ = ["shelf_folder", "shelve"]
@@ -36,8 +35,7 @@ def shelve(form: Form) -> str:
         with suppress(OSError):
             os.utime(path)
         return path.name
-    with written_whole(path) as part:
-        part.write_bytes(form_glb(form))
+    atomic_write(path, form_glb(form))
     _tidy(path)
     return path.name
 

@@ -7,8 +7,8 @@ from collections.abc import Iterator, Sequence, Set
 import msgspec
 
 from mindstage.knowledge.graph import Graph
-from mindstage.knowledge.hierarchy import ClassHierarchy
 from mindstage.knowledge.reading.census import types_of
+from mindstage.knowledge.taxonomy import ClassHierarchy
 from mindstage.knowledge.vocabulary import CHILD, CONSTRAINT, OWL, PARENT, RDFS
 from mindstage.world import Fact, Iri, Reference
 

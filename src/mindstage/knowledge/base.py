@@ -17,7 +17,6 @@ from mindstage.knowledge.answering import Answering
 from mindstage.knowledge.bulk import bulk_work
 from mindstage.knowledge.bundled import map_path
 from mindstage.knowledge.findings import Finding, Severity
-from mindstage.knowledge.hierarchy import ClassHierarchy
 from mindstage.knowledge.names import local_name
 from mindstage.knowledge.reading.assumptions import Assumption
 from mindstage.knowledge.reading.census import census_of, without_strangers
@@ -29,6 +28,7 @@ from mindstage.knowledge.shaping import ShapeRule, Shaping
 from mindstage.knowledge.sources.library import Library, StrPath
 from mindstage.knowledge.stores.endpoint import Endpoint
 from mindstage.knowledge.stores.triplestore import TripleStore
+from mindstage.knowledge.taxonomy import ClassHierarchy
 from mindstage.knowledge.vocabulary import EQUIVALENT_CLASS, SUBCLASS_OF
 from mindstage.knowledge.wording.nesting import nested
 from mindstage.world import Iri, World

@@ -13,6 +13,7 @@ from pathlib import Path
 import pyoxigraph as ox
 
 from mindstage.errors import ArgumentRefused
+from mindstage.files import atomic_write
 from mindstage.knowledge.base import KnowledgeBase
 from mindstage.knowledge.reasoning.namebook import PREFIXES
 from mindstage.knowledge.teaching import TOLD, Teachable
@@ -84,12 +85,7 @@ class ToldFile:
         return list(self._knowledge.store.quads_for_pattern(None, None, None, graph))
 
     def _write(self, text: str) -> None:
-        beside = self.path.with_name(f"{self.path.name}.new")
-        try:
-            beside.write_text(text, encoding="utf-8")
-            beside.replace(self.path)
-        except OSError as error:  # in the name of the file that was given
-            raise OSError(error.errno, error.strerror, str(self.path)) from error
+        atomic_write(self.path, text.encode())
 
 
 def _turtle(triples: list[ox.Triple], declared: Mapping[str, str]) -> str:

@@ -29,7 +29,6 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from difflib import get_close_matches
 from enum import IntEnum
 from functools import cache
 from numbers import Integral, Real
@@ -38,7 +37,7 @@ from typing import Annotated, Any, ClassVar, Final, Self, TypeVar, cast
 import msgspec
 from msgspec import Meta, inspect
 
-from mindstage.errors import MessageRefused
+from mindstage.errors import MessageRefused, suggestion
 
 __all__ = [
     "FLOAT64_MAX",
@@ -460,8 +459,7 @@ def _message_error(cls: Any, error: Exception) -> MessageRefused:
     remedy = ""
     if unknown := re.fullmatch(r"object contains unknown field (.*)", cause, re.DOTALL):
         known = [each.name for each in fields_of(inner)]
-        near = get_close_matches(unknown[1], known, n=1)
-        remedy = f"near: {near[0]!r}" if near else f"fields: {', '.join(known)}" if known else "it has no fields"
+        remedy = suggestion(unknown[1], known, none="it has no fields")
         path, cause = _joined(path, unknown[1]), f"{type_name(inner)} has no such field"
     elif missing := re.fullmatch(r"object missing required field (.*)", cause):
         path, cause = _joined(path, missing[1]), MISSING

@@ -14,8 +14,7 @@ from typing import Any
 
 import msgspec
 
-from mindstage.errors import ShapeRefused, ShapeUnknown
-from mindstage.errors.hints import near, near_names
+from mindstage.errors import ShapeRefused, ShapeUnknown, suggestion
 from mindstage.shapes.design import Design
 from mindstage.shapes.draft import Draft, Spot, TooSmall
 from mindstage.shapes.kinds import DESIGNS
@@ -49,7 +48,7 @@ def design_of(kind: str, parameters: Mapping[str, Any] | None = None) -> Design:
     given = dict(parameters or {})
     if strange := next((name for name in given if name not in design.__struct_fields__), None):
         fields = design.__struct_fields__
-        hint = near_names(near(strange, fields)) or (f"there is {', '.join(fields)}" if fields else "it has none")
+        hint = suggestion(strange, fields, none="it has none")
         raise ShapeRefused(kind, reason=f"it has no parameter {strange!r}; {hint}")
     try:
         return msgspec.convert(given, design, strict=False)

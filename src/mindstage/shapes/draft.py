@@ -15,12 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mindstage.shapes.holes import Hole, cells, without_slivers
-from mindstage.shapes.meshes import Mesh, boxes, joined, lathe, loft, pierced, stretched, sweep
 from mindstage.shapes.sides import Gap, Side, Turn, turn_between
 from mindstage.shapes.touchables import Touchable, ring, strips
 from mindstage.world import Vector
 from mindstage.world.forms import SolidKind
 from mindstage.world.geometry import Array
+from mindstage.world.meshes import TriangleMesh, boxes, joined, lathe, loft, pierced, stretched, sweep
 
 __all__ = ["Draft", "Spot", "TooSmall"]
 
@@ -60,7 +60,7 @@ class _Part(NamedTuple):
     low: Array
     """The lower corner of the box round its points [m]."""
     high: Array
-    make: Callable[[], Mesh]
+    make: Callable[[], TriangleMesh]
 
 
 class Draft:
@@ -149,12 +149,12 @@ class Draft:
         corners = around or next(corners for least, corners in _AROUND if radius >= least)
         middle, across = (lower + upper) / 2, extents[:2] / (2 * radius)
 
-        def turned() -> Mesh:
+        def turned() -> TriangleMesh:
             profile = shares * (radius, length)
             mesh = lathe(profile, bevel=bevel, around=corners, closed=closed)  # type: ignore[arg-type]
             mesh = stretched(mesh, np.array([*across, 1.0]), np.array([0.0, 0.0, -length / 2]))
             normals = None if mesh.normals is None else turn.points(mesh.normals)
-            return Mesh(turn.points(mesh.points) + middle, mesh.faces, normals)
+            return TriangleMesh(turn.points(mesh.points) + middle, mesh.faces, normals)
 
         # A circle has corners on both axes, so the surface fills the box of its outermost radius and its heights.
         widest, heights = float(shares[:, 0].max()), shares[:, 1]
@@ -245,9 +245,9 @@ class Draft:
         """
         axes = [(thin + 1) % 3, (thin + 2) % 3, thin]
 
-        def standing() -> Mesh:
+        def standing() -> TriangleMesh:
             lying = pierced(cuts, kept, thickness)
-            return Mesh(lying.points[:, np.argsort(axes)], lying.faces, None)
+            return TriangleMesh(lying.points[:, np.argsort(axes)], lying.faces, None)
 
         if kept.any():
             lower, upper = np.empty(3), np.empty(3)
@@ -276,11 +276,11 @@ class Draft:
 
     def block(self, role: str, corners: Array, *, solid: bool = True) -> None:
         """A convex block of six flat sides: four corners, and the four above them, each counterclockwise from above."""
-        self.mesh(role, Mesh(corners, _BLOCK_FACES, None))
+        self.mesh(role, TriangleMesh(corners, _BLOCK_FACES, None))
         if solid:
             self.touch_hull(corners)
 
-    def mesh(self, role: str, mesh: Mesh) -> None:
+    def mesh(self, role: str, mesh: TriangleMesh) -> None:
         """Any other closed surface; it is seen only."""
         part = _Part(mesh.points.min(axis=0), mesh.points.max(axis=0), lambda: mesh)
         self._add(role, part, smooth=mesh.normals is not None)
@@ -353,7 +353,7 @@ class Draft:
             self.light = self.light * scale + shift
         return float(np.abs(scale - 1.0).max())
 
-    def meshes(self) -> dict[tuple[str, bool], Mesh]:
+    def meshes(self) -> dict[tuple[str, bool], TriangleMesh]:
         """One a role, and one more for its parts whose faces have their own normals."""
         found = {key: [part.make() for part in parts] for key, parts in self._parts.items()}
         for (role, steps), parts in self._boxes.items():

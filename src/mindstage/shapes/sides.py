@@ -13,7 +13,7 @@ import numpy as np
 
 from mindstage.errors import ShapeRefused
 from mindstage.world import Quaternion, Vector
-from mindstage.world.geometry import Array
+from mindstage.world.geometry import Array, quaternion_from_matrix
 from mindstage.world.values import Value
 
 __all__ = ["Gap", "Side", "Turn", "turn_between"]
@@ -72,7 +72,8 @@ class Turn:
             raise ShapeRefused("any", reason=f"its front {front.value} and its top {up.value} lie on one axis")
         left = np.cross(up.vector, front.vector)
         self.matrix: Array = np.stack([front.vector, left, up.vector], axis=1)
-        self.quaternion = _quaternion(self.matrix)
+        w, x, y, z = quaternion_from_matrix(self.matrix).tolist()
+        self.quaternion: Quaternion = (w, x, y, z)
         self._axes = [int(np.flatnonzero(row)[0]) for row in self.matrix]
         self.is_none = bool(np.array_equal(self.matrix, np.eye(3)))
         """Whether both frames are the same."""
@@ -112,23 +113,3 @@ class Turn:
 def turn_between(front: Side, up: Side) -> Turn:
     """The turn of these two sides; there are only 24, so each is computed once. Its arrays must not be written to."""
     return Turn(front, up)
-
-
-def _quaternion(matrix: Array) -> Quaternion:
-    """Of a turn by right angles, w x y z: exact but for the square roots in it."""
-    # The largest of the four is found first, and the others from it, so that nothing is divided by zero.
-    trace = np.array([matrix.trace(), *matrix.diagonal()])
-    squares = np.array([1.0 + trace[0], *(1.0 - trace[0] + 2.0 * trace[1:])]) / 4.0
-    first = int(np.argmax(squares))
-    symmetric, skew = matrix + matrix.T, matrix - matrix.T
-    rows = np.array(
-        [
-            [4.0 * squares[0], skew[2, 1], skew[0, 2], skew[1, 0]],
-            [skew[2, 1], 4.0 * squares[1], symmetric[0, 1], symmetric[0, 2]],
-            [skew[0, 2], symmetric[0, 1], 4.0 * squares[2], symmetric[1, 2]],
-            [skew[1, 0], symmetric[0, 2], symmetric[1, 2], 4.0 * squares[3]],
-        ]
-    )
-    row = rows[first]
-    w, x, y, z = (row / np.linalg.norm(row)).tolist()
-    return (w, x, y, z)

@@ -22,10 +22,10 @@ from numpy.typing import NDArray
 from mindstage.viewport.glb import glb, mesh_of
 from mindstage.viewport.looks import Look, Part
 from mindstage.viewport.palette import Paint
-from mindstage.viewport.solids import Mesh, edges
 from mindstage.world import BodyId, Colour
 from mindstage.world.colours import linear
 from mindstage.world.geometry import Array
+from mindstage.world.meshes import TriangleMesh, box_edges
 
 __all__ = ["CROWD", "Bodies", "Clickable", "Prepare", "byte_colour"]
 
@@ -174,7 +174,7 @@ class _Single:
         self._outline: viser.LineSegmentsHandle | None = None
         if look.part is Part.OUTLINE:
             self._outline = scene.add_line_segments(
-                f"{self._name}/outline", edges(look.size), _OUTLINE, thickness=1.0, thickness_units="screen"
+                f"{self._name}/outline", box_edges(look.size), _OUTLINE, thickness=1.0, thickness_units="screen"
             )
         else:
             self._as_it_is = scene.add_glb(f"{self._name}/seen", _glb(look), cast_shadow=_casts_shadow(look))
@@ -213,7 +213,7 @@ class _Single:
         mesh = _mesh(self._look)
         node = self._scene.add_mesh_simple(
             f"{self._name}/plain",
-            mesh.vertices,
+            mesh.points.astype(np.float32),
             mesh.faces,
             color=byte_colour(paint.colour),
             opacity=_opacity(paint),
@@ -319,7 +319,7 @@ class _Crowd:
         colours, opacities = self._colours()
         node = self._scene.add_batched_meshes_simple(
             f"{self._name}/plain",
-            mesh.vertices,
+            mesh.points.astype(np.float32),
             mesh.faces,
             turns,
             positions,
@@ -379,5 +379,5 @@ def _glb(look: Look) -> bytes:
 
 
 @lru_cache(maxsize=4096)
-def _mesh(look: Look) -> Mesh:
+def _mesh(look: Look) -> TriangleMesh:
     return mesh_of(look.skins)

@@ -1,7 +1,8 @@
-"""DevTools: the pipe through which one browser process is told what to do.
+"""Chrome DevTools Protocol over a pipe (`--remote-debugging-pipe`) to a browser process of our own.
 
-Nobody else on the machine can reach a pipe, as they could a port. Every wait has a timeout, and a browser that is
-gone is noticed at once.
+JSON messages end with a null byte. Unlike a port, a pipe cannot be reached by other users of the machine. Every call
+has a timeout, for what it writes as for what it reads, and ends at once when the browser exits. A library would be
+larger than what is needed here: Playwright downloads browsers of its own, of over 100 MB.
 """
 
 from __future__ import annotations
@@ -29,14 +30,14 @@ _BECOME_BROWSER = (
     "os.dup2(ours[0], 3), os.dup2(ours[1], 4)\n"
     "os.execv(sys.argv[3], sys.argv[3:])\n"
 )
-"""A browser listens at file 3 and talks at file 4, whatever other files this process has open there."""
+"""A browser reads from file descriptor 3 and writes to 4, whatever this process has open under these numbers."""
 _END_S = 5.0
-"""So long a browser has to end once it was told to."""
+"""Time for a browser to exit after `Browser.close`."""
 _PIECE = 1 << 16
 
 
 class _Reply(msgspec.Struct):
-    """An answer, if it has a number, or else an event, which nobody here waits for."""
+    """A reply, or without an id an event, which is ignored."""
 
     id: int = 0
     result: dict[str, Any] = {}
@@ -44,15 +45,15 @@ class _Reply(msgspec.Struct):
 
 
 class DevTools:
-    """A running browser."""
+    """A browser process and the pipe to it."""
 
     def __init__(self, executable: Path, arguments: Sequence[str], *, folder: Path) -> None:
-        """Starts it.
+        """Starts the process.
 
         Args:
-            executable: of Chromium, or of a relative of it.
-            arguments: which make it listen at its pipe.
-            folder: where what it says goes, and all that it keeps.
+            executable: Chromium or a browser derived from it.
+            arguments: command-line arguments, `--remote-debugging-pipe` among them.
+            folder: its user data directory, which also gets its log.
         """
         self._log = folder / "browser.log"
         self._asked = 0
@@ -71,45 +72,45 @@ class DevTools:
             )
         os.close(theirs)
         os.close(theirs_too)
+        os.set_blocking(self._to, False)
         self._closed = self._late = False
 
     @property
     def ended(self) -> bool:
-        """Whether the browser is there no more."""
+        """Whether the process has exited."""
         return self._process.poll() is not None
 
     def ask(
         self, method: str, params: Mapping[str, object] | None = None, *, session: str = "", timeout_s: float
     ) -> dict[str, Any]:
-        """Sends one command and gives its result.
+        """Sends one command and returns its result.
 
         Args:
             method: its name in the protocol.
-            params: what it takes.
-            session: of the page that it is for; none where it is for the browser.
-            timeout_s: how long to wait for the result [s].
+            params: its parameters.
+            session: id of the page's session; empty for commands to the browser.
+            timeout_s: time to send the command and to receive the result [s].
 
         Raises:
-            BrowserBroken: it refuses, does not answer in time, or is gone.
+            BrowserBroken: an error or an invalid reply, no reply in time, or the process has exited.
         """
-        if self._closed:  # its pipes' numbers may be somebody else's by now
+        if self._closed:  # the file descriptors may have been reused
             raise BrowserBroken("it was closed")
         self._asked += 1
         message = {"id": self._asked, "method": method, "params": params or {}}
-        try:
-            os.write(self._to, msgspec.json.encode(message | ({"sessionId": session} if session else {})) + b"\0")
-        except OSError as error:
-            raise BrowserBroken(self._end()) from error
-        reply = self._answer(time.monotonic() + timeout_s, f"it did not answer {method} within {timeout_s:g} s")
+        data = msgspec.json.encode(message | ({"sessionId": session} if session else {})) + b"\0"
+        end, late = time.monotonic() + timeout_s, f"it did not answer {method} within {timeout_s:g} s"
+        self._send(data, end, late)
+        reply = self._answer(end, late)
         if reply.error is not None:
-            raise BrowserBroken(f"it refuses {method}: {reply.error.get('message', 'it does not say why')}")
+            raise BrowserBroken(f"it refuses {method}: {reply.error.get('message', 'no reason given')}")
         return reply.result
 
     def close(self) -> None:
-        """Ends the browser; any number of times."""
+        """Ends the browser; calling it again is harmless."""
         if self._closed:
             return
-        if not self._late:  # what does not answer is not asked to go
+        if not self._late:  # a process that does not reply is killed without asking
             with suppress(BrowserBroken, subprocess.TimeoutExpired):
                 self.ask("Browser.close", timeout_s=_END_S)
                 self._process.wait(_END_S)
@@ -120,31 +121,48 @@ class DevTools:
         os.close(self._to)
         os.close(self._from)
 
+    def _send(self, data: bytes, end: float, late: str) -> None:
+        left = memoryview(data)
+        while left:
+            self._wait(self._to, selectors.EVENT_WRITE, end, late)
+            try:
+                left = left[os.write(self._to, left) :]
+            except BlockingIOError:
+                continue
+            except OSError as error:
+                raise BrowserBroken(self._end()) from error
+
     def _answer(self, end: float, late: str) -> _Reply:
         while True:
             while (at := self._heard.find(b"\0")) < 0:
                 self._hear(end, late)
             text = bytes(self._heard[:at])
             del self._heard[: at + 1]
-            reply = msgspec.json.decode(text, type=_Reply)
+            try:
+                reply = msgspec.json.decode(text, type=_Reply)
+            except msgspec.MsgspecError as error:
+                raise BrowserBroken(f"its reply is not valid ({error})") from error
             if reply.id == self._asked:
                 return reply
 
     def _hear(self, end: float, late: str) -> None:
-        with selectors.DefaultSelector() as selector:
-            selector.register(self._from, selectors.EVENT_READ)
-            if not selector.select(max(0.0, end - time.monotonic())):
-                self._late = True
-                raise BrowserBroken(late)
+        self._wait(self._from, selectors.EVENT_READ, end, late)
         piece = os.read(self._from, _PIECE)
         if not piece:
-            with suppress(subprocess.TimeoutExpired):
-                self._process.wait(_END_S)
             raise BrowserBroken(self._end())
         self._heard += piece
 
+    def _wait(self, pipe: int, event: int, end: float, late: str) -> None:
+        with selectors.DefaultSelector() as selector:
+            selector.register(pipe, event)
+            if not selector.select(max(0.0, end - time.monotonic())):
+                self._late = True
+                raise BrowserBroken(late)
+
     def _end(self) -> str:
-        """That it is gone, and what it said last."""
+        """That the process has exited, and the last line of its log."""
+        with suppress(subprocess.TimeoutExpired):
+            self._process.wait(_END_S)
         words = self._log.read_text(encoding="utf-8", errors="replace").split("\n")
         last = next((line.strip() for line in reversed(words) if line.strip()), "")
         return f"it has ended: {last}" if last else "it has ended"

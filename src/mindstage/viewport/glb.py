@@ -12,9 +12,9 @@ import numpy as np
 from msgspec.structs import replace
 
 from mindstage.exports.gltf_file import GltfFile
-from mindstage.viewport.solids import Mesh
 from mindstage.world import Colour
 from mindstage.world.forms import Skin, Surface
+from mindstage.world.meshes import TriangleMesh
 
 __all__ = ["glb", "mean_colour", "mesh_of"]
 
@@ -22,25 +22,25 @@ _METALNESS = 0.3
 """So much of it is left in the page, where nothing is there to be mirrored: pure metal would be black."""
 
 
-def mesh_of(skins: Iterable[Skin]) -> Mesh:
+def mesh_of(skins: Iterable[Skin]) -> TriangleMesh:
     """All triangles of several skins as one mesh; a single one keeps its place on its picture."""
     meshes = [_mesh(skin) for skin in skins]
     if len(meshes) == 1:
         return meshes[0]
-    starts = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
+    starts = np.cumsum([0, *(len(mesh.points) for mesh in meshes)])
     faces = [mesh.faces + np.uint32(start) for mesh, start in zip(meshes, starts, strict=False)]
-    vertices = [np.zeros((0, 3), np.float32), *(mesh.vertices for mesh in meshes)]
-    return Mesh(np.concatenate(vertices), np.concatenate([np.zeros((0, 3), np.uint32), *faces]))
+    vertices = [np.zeros((0, 3)), *(mesh.points for mesh in meshes)]
+    return TriangleMesh(np.concatenate(vertices), np.concatenate([np.zeros((0, 3), np.uint32), *faces]))
 
 
-def _mesh(skin: Skin) -> Mesh:
+def _mesh(skin: Skin) -> TriangleMesh:
     if skin.normals is not None:
-        uv = None if skin.uv is None else skin.uv.astype(np.float32)
-        return Mesh(skin.points.astype(np.float32), skin.faces.astype(np.uint32), uv)
+        uv = None if skin.uv is None else skin.uv.astype(np.float64)
+        return TriangleMesh(skin.points.astype(np.float64), skin.faces.astype(np.uint32), uv=uv)
     corners = skin.faces.reshape(-1)
-    uv = None if skin.uv is None else skin.uv[corners].astype(np.float32)
+    uv = None if skin.uv is None else skin.uv[corners].astype(np.float64)
     faces = np.arange(corners.size, dtype=np.uint32).reshape(-1, 3)
-    return Mesh(skin.points[corners].astype(np.float32), faces, uv)
+    return TriangleMesh(skin.points[corners].astype(np.float64), faces, uv=uv)
 
 
 def glb(skins: Iterable[Skin]) -> bytes:
@@ -60,11 +60,11 @@ def glb(skins: Iterable[Skin]) -> bytes:
 def _joined(surface: Surface, skins: list[Skin], *, pictured: bool) -> Skin:
     """Skins of one material as one, of less metal than it is."""
     mesh = mesh_of(skins)
-    uv = None if mesh.uv is None else mesh.uv.astype(np.float64)
+    uv = mesh.uv
     if pictured and uv is None:  # the page joins all into one mesh, for which they must have the same attributes
-        uv = np.zeros((len(mesh.vertices), 2))
+        uv = np.zeros((len(mesh.points), 2))
     shown = replace(surface, metalness=_METALNESS * surface.metalness)
-    return Skin(mesh.vertices.astype(np.float64), mesh.faces, shown, uv=uv, image=skins[0].image)
+    return Skin(mesh.points, mesh.faces, shown, uv=uv, image=skins[0].image)
 
 
 def mean_colour(skins: Iterable[Skin]) -> Colour:

@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 from mindstage.knowledge.shaping import ShapeRule
 from mindstage.knowledge.shaping.words import singulars, words
 from mindstage.viewport.glb import mean_colour
-from mindstage.viewport.solids import ball, box, cylinder, smooth_normals
 from mindstage.world import (
     Body,
     BodyId,
@@ -38,6 +37,7 @@ from mindstage.world import (
 from mindstage.world.forms import NO_FORMS, Forms
 from mindstage.world.geometry import pose_array, rotate, rotation_matrix, unit, unit_pose
 from mindstage.world.hulls import hull_round
+from mindstage.world.meshes import box, cylinder, sphere
 
 __all__ = ["ASSUMED_SIZE_M", "Look", "Part", "decide_looks", "find_outlines"]
 
@@ -285,6 +285,6 @@ def _skin(solid: Solid, surface: Surface) -> Skin:
 @lru_cache(maxsize=4096)
 def _plain(kind: ShapeKind, size: Vector, surface: Surface) -> Skin:
     """A body of which nothing is known but its shape, with edges slightly rounded."""
-    make = {ShapeKind.CYLINDER: cylinder, ShapeKind.SPHERE: ball}.get(kind, box)
+    make = {ShapeKind.CYLINDER: cylinder, ShapeKind.SPHERE: sphere}.get(kind, box)
     mesh = make(size)
-    return Skin(mesh.vertices.astype(np.float64), mesh.faces, surface, smooth_normals(mesh))
+    return Skin(mesh.points, mesh.faces, surface, mesh.normals)

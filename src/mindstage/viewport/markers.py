@@ -16,16 +16,16 @@ from numpy.typing import NDArray
 from mindstage.stage import Marker, MarkerForm
 from mindstage.viewport.glb import mesh_of
 from mindstage.viewport.looks import Look
-from mindstage.viewport.solids import Mesh, arrow, ball, box, cone, cylinder
 from mindstage.world import BodyId, Vector
 from mindstage.world.colours import linear
 from mindstage.world.geometry import Array, unit
+from mindstage.world.meshes import TriangleMesh, arrow, box, cone, cylinder, sphere
 
 __all__ = ["MarkerScene"]
 
-_MESHES: dict[MarkerForm, Callable[[Vector], Mesh]] = {
+_MESHES: dict[MarkerForm, Callable[[Vector], TriangleMesh]] = {
     MarkerForm.CUBE: box,
-    MarkerForm.SPHERE: ball,
+    MarkerForm.SPHERE: sphere,
     MarkerForm.CYLINDER: cylinder,
     MarkerForm.CONE: cone,
     MarkerForm.ARROW: arrow,
@@ -113,7 +113,7 @@ class MarkerScene:
         elif (mesh := self._mesh(marker, size)) is not None:
             self._nodes[marker.id] = scene.add_mesh_simple(
                 name,
-                mesh.vertices,
+                mesh.points.astype(np.float32),
                 mesh.faces,
                 color=_bytes(np.array(marker.colour)),
                 opacity=marker.opacity if marker.opacity < 1.0 else None,
@@ -122,7 +122,7 @@ class MarkerScene:
                 wxyz=turn,
             )
 
-    def _mesh(self, marker: Marker, size: Vector) -> Mesh | None:
+    def _mesh(self, marker: Marker, size: Vector) -> TriangleMesh | None:
         if marker.form is MarkerForm.GHOST:
             look = self._ghosts[marker.id] = self._look_of(marker)
             return mesh_of(look.skins) if look is not None and look.skins else None

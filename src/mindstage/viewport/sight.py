@@ -17,9 +17,9 @@ import viser
 from mindstage.viewport.framing import Outlook, View, corners, focus_view
 from mindstage.viewport.glb import mesh_of
 from mindstage.viewport.looks import Look
-from mindstage.viewport.solids import edges
 from mindstage.world import BodyId, Pose, Vector
 from mindstage.world.geometry import Array, pose_from, unit, unit_pose
+from mindstage.world.meshes import box_edges
 
 __all__ = ["GizmoMode", "Labels", "Place", "Sight"]
 
@@ -130,7 +130,7 @@ class Sight:
             position, turn = self._pose(id)
             self._frame = self._scene.add_line_segments(
                 "/selected",
-                edges(self._looks[id].size, margin=0.004),
+                box_edges(self._looks[id].size, margin=0.004),
                 _ACCENT,
                 thickness=2.5,
                 thickness_units="screen",
@@ -158,7 +158,7 @@ class Sight:
             mesh = mesh_of(self._looks[id].skins)
             ghost = self._scene.add_mesh_simple(
                 f"/ghosts/{quote(id, safe='')}",
-                mesh.vertices,
+                mesh.points.astype(np.float32),
                 mesh.faces,
                 color=_ACCENT,
                 opacity=_GHOST_OPACITY,

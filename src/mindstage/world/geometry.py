@@ -22,6 +22,7 @@ __all__ = [
     "multiply",
     "pose_array",
     "pose_from",
+    "quaternion_from_matrix",
     "rotate",
     "rotation_angle",
     "rotation_matrix",
@@ -92,6 +93,26 @@ def rotation_matrix(quaternion: ArrayLike) -> Array:
     """Matrices ... x 3 x 3 of unit quaternions; their columns are the turned axes."""
     q = np.asarray(quaternion, dtype=np.float64)[..., None, :]
     return np.swapaxes(rotate(q, np.eye(3)), -1, -2)
+
+
+def quaternion_from_matrix(rotation: Array) -> Array:
+    """The unit quaternion w x y z, w not negative, of one 3 x 3 rotation matrix.
+
+    It is computed from the largest of its four parts, so that nothing is divided by a small number.
+    """
+    diagonal, skew, symmetric = rotation.diagonal(), rotation - rotation.T, rotation + rotation.T
+    squares = 1.0 + np.array([diagonal.sum(), *(2.0 * diagonal - diagonal.sum())])  # four times each one's
+    products = np.array(
+        [
+            [squares[0], skew[2, 1], skew[0, 2], skew[1, 0]],
+            [skew[2, 1], squares[1], symmetric[0, 1], symmetric[0, 2]],
+            [skew[0, 2], symmetric[0, 1], squares[2], symmetric[1, 2]],
+            [skew[1, 0], symmetric[0, 2], symmetric[1, 2], squares[3]],
+        ]
+    )
+    quaternion = products[int(np.argmax(squares))]
+    quaternion = quaternion / np.linalg.norm(quaternion)
+    return np.asarray(quaternion if quaternion[0] >= 0.0 else -quaternion)
 
 
 def rotation_angle(a: ArrayLike, b: ArrayLike) -> Array:

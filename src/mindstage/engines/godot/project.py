@@ -16,9 +16,9 @@ from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 
-from mindstage.assets import cache_folder
 from mindstage.engines.godot.program import Godot
 from mindstage.errors import EngineUnavailable
+from mindstage.files import cache_folder
 
 __all__ = ["homes", "ready_project", "shipped_project"]
 

@@ -23,7 +23,7 @@ from mindstage.engines.mujoco.tuning import add_friction, soften
 from mindstage.errors import EngineUnavailable
 from mindstage.world import BodyId, Mobility, Motion, Solid, SolidKind, Vector
 from mindstage.world.boxes import Boxes
-from mindstage.world.geometry import Array, compose, invert
+from mindstage.world.geometry import Array, compose, invert, rotate
 
 __all__ = ["build"]
 
@@ -88,7 +88,7 @@ class _Builder:
         for axis in axes:
             if ball and not axis.slides:
                 continue
-            turned = _rotate(frame[3:], _DIRECTIONS[axis.direction])
+            turned = rotate(frame[3:], _DIRECTIONS[axis.direction])
             joint = body.add_joint(
                 type=mujoco.mjtJoint.mjJNT_SLIDE if axis.slides else mujoco.mjtJoint.mjJNT_HINGE,
                 pos=frame[:3],
@@ -294,9 +294,3 @@ def _frames(plan: Blueprint) -> dict[BodyId, tuple[Array, Array]]:
 
 def _name(id: BodyId) -> str:
     return f"body:{id}"  # "world" is a name of MuJoCo's own
-
-
-def _rotate(quaternion: Array, vector: Array) -> Array:
-    out = np.zeros(3)
-    mujoco.mju_rotVecQuat(out, vector, quaternion)
-    return out

@@ -7,9 +7,9 @@ from typing import NamedTuple
 import numpy as np
 
 from mindstage.world import Pose
-from mindstage.world.geometry import Array, pose_from
+from mindstage.world.geometry import Array, pose_from, quaternion_from_matrix
 
-__all__ = ["Placement", "placement_of", "quaternion_of"]
+__all__ = ["Placement", "placement_of"]
 
 _ROUNDED = 1e-3
 """By so much a matrix may be off a rotation for having been rounded."""
@@ -57,32 +57,8 @@ def placement_of(matrix: Array) -> Placement | str:
     mirrored = bool(np.linalg.det(rotation) < 0.0)
     if mirrored:
         rotation = rotation * np.array([1.0, -1.0, 1.0])
-    row = np.concatenate([matrix[:3, 3], quaternion_of(rotation)])
+    row = np.concatenate([matrix[:3, 3], quaternion_from_matrix(rotation)])
     return Placement(pose_from(row + 0.0), mirrored, tuple(remedies))
-
-
-def quaternion_of(rotation: Array) -> Array:
-    """The quaternion w x y z, w not negative, of a rotation matrix, from the largest of its four parts."""
-    m = rotation
-    squares = np.array(
-        [
-            1.0 + m[0, 0] + m[1, 1] + m[2, 2],
-            1.0 + m[0, 0] - m[1, 1] - m[2, 2],
-            1.0 - m[0, 0] + m[1, 1] - m[2, 2],
-            1.0 - m[0, 0] - m[1, 1] + m[2, 2],
-        ]
-    )
-    products = np.array(
-        [
-            [squares[0], m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1]],
-            [m[2, 1] - m[1, 2], squares[1], m[1, 0] + m[0, 1], m[0, 2] + m[2, 0]],
-            [m[0, 2] - m[2, 0], m[1, 0] + m[0, 1], squares[2], m[2, 1] + m[1, 2]],
-            [m[1, 0] - m[0, 1], m[0, 2] + m[2, 0], m[2, 1] + m[1, 2], squares[3]],
-        ]
-    )
-    quaternion = products[int(np.argmax(squares))]
-    quaternion = quaternion / np.linalg.norm(quaternion)
-    return np.asarray(quaternion if quaternion[0] >= 0.0 else -quaternion)
 
 
 def _row(numbers: Array) -> str:

@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 
 from mindstage.knowledge.findings import Report
 from mindstage.knowledge.graph import Graph
-from mindstage.knowledge.hierarchy import ClassHierarchy
 from mindstage.knowledge.reading.assumptions import Assume, Assumption
 from mindstage.knowledge.reading.conventions import Conventions
+from mindstage.knowledge.taxonomy import ClassHierarchy
 from mindstage.world import Iri
 
 __all__ = ["Excerpt"]

@@ -12,7 +12,6 @@ from typing import Any
 import msgspec
 import pyoxigraph as ox
 
-from mindstage.knowledge.reasoning.closure import Closure
 from mindstage.knowledge.reasoning.expressions import (
     STRUCTURE,
     AllOf,
@@ -26,6 +25,7 @@ from mindstage.knowledge.reasoning.expressions import (
     Restriction,
     classes_in,
 )
+from mindstage.knowledge.taxonomy import Closure
 from mindstage.knowledge.vocabulary import EQUIVALENT_CLASS, OWL, SUBCLASS_OF
 from mindstage.world import Iri
 

@@ -11,7 +11,7 @@ from collections import deque
 from collections.abc import Callable, Container, Iterable, Mapping
 from typing import Generic, NamedTuple, TypeVar
 
-from mindstage.knowledge.reasoning.closure import Closure
+from mindstage.knowledge.taxonomy import Closure
 from mindstage.world import Iri
 
 __all__ = ["Chain", "Line", "Search"]

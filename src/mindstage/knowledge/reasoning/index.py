@@ -18,7 +18,6 @@ import pyoxigraph as ox
 from mindstage.knowledge.reading.other_words import dul, soma
 from mindstage.knowledge.reasoning.axioms import CLASS_WORDS, ClassAxioms, ClassRestriction
 from mindstage.knowledge.reasoning.chains import Line
-from mindstage.knowledge.reasoning.closure import Closure
 from mindstage.knowledge.reasoning.derivation import Derived
 from mindstage.knowledge.reasoning.expressions import (
     STRUCTURE,
@@ -39,6 +38,7 @@ from mindstage.knowledge.reasoning.properties import (
     Step,
 )
 from mindstage.knowledge.stores.triplestore import Readable
+from mindstage.knowledge.taxonomy import Closure
 from mindstage.knowledge.vocabulary import (
     CHILD,
     CONSTRAINT,

@@ -9,10 +9,10 @@ import msgspec
 import pyoxigraph as ox
 
 from mindstage.knowledge.reasoning.chains import Chain, Line, Search
-from mindstage.knowledge.reasoning.closure import Closure
 from mindstage.knowledge.reasoning.derivation import Derived
 from mindstage.knowledge.reasoning.expressions import AllOf, Expression, ExpressionReader, Named, Value, node_name
 from mindstage.knowledge.stores.triplestore import Readable
+from mindstage.knowledge.taxonomy import Closure
 from mindstage.knowledge.vocabulary import OWL, RDFS, TYPE
 from mindstage.world import Iri
 

@@ -11,13 +11,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import cached_property
 
-from mindstage.knowledge.hierarchy import ClassHierarchy
 from mindstage.knowledge.names import local_name
 from mindstage.knowledge.shaping.notions import Notions
 from mindstage.knowledge.shaping.rule import PLAIN, Lighting, Parameter, ShapeRule
 from mindstage.knowledge.shaping.substances import Substances
 from mindstage.knowledge.shaping.words import endings, words
 from mindstage.knowledge.stores.triplestore import Readable
+from mindstage.knowledge.taxonomy import ClassHierarchy
 from mindstage.knowledge.vocabulary import KNOWROB, MS
 from mindstage.world import FormSource, Iri
 

@@ -23,6 +23,7 @@ import pyoxigraph as ox
 from msgspec.structs import replace
 
 from mindstage.errors import StoreUnusable
+from mindstage.files import atomic_write
 from mindstage.knowledge.findings import Finding
 from mindstage.knowledge.reading.assumptions import Assumption
 from mindstage.knowledge.reading.conventions import Conventions
@@ -156,7 +157,7 @@ class StoreFolder:
         path = self.path / _TEXTS / record.text
         if not path.exists():
             path.parent.mkdir(exist_ok=True)
-            _put(path, file.data)
+            atomic_write(path, file.data, durable=True)
         self._records[record.path] = record
         return self._reader(record)
 
@@ -217,7 +218,8 @@ class StoreFolder:
         return contents
 
     def _write(self, contents: StoreContents) -> None:
-        _put(self.path / _CONTENTS, msgspec.json.format(msgspec.json.encode(contents), indent=1))
+        contents_json = msgspec.json.format(msgspec.json.encode(contents), indent=1)
+        atomic_write(self.path / _CONTENTS, contents_json, durable=True)
         self.contents = contents
 
     def _reader(self, record: Record) -> Callable[[], SourceFile]:
@@ -255,19 +257,3 @@ def _has_changed(record: Record) -> bool:
 
 class _Version(msgspec.Struct):
     format_version: int
-
-
-def _put(path: Path, data: bytes) -> None:
-    """Writes a file that is there whole or not at all, even when the power fails."""
-    beside = path.with_name(f"{path.name}.new")
-    with beside.open("wb") as file:
-        file.write(data)
-        file.flush()
-        os.fsync(file.fileno())
-    beside.replace(path)
-    if hasattr(os, "O_DIRECTORY"):
-        folder = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY)
-        try:
-            os.fsync(folder)
-        finally:
-            os.close(folder)

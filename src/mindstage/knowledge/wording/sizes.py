@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 
 from mindstage.knowledge.findings import Report, Severity
 from mindstage.knowledge.graph import Graph
-from mindstage.knowledge.hierarchy import ClassHierarchy
+from mindstage.knowledge.taxonomy import ClassHierarchy
 from mindstage.knowledge.vocabulary import EQUIVALENT_CLASS, HAS_VALUE, ON_PROPERTY, SUBCLASS_OF
 from mindstage.knowledge.wording.words import SIZE
 from mindstage.world import Anonymous, Fact, Iri, Reference, Resource

@@ -12,6 +12,7 @@ from enum import StrEnum
 from pathlib import Path
 
 from mindstage.errors import MapUnwritable
+from mindstage.files import atomic_write
 from mindstage.knowledge.bulk import bulk_work
 from mindstage.knowledge.reading.origin import Origin
 from mindstage.knowledge.wording.blocks import sections_of
@@ -20,10 +21,9 @@ from mindstage.knowledge.writers.own_words import in_own_words
 from mindstage.knowledge.writers.rdfxml import rdf_xml
 from mindstage.knowledge.writers.soma import in_soma
 from mindstage.knowledge.writers.turtle import turtle
-from mindstage.knowledge.writers.whole_files import save_whole
 from mindstage.world import World
 
-__all__ = ["MapDialect", "MapFormat", "save_map", "write_map"]
+__all__ = ["MapDialect", "MapFormat", "save_file", "save_map", "write_map"]
 
 
 class MapDialect(StrEnum):
@@ -107,8 +107,20 @@ def save_map(
     except UnicodeEncodeError as error:
         letter = f"U+{ord(error.object[error.start]):04X}"
         raise MapUnwritable(str(path), cause=f"a text holds {letter}, which is half a letter") from error
-    save_whole(path, content)
+    save_file(path, content)
     return notes
+
+
+def save_file(path: Path, content: bytes) -> None:
+    """Writes a file, which replaces an existing one only once it is complete.
+
+    Raises:
+        MapUnwritable: the file system does not allow it.
+    """
+    try:
+        atomic_write(path, content)
+    except OSError as error:
+        raise MapUnwritable(str(path), cause=error.strerror or str(error)) from error
 
 
 def _written(

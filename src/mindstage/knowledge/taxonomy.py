@@ -1,24 +1,27 @@
-"""Closures: everything above and below a thing, told only step by step.
+"""Transitive closures, and the class hierarchy, which is one; cycles are allowed.
 
-Circles are allowed, their members are above and below one another. What was once asked is remembered until a step is
-added or taken away.
+The members of a cycle are above and below one another. Closures are computed on demand and kept until a pair is added
+or removed.
 """
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterable, Iterator, Mapping
+from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
+from itertools import groupby
 from typing import Generic, TypeVar
 
-__all__ = ["Closure"]
+from mindstage.world import Iri
+
+__all__ = ["ClassHierarchy", "Closure"]
 
 T = TypeVar("T", bound=Hashable)
 
 
 class Closure(Generic[T]):
-    """The transitive closure of pairs (lower, upper), worked out where somebody asks."""
+    """The transitive closure of pairs (lower, upper)."""
 
     def __init__(self, pairs: Iterable[tuple[T, T]] = ()) -> None:
-        """Keeps the pairs; a thing above itself tells nothing."""
+        """Stores the pairs; those of a thing with itself are ignored."""
         self._upper: dict[T, dict[T, None]] = {}
         self._lower: dict[T, dict[T, None]] = {}
         self._above: dict[T, dict[T, int]] = {}
@@ -34,7 +37,7 @@ class Closure(Generic[T]):
             self._forget()
 
     def discard(self, lower: T, upper: T) -> None:
-        """Takes a step away; no harm where it never was there."""
+        """Removes a step, if it exists."""
         for steps, start, end in ((self._upper, lower, upper), (self._lower, upper, lower)):
             ends = steps.get(start, {})
             ends.pop(end, None)
@@ -51,11 +54,11 @@ class Closure(Generic[T]):
         return thing in self._upper or thing in self._lower
 
     def parents(self, thing: T) -> tuple[T, ...]:
-        """What is told to be directly above."""
+        """The uppers of its own pairs."""
         return tuple(self._upper.get(thing, ()))
 
     def children(self, thing: T) -> tuple[T, ...]:
-        """What is told to be directly below."""
+        """The lowers of its own pairs."""
         return tuple(self._lower.get(thing, ()))
 
     def above(self, thing: T) -> Mapping[T, int]:
@@ -98,3 +101,50 @@ def _levels(start: T, steps: Mapping[T, Mapping[T, None]]) -> dict[T, int]:
                 found[other] = found[thing] + 1
                 waiting.append(other)
     return found
+
+
+class ClassHierarchy:
+    """Superclasses and subclasses; equivalent classes are below one another."""
+
+    def __init__(self, pairs: Iterable[tuple[Iri, Iri]]) -> None:
+        """Builds the index.
+
+        Args:
+            pairs: class and superclass, as stated in the sources.
+        """
+        self._closure = Closure(pairs)
+        self._ancestors: dict[Iri, tuple[Iri, ...]] = {}
+
+    def levels(self, classes: Sequence[Iri]) -> Iterator[Sequence[Iri]]:
+        """The classes themselves, then their superclasses, then theirs; each class once, each level sorted."""
+        steps: dict[Iri, int] = {}
+        for cls in classes:
+            for superclass, number in self._closure.above(cls).items():
+                steps[superclass] = min(number, steps.get(superclass, number))
+        own = list(dict.fromkeys(classes))
+        if own:
+            yield own
+        above = sorted((number, superclass) for superclass, number in steps.items() if number)
+        for _, level in groupby(above, key=lambda each: each[0]):
+            yield [superclass for _, superclass in level]
+
+    def ancestors(self, cls: Iri) -> tuple[Iri, ...]:
+        """All superclasses, the nearest first; the class itself is not among them, even in a cycle."""
+        if cls not in self._ancestors:
+            _, *levels = self.levels([cls])
+            self._ancestors[cls] = tuple(superclass for level in levels for superclass in level)
+        return self._ancestors[cls]
+
+    def descendants(self, cls: Iri) -> frozenset[Iri]:
+        """All subclasses, without the class itself."""
+        return frozenset(self._closure.below(cls)) - {cls}
+
+    def is_a(self, cls: Iri, ancestor: Iri) -> bool:
+        """Whether one class is the other or below it."""
+        return ancestor in self._closure.above(cls)
+
+    def most_specific(self, classes: Sequence[Iri]) -> Iri:
+        """The first of the classes that has none of the others below it; in a cycle, the first of all."""
+        return next(
+            cls for cls in classes if not any(self.is_a(other, cls) and not self.is_a(cls, other) for other in classes)
+        )

@@ -1,65 +1,148 @@
-"""Meshes: closed surfaces of triangles, made in bulk.
+"""Triangle meshes of primitives, boxes in bulk, surfaces of revolution, sweeps, lofts and plates with holes.
 
-Each mesh is closed by its very numbers (every edge runs once each way), looks outwards, and has one normal a point:
-edges are bevelled a little, so that the light runs over the narrow bevel while the faces beside it stay flat. That is
-what makes a box look like a thing, and needs no point twice.
+Each mesh is closed by its indices (every edge runs once each way), counterclockwise seen from outside, and has one
+normal a point: edges are bevelled a little, so that shading runs over the narrow bevel while the faces beside it stay
+flat, and no point is needed twice.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cache
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mindstage.world.geometry import Array
+from mindstage.world.values import Vector
 
-__all__ = ["Mesh", "boxes", "joined", "lathe", "loft", "pierced", "stretched", "sweep"]
+__all__ = [
+    "TriangleMesh",
+    "arrow",
+    "box",
+    "box_edges",
+    "boxes",
+    "cone",
+    "cylinder",
+    "joined",
+    "lathe",
+    "loft",
+    "pierced",
+    "sphere",
+    "stretched",
+    "sweep",
+]
 
 Faces = NDArray[np.uint32]
 
+_ROUNDING_M = 0.008
+"""How much of a primitive's edges is taken off, at most."""
+_SEGMENTS = 40
+"""Corners of a primitive's circle, a multiple of four."""
+_LEAST_M = 2e-4
+"""Primitives are at least so large along each axis."""
 _SHARP_RAD = 0.6
 """Profiles that turn by more have an edge there, which is bevelled."""
 
 
-class Mesh(NamedTuple):
+class TriangleMesh(NamedTuple):
     """A closed surface."""
 
     points: Array
     """n x 3 [m]."""
     faces: Faces
     """m x 3 numbers of points, counterclockwise seen from outside."""
-    normals: Array | None
+    normals: Array | None = None
     """n x 3, of norm 1; None where each face has its own."""
+    uv: Array | None = None
+    """n x 2, texture coordinates."""
 
 
-def joined(meshes: Sequence[Mesh]) -> Mesh:
+def joined(meshes: Sequence[TriangleMesh]) -> TriangleMesh:
     """Several as one; all of them have normals, or none."""
     if len(meshes) == 1:
         return meshes[0]
     starts = np.cumsum([0, *(len(mesh.points) for mesh in meshes)])
     normals = [mesh.normals for mesh in meshes if mesh.normals is not None]
-    return Mesh(
+    return TriangleMesh(
         np.concatenate([mesh.points for mesh in meshes]),
         np.concatenate([mesh.faces + np.uint32(start) for mesh, start in zip(meshes, starts, strict=False)]),
         np.concatenate(normals) if normals else None,
     )
 
 
-def stretched(mesh: Mesh, scale: Array, shift: Array) -> Mesh:
+def stretched(mesh: TriangleMesh, scale: Array, shift: Array) -> TriangleMesh:
     """The mesh larger or smaller along each axis, then moved."""
     normals = mesh.normals
     if normals is not None and not np.allclose(scale, scale[0], rtol=1e-9):
         normals = _of_norm_one(normals / scale)
-    return Mesh(mesh.points * scale + shift, mesh.faces, normals)
+    return TriangleMesh(mesh.points * scale + shift, mesh.faces, normals)
+
+
+# -- primitives --------------------------------------------------------------------------------------------------------
+
+
+def box(size: Vector) -> TriangleMesh:
+    """A box around the origin, with slightly bevelled edges."""
+    half = np.maximum(np.array(size), _LEAST_M)[None] / 2
+    return boxes(-half, half, np.minimum(_ROUNDING_M, 0.3 * half.min(axis=1)))
+
+
+def cylinder(size: Vector) -> TriangleMesh:
+    """A cylinder along z around the origin, with bevelled edges; elliptic where width and depth differ."""
+    radius, half = max(min(size[:2]), _LEAST_M) / 2, max(size[2], _LEAST_M) / 2
+    return _turned(size, [(0.0, -half), (radius, -half), (radius, half), (0.0, half)])
+
+
+def sphere(size: Vector) -> TriangleMesh:
+    """A sphere around the origin, or an ellipsoid where the extents differ."""
+    angle = np.linspace(-np.pi / 2, np.pi / 2, _SEGMENTS // 2 + 1)
+    profile = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    profile[[0, -1], 0] = 0.0
+    return _turned(size, [(r, z) for r, z in profile.tolist()])
+
+
+def cone(size: Vector) -> TriangleMesh:
+    """A cone along z around the origin, its tip at the top."""
+    radius, half = max(min(size[:2]), _LEAST_M) / 2, max(size[2], _LEAST_M) / 2
+    return _turned(size, [(0.0, -half), (radius, -half), (0.0, half)])
+
+
+def arrow(size: Vector) -> TriangleMesh:
+    """An arrow from the origin along x: as long as the first extent, as thick as the others."""
+    length, width, height = size
+    radius, half = max(min(width, height), _LEAST_M) / 2, max(length, _LEAST_M) / 2
+    shaft = [(0.0, -half), (0.5 * radius, -half), (0.5 * radius, 0.5 * half)]
+    upright = _turned((width, height, length), [*shaft, (radius, 0.5 * half), (0.0, half)])
+    assert upright.normals is not None
+    points = upright.points[:, [2, 0, 1]] + (max(length, _LEAST_M) / 2, 0.0, 0.0)
+    return TriangleMesh(points, upright.faces, upright.normals[:, [2, 0, 1]])
+
+
+def _turned(size: Vector, profile: Sequence[tuple[float, float]]) -> TriangleMesh:
+    """A surface of revolution, stretched to a size."""
+    mesh = lathe(profile, bevel=_ROUNDING_M, around=_SEGMENTS)
+    scale = np.maximum(np.array(size), _LEAST_M) / np.ptp(mesh.points, axis=0)
+    return stretched(mesh, scale, np.zeros(3))
+
+
+def box_edges(size: Vector, *, margin: float = 0.0) -> NDArray[np.float32]:
+    """The twelve edges of a box, as 12 x 2 x 3 ends; outside of it by the margin [m]."""
+    corners = _CORNERS * (np.asarray(size) / 2 + margin)
+    return np.asarray(corners[np.array(_EDGES)], dtype=np.float32)
+
+
+_CORNERS = np.array(list(product((-1.0, 1.0), repeat=3)))
+_EDGES = [(a, b) for a in range(8) for b in range(a + 1, 8) if np.sum(_CORNERS[a] != _CORNERS[b]) == 1]
+"""Pairs of corners."""
 
 
 # -- boxes -------------------------------------------------------------------------------------------------------------
 
 
-def boxes(low: Array, high: Array, rounding: Array, *, steps: int = 1) -> Mesh:
+def boxes(low: Array, high: Array, rounding: Array, *, steps: int = 1) -> TriangleMesh:
     """Boxes with rounded edges, as one mesh.
 
     Args:
@@ -72,7 +155,7 @@ def boxes(low: Array, high: Array, rounding: Array, *, steps: int = 1) -> Mesh:
     half, centre, radius = (high - low) / 2, (high + low) / 2, rounding[:, None, None]
     points = centre[:, None] + signs * (half[:, None] - radius) + turns * radius
     starts = np.arange(len(low), dtype=np.uint32) * np.uint32(len(signs))
-    return Mesh(
+    return TriangleMesh(
         points.reshape(-1, 3),
         (faces + starts[:, None, None]).reshape(-1, 3),
         np.tile(turns, (len(low), 1)),
@@ -117,7 +200,7 @@ def _caps(rings: int, around: int) -> NDArray[np.int64]:
 # -- round things ------------------------------------------------------------------------------------------------------
 
 
-def lathe(profile: Sequence[tuple[float, float]], *, bevel: float, around: int, closed: bool = False) -> Mesh:
+def lathe(profile: Sequence[tuple[float, float]], *, bevel: float, around: int, closed: bool = False) -> TriangleMesh:
     """Turns a profile round z.
 
     Args:
@@ -138,7 +221,7 @@ def lathe(profile: Sequence[tuple[float, float]], *, bevel: float, around: int, 
     return _tube(rings, normals, closed=closed)
 
 
-def sweep(path: Array, radius: float | Array, *, around: int = 12) -> Mesh:
+def sweep(path: Array, radius: float | Array, *, around: int = 12) -> TriangleMesh:
     """A round bar along a path, with rounded ends.
 
     Args:
@@ -164,7 +247,7 @@ def sweep(path: Array, radius: float | Array, *, around: int = 12) -> Mesh:
     return _tube(np.concatenate([ends[0], rings, ends[1]]), np.concatenate([caps[0], turns, caps[1]]))
 
 
-def loft(rings: Array) -> Mesh:
+def loft(rings: Array) -> TriangleMesh:
     """A skin over rings of points, with smooth normals; the first and the last one are closed by their middles.
 
     Args:
@@ -180,7 +263,7 @@ def loft(rings: Array) -> Mesh:
     return mesh._replace(normals=_of_norm_one(normals))
 
 
-def _tube(rings: Array, normals: Array | None, *, closed: bool = False) -> Mesh:
+def _tube(rings: Array, normals: Array | None, *, closed: bool = False) -> TriangleMesh:
     """The surface over rings; a ring all of whose points are one becomes that one point."""
     count, around, _ = rings.shape
     single = np.all(np.abs(rings - rings[:, :1]) < 1e-12, axis=(1, 2))
@@ -192,7 +275,7 @@ def _tube(rings: Array, normals: Array | None, *, closed: bool = False) -> Mesh:
     a, b, c = faces.T
     faces = faces[(a != b) & (b != c) & (c != a)].astype(np.uint32)
     flat = None if normals is None else _of_norm_one(normals.reshape(-1, 3)[kept])
-    return Mesh(rings.reshape(-1, 3)[kept], faces, flat)
+    return TriangleMesh(rings.reshape(-1, 3)[kept], faces, flat)
 
 
 def _bevelled(corners: Array, bevel: float, *, closed: bool) -> tuple[Array, Array]:
@@ -248,7 +331,7 @@ def _of_norm_one(vectors: Array) -> Array:
 # -- plates with holes -------------------------------------------------------------------------------------------------
 
 
-def pierced(cuts: tuple[Array, Array], kept: NDArray[np.bool_], thickness: tuple[float, float]) -> Mesh:
+def pierced(cuts: tuple[Array, Array], kept: NDArray[np.bool_], thickness: tuple[float, float]) -> TriangleMesh:
     """A plate with holes through it along z; each face has its own normal.
 
     Args:
@@ -278,4 +361,4 @@ def pierced(cuts: tuple[Array, Array], kept: NDArray[np.bool_], thickness: tuple
     used, faces = np.unique(faces, return_inverse=True)
     level, at_x, at_y = np.unravel_index(used % number.size, number.shape)
     points = np.stack([cuts[0][at_x], cuts[1][at_y], np.array(thickness)[level]], axis=1)
-    return Mesh(points, faces.reshape(-1, 3).astype(np.uint32), None)
+    return TriangleMesh(points, faces.reshape(-1, 3).astype(np.uint32), None)

@@ -1,0 +1,861 @@
+"""Every error Mindstage raises, one class for each condition that a caller can act on.
+
+    MindstageError
+    ├── WorldError              valid request that the world cannot fulfill (exit code 1)
+    │   ├── BodyUnknown         no body has that id
+    │   ├── BodyExists          the id is in use
+    │   ├── PoseUnreachable     a joint or attachment does not allow the pose
+    │   ├── SpotMissing         no free placement for the object
+    │   ├── ReturnRefused       a deleted body cannot be restored
+    │   ├── NothingToUndo       the undo or redo stack is empty
+    │   └── AttachmentRefused   a cycle, or the child already has a parent
+    ├── KnowledgeError          a source of knowledge or a query cannot be used (exit code 2)
+    │   ├── SourceUnreadable    missing file, or content that does not follow its format
+    │   ├── MapMissing          no semantic map of that name, or none at all
+    │   ├── MapAmbiguous        several maps are loaded and none was selected
+    │   ├── MapRefused          a map has findings and strict mode is on
+    │   ├── MapUnwritable       a world that the map format cannot express, or a file that cannot be written
+    │   ├── NameUnknown         no entity of that kind has the name
+    │   ├── NameAmbiguous       several entities have the name
+    │   ├── QuestionUnknown     no question has that name
+    │   ├── QuestionTimedOut    a question was not answered before its timeout
+    │   ├── TooManyQuestions    the limit of concurrent questions is reached
+    │   ├── ArgumentRefused     an invalid argument of a question or an assertion
+    │   ├── QueryRefused        not a SPARQL query, or one that is not supported
+    │   ├── QueryTimedOut       a SPARQL query did not finish before its timeout
+    │   ├── ReasonerUnavailable the OWL 2 RL reasoner is not installed
+    │   ├── StoreUnusable       a store folder cannot be opened or written
+    │   ├── ShapeUnknown        no shape has that name
+    │   ├── ShapeRefused        an invalid size or parameter of a shape
+    │   ├── EndpointUnreachable a SPARQL endpoint does not respond, or not in time
+    │   └── EndpointRefused     a SPARQL endpoint returned an error or an invalid reply
+    ├── EngineError             failure of the physics engine (exit code 2)
+    │   ├── EngineUnavailable   not installed, or not reachable
+    │   ├── EngineTimedOut      no reply in time; the command may or may not have been executed
+    │   ├── EngineUnable        a capability that the engine does not have
+    │   ├── EngineClosed        called after `close`
+    │   └── SimulationUnstable  positions, velocities or accelerations are not finite
+    ├── StageError              failure of the simulation thread (exit code 2)
+    │   └── StageTimedOut       a call into the simulation thread did not finish in time
+    ├── BridgeError             failure of a bridge, its peer or the connection (exit code 2)
+    │   ├── BridgeUnavailable   the server cannot listen at that address
+    │   ├── AccessRefused       missing or invalid token
+    │   ├── ConnectionLost      no connection, or a closed one
+    │   ├── ServiceUnknown      no service or action of that name is advertised
+    │   ├── ServiceTimedOut     a service or action did not return in time
+    │   ├── ServiceFailed       a service or action returned an error
+    │   ├── OfferRefused        a service, action or topic cannot be advertised
+    │   ├── MessageRefused      a message that does not match its type, or is too large
+    │   └── TypeUnknown         no ROS message, service or action type of that name
+    ├── ColourUnknown           neither a color name nor a color value (exit code 2)
+    ├── PrologError             failure of the Prolog console (exit code 2)
+    │   ├── PrologUnavailable   SWI-Prolog or pyswip is not installed, or in use
+    │   ├── GoalRefused         a syntax error, or an exception in the goal
+    │   └── GoalTimedOut        a goal did not finish in time
+    ├── BrowserError            failure of the browser that renders pictures (exit code 2)
+    │   ├── BrowserUnavailable  not installed, or it does not start
+    │   └── BrowserBroken       it exited, returned an error or did not reply in time
+    ├── RequestRefused          invalid request from the page (exit code 2)
+    └── ViewportUnavailable     the page's server cannot listen at that address (exit code 2)
+
+Each class is a dataclass whose fields are the facts and whose `template` is the message, which ends with the existing
+alternatives or with what to try. Errors can be pickled and copied.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import KW_ONLY, InitVar, dataclass, field
+from difflib import get_close_matches
+from string import Formatter
+from typing import Any, ClassVar
+
+__all__ = [
+    "AccessRefused",
+    "ArgumentRefused",
+    "AttachmentRefused",
+    "BodyExists",
+    "BodyUnknown",
+    "BridgeError",
+    "BridgeUnavailable",
+    "BrowserBroken",
+    "BrowserError",
+    "BrowserUnavailable",
+    "ColourUnknown",
+    "ConnectionLost",
+    "EndpointRefused",
+    "EndpointUnreachable",
+    "EngineClosed",
+    "EngineError",
+    "EngineTimedOut",
+    "EngineUnable",
+    "EngineUnavailable",
+    "GoalRefused",
+    "GoalTimedOut",
+    "KnowledgeError",
+    "MapAmbiguous",
+    "MapMissing",
+    "MapRefused",
+    "MapUnwritable",
+    "MessageRefused",
+    "MindstageError",
+    "NameAmbiguous",
+    "NameUnknown",
+    "NothingToUndo",
+    "OfferRefused",
+    "PoseUnreachable",
+    "PrologError",
+    "PrologUnavailable",
+    "QueryRefused",
+    "QueryTimedOut",
+    "QuestionTimedOut",
+    "QuestionUnknown",
+    "ReasonerUnavailable",
+    "RequestRefused",
+    "ReturnRefused",
+    "ServiceFailed",
+    "ServiceTimedOut",
+    "ServiceUnknown",
+    "ShapeRefused",
+    "ShapeUnknown",
+    "SimulationUnstable",
+    "SourceUnreadable",
+    "SpotMissing",
+    "StageError",
+    "StageTimedOut",
+    "StoreUnusable",
+    "TooManyQuestions",
+    "TypeUnknown",
+    "ViewportUnavailable",
+    "WorldError",
+    "near",
+    "suggestion",
+]
+
+
+# -- "did you mean" ----------------------------------------------------------------------------------------------------
+
+_MIN_SUBSTRING = 3
+"""Shorter strings are part of nearly every name."""
+
+
+def near(name: str, known: Iterable[str]) -> tuple[str, ...]:
+    """Returns up to three known names that resemble one, ignoring case: similar spellings first, then superstrings."""
+    by_lower = {each.lower(): each for each in known}
+    lower = name.lower()
+    similar = get_close_matches(lower, list(by_lower), n=3, cutoff=0.6)
+    longer = sorted(
+        (each for each in by_lower if len(lower) >= _MIN_SUBSTRING and lower in each),
+        key=lambda each: (len(each), each),
+    )
+    return tuple(by_lower[each] for each in list(dict.fromkeys([*similar, *longer]))[:3])
+
+
+def suggestion(name: str, known: Iterable[str] = (), *, none: str = "") -> str:
+    """The end of a message about an unknown name: the names that resemble it, else all that are known.
+
+    Args:
+        name: the unknown name.
+        known: the names that exist.
+        none: the text where no name exists.
+    """
+    known = tuple(known)
+    return _near_names(near(name, known)) or (f"there is {', '.join(known)}" if known else none)
+
+
+def _near_names(names: Sequence[str]) -> str:
+    return f"near: {', '.join(map(repr, names))}" if names else ""
+
+
+# -- the base ----------------------------------------------------------------------------------------------------------
+
+
+def _restore(cls: type[MindstageError], args: tuple[object, ...], state: dict[str, Any]) -> MindstageError:
+    error = cls.__new__(cls, *args)
+    error.__dict__.update(state)
+    return error
+
+
+class MindstageError(Exception):
+    """The root: catch it to catch everything that Mindstage itself raises."""
+
+    template: ClassVar[str] = ""
+    """The message; names in braces are attributes of the error. Without one, the message is what was passed."""
+
+    def __str__(self) -> str:
+        if not self.template:
+            return super().__str__()
+        names = {name for _, name, _, _ in Formatter().parse(self.template) if name}
+        return self.template.format_map({name: getattr(self, name) for name in names})
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _restore, (type(self), self.args, self.__dict__)
+
+    @property
+    def hint(self) -> str:
+        """The end of the message: the similar names in `near`, else the `remedy`, else nothing."""
+        text = _near_names(getattr(self, "near", ())) or getattr(self, "remedy", "")
+        return f"; {text}" if text else ""
+
+
+# -- world -------------------------------------------------------------------------------------------------------------
+
+
+class WorldError(MindstageError):
+    """A valid request that the world cannot fulfill; the world is unchanged."""
+
+
+@dataclass(eq=False)
+class BodyUnknown(WorldError):
+    """No body in the world has that id."""
+
+    template = "no body {body!r}{in_world}{hint}"
+    body: str
+    _: KW_ONLY
+    known: InitVar[Iterable[str]] = ()
+    world: str = ""
+    near: tuple[str, ...] = field(init=False)
+
+    def __post_init__(self, known: Iterable[str]) -> None:
+        self.near = near(self.body, known)
+
+    @property
+    def in_world(self) -> str:
+        """Part of the message: the world's name, if there is one."""
+        return f" in {self.world!r}" if self.world else ""
+
+
+@dataclass(eq=False)
+class BodyExists(WorldError):
+    """The id of a body to be spawned is in use."""
+
+    template = "the id {body!r} is taken; delete that body first, or choose another id"
+    body: str
+
+
+@dataclass(eq=False)
+class PoseUnreachable(WorldError):
+    """The joints and attachments of the body do not allow that pose."""
+
+    template = "{body!r} cannot take that pose: {reason}"
+    body: str
+    _: KW_ONLY
+    reason: str
+
+
+@dataclass(eq=False)
+class AttachmentRefused(WorldError):
+    """The child cannot be attached to that parent."""
+
+    template = "{child!r} cannot be attached to {parent!r}: {reason}"
+    parent: str
+    child: str
+    _: KW_ONLY
+    reason: str
+
+
+@dataclass(eq=False)
+class SpotMissing(WorldError):
+    """There is no support surface for the object, or no free space on it."""
+
+    template = "{what} cannot be put {where}: {reason}"
+    what: str
+    where: str
+    _: KW_ONLY
+    reason: str
+
+
+@dataclass(eq=False)
+class ReturnRefused(WorldError):
+    """A deleted body cannot be restored."""
+
+    template = "{body!r} cannot be restored: {reason}"
+    body: str
+    _: KW_ONLY
+    reason: str
+
+
+@dataclass(eq=False)
+class NothingToUndo(WorldError):
+    """There is no edit to undo or, with `again`, to redo."""
+
+    template = "there is nothing to {action}"
+    _: KW_ONLY
+    again: bool = False
+
+    @property
+    def action(self) -> str:
+        """Part of the message."""
+        return "redo" if self.again else "undo"
+
+
+# -- knowledge ---------------------------------------------------------------------------------------------------------
+
+
+class KnowledgeError(MindstageError):
+    """A source of knowledge or a query cannot be used."""
+
+
+@dataclass(eq=False)
+class SourceUnreadable(KnowledgeError):
+    """A file does not exist, or its content does not follow its format."""
+
+    template = "cannot read {place}: {cause}"
+    source: str
+    _: KW_ONLY
+    cause: str
+    line: int | None = None
+
+    @property
+    def place(self) -> str:
+        """Part of the message: the source and the line."""
+        return f"{self.source}, line {self.line}" if self.line is not None else self.source
+
+
+@dataclass(eq=False)
+class MapMissing(KnowledgeError):
+    """No semantic map, or none of that name, is among the loaded sources."""
+
+    _: KW_ONLY
+    wanted: str = ""
+    known: Sequence[str] = ()
+
+    def __post_init__(self) -> None:
+        self.known = tuple(self.known)
+
+    def __str__(self) -> str:
+        if self.known:
+            return f"no map {self.wanted!r}; there is {', '.join(self.known)}"
+        where = f" in {self.wanted}" if self.wanted else ""
+        return f"no semantic map{where}: nothing there is a knowrob:SemanticEnvironmentMap"
+
+
+@dataclass(eq=False)
+class MapAmbiguous(KnowledgeError):
+    """Several maps are loaded and none was selected."""
+
+    known: Sequence[str]
+
+    def __post_init__(self) -> None:
+        self.known = tuple(self.known)
+
+    def __str__(self) -> str:
+        return f"{len(self.known)} maps are loaded ({', '.join(self.known)}); name one of them"
+
+
+@dataclass(eq=False)
+class MapRefused(KnowledgeError):
+    """A map has findings, and strict mode allows none."""
+
+    map: str
+    _: KW_ONLY
+    findings: Sequence[str]
+
+    def __post_init__(self) -> None:
+        self.findings = tuple(self.findings)
+
+    def __str__(self) -> str:
+        number = f"{len(self.findings):,} finding{'' if len(self.findings) == 1 else 's'}"
+        first = " | ".join(self.findings[:3]) + (" | …" if len(self.findings) > 3 else "")
+        return f"{self.map} is refused for {number}: {first}; fix them, or leave out --strict"
+
+
+@dataclass(eq=False)
+class MapUnwritable(KnowledgeError):
+    """A world cannot be written to a map file: the format cannot express it, or the file cannot be written."""
+
+    template = "cannot write {what}: {cause}{hint}"
+    what: str
+    _: KW_ONLY
+    cause: str
+    remedy: str = ""
+
+
+@dataclass(eq=False)
+class NameUnknown(KnowledgeError):
+    """No entity of that kind has the name."""
+
+    template = "no {kind} {name!r} is known{hint}"
+    name: str
+    _: KW_ONLY
+    kind: str
+    known: InitVar[Iterable[str]] = ()
+    near: tuple[str, ...] = field(init=False)
+
+    def __post_init__(self, known: Iterable[str]) -> None:
+        self.near = near(self.name.rpartition("#")[2].rpartition(":")[2], known)
+
+
+@dataclass(eq=False)
+class NameAmbiguous(KnowledgeError):
+    """Several entities have the name, or are instances of the class that was named instead of its only instance."""
+
+    name: str
+    _: KW_ONLY
+    kind: str
+    known: Sequence[str]
+
+    def __post_init__(self) -> None:
+        self.known = tuple(self.known)
+
+    def __str__(self) -> str:
+        short = [known.rpartition("#")[2].rpartition("/")[2] for known in self.known]
+        names, how = (short, "") if len({*short}) == len(short) else (self.known, " in full")
+        shown = ", ".join(names[:5]) + (" …" if len(names) > 5 else "")
+        return f"{self.name!r} may be any of {len(names)} {self.kind} names: {shown}; give one of them{how}"
+
+
+@dataclass(eq=False)
+class QuestionUnknown(KnowledgeError):
+    """No question has that name."""
+
+    template = "no question {question!r}{hint}"
+    question: str
+    _: KW_ONLY
+    known: Iterable[str]
+    near: tuple[str, ...] = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.known = tuple(self.known)
+        self.near = near(self.question, self.known)
+
+    @property
+    def remedy(self) -> str:
+        """The end of the message where no name is similar."""
+        return f"there is {', '.join(self.known)}"
+
+
+@dataclass(eq=False)
+class QuestionTimedOut(KnowledgeError):
+    """A question was not answered before its timeout; the simulation continues."""
+
+    template = "{question} was not answered within {timeout_s:g} s; ask about less, or try again later"
+    question: str
+    _: KW_ONLY
+    timeout_s: float
+
+
+@dataclass(eq=False)
+class TooManyQuestions(KnowledgeError):
+    """The limit of concurrent questions is reached."""
+
+    template = "{question} was not answered: {asked} other questions are being answered; try again in a moment"
+    question: str
+    _: KW_ONLY
+    asked: int
+
+
+@dataclass(eq=False)
+class ArgumentRefused(KnowledgeError):
+    """A question has no such argument or does not accept that value, or an assertion is not valid."""
+
+    template = "{what}: {cause}{hint}"
+    what: str
+    _: KW_ONLY
+    cause: str
+    remedy: str = ""
+
+
+@dataclass(eq=False)
+class QueryRefused(KnowledgeError):
+    """The text is not a SPARQL 1.1 query, or uses what is not supported, such as SERVICE."""
+
+    template = "the query cannot be answered: {cause}{hint}"
+    cause: str
+    _: KW_ONLY
+    remedy: str = ""
+
+
+@dataclass(eq=False)
+class QueryTimedOut(KnowledgeError):
+    """A SPARQL query did not finish before its timeout."""
+
+    template = "the query did not end within {timeout_s:g} s; ask for less (LIMIT), or increase the timeout"
+    _: KW_ONLY
+    timeout_s: float
+
+
+@dataclass(eq=False)
+class ReasonerUnavailable(KnowledgeError):
+    """The OWL 2 RL reasoner is not installed."""
+
+    template = "nothing can be derived: {cause}; install it with: pip install 'mindstage[closure]'"
+    _: KW_ONLY
+    cause: str
+
+
+@dataclass(eq=False)
+class StoreUnusable(KnowledgeError):
+    """A store folder has another content or format, or is locked by another process."""
+
+    template = "the store {folder} cannot be used: {cause}{hint}"
+    folder: str
+    _: KW_ONLY
+    cause: str
+    remedy: str = ""
+
+
+@dataclass(eq=False)
+class EndpointUnreachable(KnowledgeError):
+    """A SPARQL endpoint does not respond, or not in time."""
+
+    template = "the endpoint {endpoint} does not answer: {cause}; check the address, and that the server is running"
+    endpoint: str
+    _: KW_ONLY
+    cause: str
+
+
+@dataclass(eq=False)
+class EndpointRefused(KnowledgeError):
+    """A SPARQL endpoint returned an error, or a reply that is not a SPARQL result."""
+
+    template = "the endpoint {endpoint} returned an error: {cause}{hint}"
+    endpoint: str
+    _: KW_ONLY
+    cause: str
+    remedy: str = ""
+    status: int | None = None
+    """HTTP status code."""
+
+
+@dataclass(eq=False)
+class ShapeUnknown(KnowledgeError):
+    """No shape has that name."""
+
+    template = "no shape {shape!r}{hint}"
+    shape: str
+    _: KW_ONLY
+    known: Iterable[str] = ()
+    near: tuple[str, ...] = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.known = tuple(sorted(self.known))
+        self.near = near(self.shape, self.known)
+
+    @property
+    def remedy(self) -> str:
+        """The end of the message where no name is similar."""
+        return f"there is {', '.join(self.known)}"
+
+
+@dataclass(eq=False)
+class ShapeRefused(KnowledgeError):
+    """A shape cannot be built: a size or a parameter is invalid."""
+
+    template = "the shape {shape!r} cannot be made: {reason}"
+    shape: str
+    _: KW_ONLY
+    reason: str
+
+
+# -- engine and simulation ---------------------------------------------------------------------------------------------
+
+
+class EngineError(MindstageError):
+    """A failure of the engine, independent of the world that it simulates."""
+
+
+@dataclass(eq=False)
+class EngineUnavailable(EngineError):
+    """The engine is not installed or cannot be reached."""
+
+    template = "the engine {engine!r} is not available: {cause}{hint}"
+    engine: str
+    _: KW_ONLY
+    cause: str
+    remedy: str = ""
+
+
+@dataclass(eq=False)
+class EngineTimedOut(EngineError):
+    """The engine did not reply in time; the command may or may not have been executed."""
+
+    template = (
+        "the engine {engine!r} did not answer {call} within {timeout_s:g} s; "
+        "it may have been executed all the same: check the poses, or increase the timeout"
+    )
+    engine: str
+    _: KW_ONLY
+    call: str
+    timeout_s: float
+
+
+@dataclass(eq=False)
+class EngineUnable(EngineError):
+    """The engine does not have the capability."""
+
+    template = "the engine {engine!r} cannot {what}{hint}"
+    engine: str
+    _: KW_ONLY
+    what: str
+    remedy: str = ""
+
+
+@dataclass(eq=False)
+class EngineClosed(EngineError):
+    """The engine was called after `close`."""
+
+    template = "the engine {engine!r} is closed; make a new one"
+    engine: str
+
+
+@dataclass(eq=False)
+class SimulationUnstable(EngineError):
+    """The simulation diverged: positions, velocities or accelerations are not finite."""
+
+    template = "the simulation became unstable at {time_s:.3f} s: {what}"
+    _: KW_ONLY
+    time_s: float
+    what: str
+
+
+class StageError(MindstageError):
+    """The simulation thread could not execute the call."""
+
+
+@dataclass(eq=False)
+class StageTimedOut(StageError):
+    """The thread that owns the engine did not finish the call in time."""
+
+    template = "{call} did not finish within {timeout_s:g} s; the simulation may be busy or stopped"
+    call: str
+    _: KW_ONLY
+    timeout_s: float
+
+
+# -- bridge ------------------------------------------------------------------------------------------------------------
+
+
+class BridgeError(MindstageError):
+    """A failure of a bridge, of its peer or of the connection."""
+
+
+@dataclass(eq=False)
+class BridgeUnavailable(BridgeError):
+    """The rosbridge server cannot listen at that address."""
+
+    template = "the bridge cannot be served at {host}, port {port}: {cause}; try 127.0.0.1 or another port"
+    host: str
+    port: int
+    _: KW_ONLY
+    cause: str
+
+
+@dataclass(eq=False)
+class AccessRefused(BridgeError):
+    """A token is required, and none or an invalid one was sent."""
+
+    template = "no access to {where}: {cause}"
+    where: str
+    _: KW_ONLY
+    cause: str
+
+
+@dataclass(eq=False)
+class ConnectionLost(BridgeError):
+    """No connection, or a closed one; a pending request may or may not have been executed."""
+
+    template = "no connection to {where}: {cause}"
+    where: str
+    _: KW_ONLY
+    cause: str
+
+
+@dataclass(eq=False)
+class ServiceUnknown(BridgeError):
+    """No service or action of that name is advertised."""
+
+    template = "Service {service} does not exist{hint}"  # rosbridge's wording, which its clients match
+    service: str
+    _: KW_ONLY
+    known: InitVar[Iterable[str]] = ()
+    near: tuple[str, ...] = field(init=False)
+
+    def __post_init__(self, known: Iterable[str]) -> None:
+        self.near = near(self.service, known)
+
+
+@dataclass(eq=False)
+class ServiceTimedOut(BridgeError):
+    """A service or an action did not return in time."""
+
+    template = (
+        "{service} did not answer within {timeout_s:g} s; increase the timeout, or check that its server is running"
+    )
+    service: str
+    _: KW_ONLY
+    timeout_s: float
+
+
+@dataclass(eq=False)
+class ServiceFailed(BridgeError):
+    """A service or an action failed for a reason other than the state of the world."""
+
+    template = "{service} failed: {cause}"
+    service: str
+    _: KW_ONLY
+    cause: str
+
+
+@dataclass(eq=False)
+class OfferRefused(BridgeError):
+    """A service, action or topic cannot be advertised under that name."""
+
+    template = "{name!r} cannot be offered: {cause}"
+    name: str
+    _: KW_ONLY
+    cause: str
+
+
+@dataclass(eq=False)
+class MessageRefused(BridgeError):
+    """A message does not match its type."""
+
+    template = "{what}: {at_path}{cause}{hint}"
+    what: str
+    _: KW_ONLY
+    path: str = ""
+    """The place in the message, such as `models[3].pose.position.x`."""
+    cause: str
+    remedy: str = ""
+    id: str | int | None = None
+    """The message's own id on the wire, where it could be read."""
+
+    @property
+    def at_path(self) -> str:
+        """Part of the message: the path, if there is one."""
+        return f"{self.path}: " if self.path else ""
+
+
+@dataclass(eq=False)
+class TypeUnknown(BridgeError):
+    """No message, service or action type has that name."""
+
+    template = "no {kind} type {name!r} is known{hint}"
+    name: str
+    _: KW_ONLY
+    kind: str
+    known: InitVar[Iterable[str]] = ()
+    near: tuple[str, ...] = field(init=False)
+
+    def __post_init__(self, known: Iterable[str]) -> None:
+        self.near = near(self.name, known)
+
+
+# -- user interfaces ---------------------------------------------------------------------------------------------------
+
+
+@dataclass(eq=False)
+class ColourUnknown(MindstageError):
+    """Neither a color name nor a color value."""
+
+    template = "no color {colour!r}{hint}"
+    colour: str
+    _: KW_ONLY
+    known: Iterable[str]
+    near: tuple[str, ...] = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.known = tuple(self.known)
+        self.near = near(self.colour, self.known)
+
+    @property
+    def remedy(self) -> str:
+        """The end of the message where no name is similar."""
+        return f"there is {', '.join(self.known)}, #rrggbb, or r,g,b from 0 to 1"
+
+
+class PrologError(MindstageError):
+    """A failure of the Prolog console."""
+
+
+@dataclass(eq=False)
+class PrologUnavailable(PrologError):
+    """SWI-Prolog or pyswip is not installed, or already in use."""
+
+    template = "Prolog is not available: {cause}{hint}"
+    cause: str
+    _: KW_ONLY
+    remedy: str = (
+        "it takes SWI-Prolog 9 (Debian: apt-get install swi-prolog-nox) and the extra: pip install 'mindstage[prolog]'"
+    )
+
+
+@dataclass(eq=False)
+class GoalRefused(PrologError):
+    """A goal has a syntax error or threw an exception; the kind is a Mindstage error class, or `prolog`."""
+
+    template = "the goal {goal!r} cannot be answered: {cause}"
+    goal: str
+    _: KW_ONLY
+    kind: str
+    cause: str
+
+
+@dataclass(eq=False)
+class GoalTimedOut(PrologError):
+    """A goal did not finish in time."""
+
+    template = "the goal {goal!r} did not end within {timeout_s:g} s; increase the timeout, or ask for less"
+    goal: str
+    _: KW_ONLY
+    timeout_s: float
+
+
+@dataclass(eq=False)
+class ViewportUnavailable(MindstageError):
+    """The page's server cannot listen at that address."""
+
+    template = "the page cannot be served at {host}, port {port}: {cause}; try 127.0.0.1 or another port"
+    host: str
+    port: int
+    _: KW_ONLY
+    cause: str
+
+
+class BrowserError(MindstageError):
+    """A failure of the browser that renders pictures of the page."""
+
+
+@dataclass(eq=False)
+class BrowserUnavailable(BrowserError):
+    """No suitable browser is installed, or it does not start."""
+
+    template = "a browser is needed to take pictures: {cause}{hint}"
+    cause: str
+    _: KW_ONLY
+    known: Iterable[str] = ()
+
+    def __post_init__(self) -> None:
+        self.known = tuple(self.known)
+
+    @property
+    def remedy(self) -> str:
+        """What can be installed, where names of programs were searched for."""
+        names = [name for name in self.known if "/" not in name]
+        searched = f"install Chromium or Chrome, or name another with --browser; searched for {', '.join(names)}"
+        return searched if names else ""
+
+
+@dataclass(eq=False)
+class BrowserBroken(BrowserError):
+    """The browser exited, returned an error, or did not reply in time."""
+
+    template = "the browser failed: {cause}; try again, or increase the timeout"
+    cause: str
+
+
+@dataclass(eq=False)
+class RequestRefused(MindstageError):
+    """A request from the page is unknown, or its arguments are invalid."""
+
+    template = "{what} is not a valid request: {cause}{hint}"
+    remedy: ClassVar[str] = "reload the page"
+    what: str
+    _: KW_ONLY
+    cause: str
+    known: InitVar[Iterable[str]] = ()
+    near: tuple[str, ...] = field(init=False)
+
+    def __post_init__(self, known: Iterable[str]) -> None:
+        self.near = near(self.what, known)
