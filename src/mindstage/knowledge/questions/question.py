@@ -145,6 +145,10 @@ class Row(msgspec.Struct, frozen=True, kw_only=True, dict=True):
 R = TypeVar("R", bound=Row)
 
 
+_MOST_NAMED = 3
+"""So many rows are named where answers are printed in one line."""
+
+
 class Missing(msgspec.Struct, frozen=True):
     """What nobody has told, for want of which there is no answer."""
 
@@ -220,7 +224,11 @@ class Answers(Sequence[R]):
     def __repr__(self) -> str:
         asked = ", ".join(f"{name}={local_name(str(value))}" for name, value in self.args.items())
         lack = f", {len(self.missing)} missing" if self.missing else ""
-        return f"<{type(self).__name__} to {self.question.name}({asked}): {counted(len(self), 'row')}{lack}>"
+        column, names = self.subject_column, ""
+        if column is not None and self._rows:
+            first = [local_name(str(getattr(row, column))) for row in self._rows[:_MOST_NAMED]]
+            names = f" ({', '.join(first)}{', …' if self._rows[_MOST_NAMED:] else ''})"
+        return f"<{type(self).__name__} to {self.question.name}({asked}): {counted(len(self), 'row')}{names}{lack}>"
 
     def _repr_html_(self) -> str:
         """A table for notebooks."""
