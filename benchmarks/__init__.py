@@ -1,6 +1,6 @@
 """Benchmarks: how fast Mindstage is, as ratios against a named peer that does the same in the same run.
 
-A module here has one function `measure()`, which yields `Measure`s; `python -m benchmarks [MODULE…]` (or `make bench`)
+A module here has one function `set_size()`, which yields `Measure`s; `python -m benchmarks [MODULE…]` (or `make bench`)
 runs them and holds them against their aims. Times are medians, and each stands beside the peak memory of its process.
 """
 

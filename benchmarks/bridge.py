@@ -21,7 +21,7 @@ import websockets
 from websockets.asyncio.server import ServerConnection, serve
 
 from benchmarks import Measure
-from mindstage.bridge import Hub, Limits, Server
+from mindstage.bridge import BridgeLimits, LocalNode, RosbridgeServer
 
 _BARE = f"a bare websockets {websockets.__version__} server"
 _ROUNDS = 5
@@ -142,9 +142,9 @@ def _be(role: str, *rest: str) -> None:
 
 
 def _be_hub() -> None:
-    with Hub(limits=Limits()) as hub, Server(hub, port=0) as server:
+    with LocalNode(limits=BridgeLimits()) as hub, RosbridgeServer(hub, port=0) as server:
         for service, answer in _ANSWERS.items():
-            hub.offer_service(service, "x/X", _answering(answer))
+            hub.create_service(service, "x/X", _answering(answer))
         print(server.port, flush=True)
         sys.stdin.read()
 

@@ -16,8 +16,8 @@ from benchmarks import Measure
 from benchmarks.mujoco import _field, _kitchen
 from mindstage.engines import Engine, GodotEngine, MujocoEngine
 from mindstage.engines.godot import find_godot
-from mindstage.engines.godot.project import homes, ready_project
-from mindstage.errors import EngineUnavailable
+from mindstage.engines.godot.project import isolated_environment, prepare_project
+from mindstage.errors import EngineUnavailableError
 from mindstage.world import World
 
 COUNTS = (136, 1000, 5000)
@@ -39,7 +39,7 @@ class Spent(NamedTuple):
 def measure() -> Iterator[Measure]:
     try:
         godot = find_godot(os.environ.get("GODOT"))
-    except EngineUnavailable as error:
+    except EngineUnavailableError as error:
         print(f"nothing is measured in Godot: {error}")
         return
     with closing(GodotEngine(godot.path, timeout_s=120.0)) as engine:
@@ -89,8 +89,8 @@ def _spent(make: Callable[[], Engine], world: World) -> Spent:
 def _bare(count: int) -> Spent:
     godot = find_godot(os.environ.get("GODOT"))
     done = subprocess.run(
-        [godot.path, "--headless", "--path", ready_project(godot), "--script", BARE, "--", str(count), str(TICKS)],
-        capture_output=True, text=True, timeout=300, check=True, env=os.environ | homes(),
+        [godot.path, "--headless", "--path", prepare_project(godot), "--script", BARE, "--", str(count), str(TICKS)],
+        capture_output=True, text=True, timeout=300, check=True, env=os.environ | isolated_environment(),
     )  # fmt: skip
     told = json.loads(next(line for line in done.stdout.splitlines() if line.startswith("{")))
     return Spent(told["build_ms"], told["tick_ms"], told["read_ms"])
@@ -101,11 +101,11 @@ def _pushing(engine: GodotEngine) -> Measure:
     kitchen = _kitchen()
     engine.clear()
     engine.spawn(kitchen)
-    body = next(each.id for each in kitchen.bodies if each.physics.simulates)
+    body = next(each.id for each in kitchen.bodies if each.physics.is_dynamic)
     engine.poses()
     start = time.perf_counter()
     for _ in range(100):
-        engine.push(body, (1.0, 0.0, 0.0))
+        engine.apply_force(body, (1.0, 0.0, 0.0))
         engine.step(0.004)
         engine.poses()
     ours = (time.perf_counter() - start) / 100

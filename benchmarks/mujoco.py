@@ -13,7 +13,7 @@ import numpy as np
 from benchmarks import Measure
 from mindstage.engines import MujocoEngine
 from mindstage.knowledge import KnowledgeBase, bundled_kitchen
-from mindstage.world import Body, BodyId, Iri, Mobility, Physics, Pose, World
+from mindstage.world import Body, BodyId, BodyPhysics, Iri, Mobility, Pose, World
 
 RUNS = 9
 
@@ -49,7 +49,7 @@ def _field(count: int) -> World:
 
 def _box(name: str, position: tuple[float, float, float], size: tuple[float, float, float], mobility: Mobility) -> Body:
     iri = Iri(f"http://example.org/field.owl#{name}")
-    physics = Physics(mobility=mobility, mass_kg=3.0)
+    physics = BodyPhysics(mobility=mobility, mass_kg=3.0)
     return Body(id=BodyId(name), iri=iri, cls=iri, pose=Pose(position), size=size, physics=physics)
 
 
@@ -68,7 +68,7 @@ class _Script:
     """
 
     def __init__(self, world: World) -> None:
-        model = _spawn(world)._keeper.live().model
+        model = _spawn(world)._cache.model().model
         names = [model.body(number).name for number in range(model.nbody)]
         self.bodies = [
             (names[n], int(model.body_parentid[n]), model.body_pos[n].tolist(), model.body_quat[n].tolist(),
@@ -120,7 +120,7 @@ def _plainly(world: World) -> None:
         half = [length / 2 for length in body.size or (0.1, 0.1, 0.1)]
         made = spec.worldbody.add_body(name=body.id, pos=body.pose.position, quat=body.pose.quaternion)
         made.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=half, mass=body.physics.mass_kg)
-        if body.physics.simulates:
+        if body.physics.is_dynamic:
             made.add_freejoint()
     model = spec.compile()
     mujoco.mj_step(model, mujoco.MjData(model))
@@ -152,11 +152,11 @@ def _spawn_against_script(what: str, world: World, same: str, script: Callable[[
 def _step_against_bare(world: World) -> Measure:
     """A sixtieth of a second at a time with one body kept moving, so that not everything is asleep."""
     engine = _spawn(world)
-    engine.save()
-    live = engine._keeper.live()
+    engine.save_state()
+    live = engine._cache.model()
     model, data = live.model, mujoco.MjData(live.model)
     data.qpos[:], data.qvel[:] = live.data.qpos, live.data.qvel
-    for one in (engine._keeper.live(), None):
+    for one in (engine._cache.model(), None):
         (one.model if one else model).opt.enableflags &= ~int(mujoco.mjtEnableBit.mjENBL_SLEEP)
 
     def ours() -> None:
@@ -206,7 +206,7 @@ def _cost_per_body_by_hand() -> Measure:
 
 def _reading_poses() -> Measure:
     engine = _spawn(_field(10_000))
-    data = engine._keeper.live().data
+    data = engine._cache.model().data
 
     def ours() -> None:
         for _ in range(20):

@@ -14,10 +14,10 @@ import mujoco
 import numpy as np
 
 from benchmarks import Measure, run
-from mindstage.engines import MujocoEngine, NoteKind
+from mindstage.engines import MujocoEngine, SpawnNoteKind
 from mindstage.knowledge import KnowledgeBase, bundled_kitchen
-from mindstage.shapes.fitting import forms_for
-from mindstage.world import NO_FORMS, Forms, World
+from mindstage.shapes.fitting import fit_geometry
+from mindstage.world import NO_GEOMETRY, GeometryMap, World
 
 RUNS = 9
 _DEEP_M = 0.001
@@ -41,7 +41,7 @@ class _Place(NamedTuple):
     path: Path
     world: World
     knowledge: KnowledgeBase
-    forms: Forms
+    forms: GeometryMap
 
 
 def measure() -> Iterator[Measure]:
@@ -49,7 +49,7 @@ def measure() -> Iterator[Measure]:
         knowledge = KnowledgeBase()
         knowledge.load([path])
         world = knowledge.world()
-        place = _Place(name, path, world, knowledge, forms_for(world, knowledge).forms)
+        place = _Place(name, path, world, knowledge, fit_geometry(world, knowledge).geometry)
         yield from _building(place)
         yield _spawning(place)
         yield from _stepping(place)
@@ -66,7 +66,7 @@ def _maps() -> Iterator[tuple[str, Path]]:
 
 def _building(place: _Place) -> Iterator[Measure]:
     cold = median(_cold_s(place.path) for _ in range(3))
-    (warm,) = _timed(lambda: forms_for(place.world, place.knowledge))
+    (warm,) = _timed(lambda: fit_geometry(place.world, place.knowledge))
     what = f"{place.name}: forms of {len(place.world.bodies)} bodies"
     yield Measure(what=f"{what}, cold", ours=1000 * cold, unit="ms")
     yield Measure(
@@ -85,14 +85,14 @@ def _cold_s(path: Path) -> float:
 
 
 def _spawning(place: _Place) -> Measure:
-    ours, theirs = _timed(lambda: _spawned(place, place.forms), lambda: _spawned(place, NO_FORMS))
+    ours, theirs = _timed(lambda: _spawned(place, place.forms), lambda: _spawned(place, NO_GEOMETRY))
     return Measure(
         what=f"{place.name}: spawn", ours=1000 * ours, unit="ms", peer=_BOXES, theirs=1000 * theirs, at_most=2.0
     )  # fmt: skip
 
 
 def _stepping(place: _Place) -> Iterator[Measure]:
-    formed, plain = _spawned(place, place.forms), _spawned(place, NO_FORMS)
+    formed, plain = _spawned(place, place.forms), _spawned(place, NO_GEOMETRY)
     fresh = iter([_spawned(place, place.forms) for _ in range(RUNS)])
     (left_alone,) = _timed(lambda: next(fresh).step(10.0))
     yield Measure(
@@ -113,7 +113,7 @@ def _stepping(place: _Place) -> Iterator[Measure]:
         at_most=1.5,
     )
     for engine in (formed, plain):
-        engine._keeper.live().model.opt.enableflags &= ~int(mujoco.mjtEnableBit.mjENBL_SLEEP)
+        engine._cache.model().model.opt.enableflags &= ~int(mujoco.mjtEnableBit.mjENBL_SLEEP)
     ours, theirs = _timed(lambda: formed.step(0.2), lambda: plain.step(0.2))
     yield Measure(
         what=f"{place.name}: a fifth of a second, nothing asleep", ours=1000 * ours, unit="ms", peer=_BOXES,
@@ -132,7 +132,7 @@ class _Truth(NamedTuple):
 
 
 def _truth(place: _Place) -> Iterator[Measure]:
-    ours, theirs = _true_of(place, place.forms), _true_of(place, NO_FORMS)
+    ours, theirs = _true_of(place, place.forms), _true_of(place, NO_GEOMETRY)
     for what, mine, other in (
         ("pairs that overlap, so do not collide", ours.pairs, theirs.pairs),
         ("contacts at rest", ours.contacts, theirs.contacts),
@@ -142,23 +142,23 @@ def _truth(place: _Place) -> Iterator[Measure]:
     yield Measure(what=f"{place.name}: moved in 10 s, at most", ours=ours.moved_mm, unit="mm", at_most=10.0)
 
 
-def _true_of(place: _Place, forms: Forms) -> _Truth:
+def _true_of(place: _Place, forms: GeometryMap) -> _Truth:
     engine = MujocoEngine()
-    report = engine.spawn(place.world, forms=forms)
+    report = engine.spawn(place.world, geometry=forms)
     before = engine.poses()[1]
     engine.step(10.0)
     moved = np.linalg.norm(engine.poses()[1][:, :3] - before[:, :3], axis=1).max()
-    live = engine._keeper.live()
+    live = engine._cache.model()
     live.model.opt.enableflags &= ~int(mujoco.mjtEnableBit.mjENBL_SLEEP)  # what sleeps has no contacts
     engine.step(0.01)
-    pairs = sum(len(note.ids) - 1 for note in report.notes if note.kind is NoteKind.OVERLAP)
+    pairs = sum(len(note.ids) - 1 for note in report.notes if note.kind is SpawnNoteKind.OVERLAP)
     deep = int((live.data.contact.dist < -_DEEP_M).sum())
     return _Truth(pairs, int(live.data.ncon), deep, 1000 * float(moved))
 
 
-def _spawned(place: _Place, forms: Forms) -> MujocoEngine:
+def _spawned(place: _Place, forms: GeometryMap) -> MujocoEngine:
     engine = MujocoEngine()
-    engine.spawn(place.world, forms=forms)
+    engine.spawn(place.world, geometry=forms)
     engine.step(0.002)
     return engine
 

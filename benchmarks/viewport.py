@@ -26,11 +26,11 @@ from websockets.sync.client import ClientConnection, connect
 from websockets.typing import Subprotocol
 
 from benchmarks import Measure, median_runs
-from mindstage import KnowledgeBase, MujocoEngine, NullEngine, Stage
+from mindstage import KnowledgeBase, MujocoEngine, NullEngine, Simulation
 from mindstage.knowledge import bundled_kitchen
-from mindstage.viewport import Viewport
-from mindstage.viewport.browser import Browser
-from mindstage.world import Body, BodyId, Iri, Mobility, Physics, Pose, World
+from mindstage.viewport import Viewer
+from mindstage.viewport.browser import HeadlessBrowser
+from mindstage.world import Body, BodyId, BodyPhysics, Iri, Mobility, Pose, World
 
 UPDATES = 30
 """A second of them."""
@@ -54,14 +54,14 @@ def measure() -> Iterator[Measure]:
 
 def _updates(count: int, *, alike: bool, what: str) -> Iterator[Measure]:
     """What moving bodies costs until it is on the wire, and how much that is."""
-    with Stage(KnowledgeBase(), NullEngine()) as stage:
+    with Simulation(KnowledgeBase(), NullEngine()) as stage:
         stage.spawn(_field(count, alike=alike), timeout_s=120.0)
-        with Viewport(stage, port=0) as viewport, _visitors(viewport.url, 1) as taken:
-            _wait_until(lambda: len(viewport._scene.looks) == count)
+        with Viewer(stage, port=0) as viewport, _visitors(viewport.url, 1) as taken:
+            _wait_until(lambda: len(viewport._scene.appearances) == count)
             viewport._closing.set()  # from now on we move what is seen ourselves
             viewport._thread.join()
             for moving, who in ((FEW, f"{FEW} moving"), (count, "all moving")):
-                seconds, sent = _moved(viewport, stage.frame.poses, moving, taken)
+                seconds, sent = _moved(viewport, stage.state.poses, moving, taken)
                 aim = 1 / 30 if count <= 500 else None
                 yield Measure(
                     what=f"{what}, {who}: one update", ours=1000 * seconds, unit="ms", at_most=aim and 1000 * aim
@@ -70,7 +70,7 @@ def _updates(count: int, *, alike: bool, what: str) -> Iterator[Measure]:
             viewport._closing.clear()  # so that it can be closed
 
 
-def _moved(viewport: Viewport, poses: np.ndarray, moving: int, taken: _Taken) -> tuple[float, float]:
+def _moved(viewport: Viewer, poses: np.ndarray, moving: int, taken: _Taken) -> tuple[float, float]:
     """The median time of an update [s], and its bytes."""
     rows = np.linspace(0, len(poses) - 1, moving).astype(int)
     poses = poses.copy()
@@ -88,11 +88,11 @@ def _moved(viewport: Viewport, poses: np.ndarray, moving: int, taken: _Taken) ->
 
 def _drawing(count: int) -> Iterator[Measure]:
     """From a spawned world to the last byte of its picture."""
-    with Stage(KnowledgeBase(), NullEngine()) as stage:
+    with Simulation(KnowledgeBase(), NullEngine()) as stage:
         stage.spawn(_field(count, alike=True), timeout_s=120.0)
-        with Viewport(stage, port=0) as viewport:
+        with Viewer(stage, port=0) as viewport:
             start = time.perf_counter()
-            _wait_until(lambda: len(viewport._scene.looks) == count)
+            _wait_until(lambda: len(viewport._scene.appearances) == count)
             yield Measure(what=f"{count:,} bodies of five kinds: ready to be seen", ours=time.perf_counter() - start)
             with _visitors(viewport.url, 1) as taken:
                 yield Measure(what="the whole of it on the wire", ours=taken.settled() / 1e6, unit="MB")
@@ -102,7 +102,7 @@ def _edit_seen_by_another() -> Measure:
     """From one visitor's edit of the kitchen until another one is told, while time passes."""
     knowledge = KnowledgeBase()
     knowledge.load([bundled_kitchen()])
-    with Stage(knowledge, MujocoEngine()) as stage, Viewport(stage, port=0) as viewport:
+    with Simulation(knowledge, MujocoEngine()) as stage, Viewer(stage, port=0) as viewport:
         mug = next(body.id for body in stage.knowledge.world().bodies if "mug" in body.id)
         stage.spawn()
         stage.play()
@@ -138,7 +138,7 @@ def _cost_of_visitors() -> Measure:
     """How much longer the kitchen's world takes to be stepped while ten watch."""
     knowledge = KnowledgeBase()
     knowledge.load([bundled_kitchen()])
-    with Stage(knowledge, MujocoEngine()) as stage, Viewport(stage, port=0) as viewport:
+    with Simulation(knowledge, MujocoEngine()) as stage, Viewer(stage, port=0) as viewport:
         stage.spawn()
         stage.step(2.0)
         alone, watched = [], []
@@ -156,15 +156,15 @@ def _cost_of_visitors() -> Measure:
     )
 
 
-def _stepped(stage: Stage, world: World) -> float:
+def _stepped(stage: Simulation, world: World) -> float:
     """How long the world takes while all of its handles are pulled to and fro, so that much is seen to move [s]."""
-    movable = {body.id for body in world.bodies if body.physics.simulates}
+    movable = {body.id for body in world.bodies if body.physics.is_dynamic}
     handles = [hold.child for hold in world.attachments if hold.parent in movable]
     start = time.perf_counter()
     for way in (0.3, -0.3, 0.3, -0.3):
         for handle in handles:
             x, y, z = world.body(handle).pose.position
-            stage.grip(handle, point=(0.0, 0.0, 0.0), target=(x + way, y + way, z))
+            stage.pull(handle, point=(0.0, 0.0, 0.0), target=(x + way, y + way, z))
         stage.step(STEPPED_S / 4)
     stage.release()
     return time.perf_counter() - start
@@ -192,10 +192,10 @@ def _empty_picture() -> float:
     with redirect_stdout(StringIO()):
         server = viser.ViserServer(port=0, verbose=False)
     try:
-        with Browser(size=(1280, 800)) as browser:
-            browser.go(f"http://127.0.0.1:{server.get_port()}/?fixedDpr=1")
+        with HeadlessBrowser(size=(1280, 800)) as browser:
+            browser.navigate(f"http://127.0.0.1:{server.get_port()}/?fixedDpr=1")
             _wait_until(server.get_clients)
-            browser.picture()
+            browser.screenshot()
     finally:
         with redirect_stdout(StringIO()):
             server.stop()
@@ -217,7 +217,7 @@ def _field(count: int, *, alike: bool) -> World:
                 cls=cls,
                 pose=Pose((float(row), float(column), 0.2)),
                 size=(extent, extent, extent),
-                physics=Physics(mobility=Mobility.DYNAMIC, mass_kg=1.0),
+                physics=BodyPhysics(mobility=Mobility.DYNAMIC, mass_kg=1.0),
             )
         )
     return World(iri=Iri("http://example.org/field.owl#map"), bodies=tuple(bodies))

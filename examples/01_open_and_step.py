@@ -6,6 +6,6 @@ with ms.open("bundled:kitchen") as sim:  # or the path of an .owl, .ttl or .urdf
     print(sim)
     print(sim.reports[0])  # what could not be spawned, and what was assumed
     sim.step(1.0)  # simulated time [s]
-    print(f"{sim.frame.time_s:.1f} s have passed")
-    mug = sim.log().body("coffee_mug_1")
+    print(f"{sim.state.time_s:.1f} s have passed")
+    mug = sim.snapshot().body("coffee_mug_1")
     print(mug.id, "is at", [round(part, 3) for part in mug.pose.position])

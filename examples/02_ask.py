@@ -5,7 +5,7 @@ import mindstage as ms
 with ms.open("bundled:kitchen", engine="null") as sim:
     for answer in sim.ask("storage_place_in_environment", item="CowsMilk"):
         print("milk is kept in", answer.individual)
-        for line in sim.knowledge.why("storage_place_in_environment", answer):
+        for line in sim.knowledge.explain("storage_place_in_environment", answer):
             print("   because", line)
 
     for answer in sim.ask("where_is", relation="on", other="table"):
@@ -13,4 +13,4 @@ with ms.open("bundled:kitchen", engine="null") as sim:
         assert answer.relation == "on"  # enumerations compare equal to their words
 
     nothing = sim.ask("storage_place", item="Radiator")
-    print(nothing, "-", nothing.missing[0].why)
+    print(nothing, "-", nothing.missing[0].reason)

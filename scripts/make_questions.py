@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from mindstage.knowledge import KnowledgeBase, bundled_kitchen
-from mindstage.knowledge.questions import Answers, Question, cell_text, questions
+from mindstage.knowledge.questions import Answers, Question, cell_text, list_questions
 
 __all__ = ["main"]
 
@@ -30,7 +30,7 @@ mindstage ask storage_place CowsMilk --map bundled:kitchen
     knowledge.ask("storage_place", item="CowsMilk")
 
 Arguments are positional or named (`item=CowsMilk`). Arguments that are left out are the unknowns; `_` leaves out a
-positional one. Names are short (`CowsMilk`), prefixed (`knowrob:CowsMilk`) or full IRIs; the name of a class stands for
+positional one. Names are short (`CowsMilk`), prefixed (`knowrob_iri:CowsMilk`) or full IRIs; the name of a class stands for
 an individual if the class has exactly one. `--why` (`knowledge.why(question, row)`) explains an answer. Without an
 answer, `missing` lists the statements that would give one; `knowledge.tell` and `knowledge.retract` change them.
 
@@ -42,12 +42,12 @@ def page() -> str:
     """The whole document."""
     kb = KnowledgeBase()
     kb.load(bundled_kitchen())
-    return "\n".join([HEAD, *(line for each in questions() for line in section(kb, each))])
+    return "\n".join([HEAD, *(line for each in list_questions() for line in section(kb, each))])
 
 
 def section(kb: KnowledgeBase, question: Question[Any]) -> Iterator[str]:
     """One question."""
-    arguments = ", ".join(f"`{argument.name}` ({argument.kind_text})" for argument in question.arguments)
+    arguments = ", ".join(f"`{argument.name}` ({argument.type_text})" for argument in question.arguments)
     columns = ", ".join(f"`{name}`" for name in question.columns)
     yield from (f"## {question.name}", "", question.text, "")
     yield from (f"- arguments: {arguments}", f"- answers: {columns}", "")
@@ -63,7 +63,7 @@ def told(kb: KnowledgeBase, answers: Answers[Any]) -> Iterator[str]:
         cells = ((name, cell_text(getattr(row, name))) for name in answers.question.columns)
         yield ", ".join(f"{name} {short(cell)}" for name, cell in cells if cell not in {None, ""})
         if at == 0:
-            yield from (f"    why: {line}" for line in kb.why(answers.question, row))
+            yield from (f"    why: {line}" for line in kb.explain(answers.question, row))
     if not answers:
         yield "no answer"
     if len(answers) > SHOWN:

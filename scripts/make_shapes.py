@@ -21,9 +21,9 @@ from PIL import Image
 from pyoxigraph import NamedNode
 
 from mindstage.knowledge import KnowledgeBase
-from mindstage.shapes import DESIGNS, Design
-from mindstage.shapes.fitting import forms_for
-from mindstage.world import Body, BodyId, Form, Iri, Pose, Surface, Vector, World
+from mindstage.shapes import SHAPE_TEMPLATES, ShapeTemplate
+from mindstage.shapes.fitting import fit_geometry
+from mindstage.world import Body, BodyGeometry, BodyId, Iri, PbrMaterial, Pose, Vector, World
 
 DOCS = Path(__file__).resolve().parent.parent / "docs"
 PAGE = DOCS / "reference" / "shapes.md"
@@ -136,7 +136,7 @@ class Seen(NamedTuple):
     """A class and what its things look like."""
 
     name: str
-    form: Form
+    form: BodyGeometry
 
 
 def main() -> int:
@@ -157,16 +157,16 @@ def main() -> int:
 
 def all_seen(knowledge: KnowledgeBase) -> list[Seen]:
     """Every class that a map may hold, with the form of a body of it, kind by kind."""
-    kinds = list(DESIGNS)
+    kinds = list(SHAPE_TEMPLATES)
     seen = [look(knowledge, body(knowledge, cls)) for cls in physical(knowledge)]
-    return sorted(seen, key=lambda one: (kinds.index(one.form.kind), one.name.lower()))
+    return sorted(seen, key=lambda one: (kinds.index(one.form.shape_name), one.name.lower()))
 
 
 def look(knowledge: KnowledgeBase, body: Body) -> Seen:
     """What a body gets that stands by itself, its face towards the middle of the place."""
     there = Body(id=BodyId("there"), iri=Iri("urn:shapes:there"), cls=CUBE, pose=THERE, size=ELSE_M)
-    fitted = forms_for(World(iri=Iri("urn:shapes:all"), name="shapes", bodies=(body, there)), knowledge)
-    return Seen(body.id, fitted.forms[body.id])
+    fitted = fit_geometry(World(iri=Iri("urn:shapes:all"), name="shapes", bodies=(body, there)), knowledge)
+    return Seen(body.id, fitted.geometry[body.id])
 
 
 def physical(knowledge: KnowledgeBase) -> list[Iri]:
@@ -181,7 +181,7 @@ def body(knowledge: KnowledgeBase, cls: Iri) -> Body:
     """Something of a class, in the size that is typical or usual for it."""
     rule = knowledge.shape_rule(cls)
     name = cls.rpartition("#")[2]
-    usual = FLAT_M if name.endswith(FLAT) else USUAL_M.get(rule.kind, ELSE_M)
+    usual = FLAT_M if name.endswith(FLAT) else USUAL_M.get(rule.shape_type, ELSE_M)
     if style := rule.parameters.get("style"):
         usual = LAMPS_M.get(str(style), usual)
     return Body(id=BodyId(name), iri=Iri(f"urn:shapes:{name}"), cls=cls, pose=Pose(), size=rule.size or usual)
@@ -192,7 +192,7 @@ def body(knowledge: KnowledgeBase, cls: Iri) -> Body:
 
 def modules() -> list[ModuleType]:
     """The modules of kinds, in the order in which the kinds are listed."""
-    found = [inspect.getmodule(design) for design in DESIGNS.values()]
+    found = [inspect.getmodule(design) for design in SHAPE_TEMPLATES.values()]
     return [module for module, _ in groupby(module for module in found if module is not None)]
 
 
@@ -200,23 +200,23 @@ def chapter(module: ModuleType, seen: list[Seen]) -> Iterator[str]:
     """One module's kinds, and the picture of all classes that have them."""
     title, _, text = (module.__doc__ or "").partition("\n")[0].partition(": ")
     yield from (f"## {title}", "", f"{text[:1].upper()}{text[1:]}", "")
-    here = [design for design in DESIGNS.values() if inspect.getmodule(design) is module]
+    here = [design for design in SHAPE_TEMPLATES.values() if inspect.getmodule(design) is module]
     for design in here:
         yield from section(design)
-    names = [one for one in seen if DESIGNS[one.form.kind] in here]
+    names = [one for one in seen if SHAPE_TEMPLATES[one.form.shape_name] in here]
     if names:
         yield from ("", f"![{title}](../images/shapes/{short_name(module)}.png)", "")
     for design in here:
-        if classes := [one.name for one in names if one.form.kind == design.kind()]:
-            yield f"- as a {design.kind()}: {', '.join(classes)}"
+        if classes := [one.name for one in names if one.form.shape_name == design.shape_name()]:
+            yield f"- as a {design.shape_name()}: {', '.join(classes)}"
     yield ""
 
 
-def section(design: type[Design]) -> Iterator[str]:
+def section(design: type[ShapeTemplate]) -> Iterator[str]:
     """One kind: what it is, its parameters and its roles."""
     parameters = ", ".join(f"`{field.name}` {told(field.default)}" for field in msgspec.structs.fields(design))
     roles = ", ".join(f"`{role}`{told_role(surface)}" for role, surface in design.roles.items())
-    yield f"- **{design.kind()}**. {(inspect.getdoc(design) or '').splitlines()[0]}"
+    yield f"- **{design.shape_name()}**. {(inspect.getdoc(design) or '').splitlines()[0]}"
     yield f"  {f'Parameters: {parameters}. ' if parameters else ''}Roles: {roles}."
 
 
@@ -234,9 +234,9 @@ def told(value: Any) -> str:
     return str(getattr(value, "value", value))
 
 
-def told_role(surface: Surface | str) -> str:
+def told_role(surface: PbrMaterial | str) -> str:
     """What a role is unless somebody says."""
-    return f" (as {surface})" if isinstance(surface, str) else f" ({surface.material})" if surface.material else ""
+    return f" (as {surface})" if isinstance(surface, str) else f" ({surface.name})" if surface.name else ""
 
 
 def short_name(module: ModuleType) -> str:
@@ -250,7 +250,7 @@ def draw(module: ModuleType, seen: list[Seen]) -> None:
     painted: dict[str, Image.Image] = {}
     pictures = []
     for one in seen:
-        if inspect.getmodule(DESIGNS[one.form.kind]) is module:
+        if inspect.getmodule(SHAPE_TEMPLATES[one.form.shape_name]) is module:
             if one.form.key not in painted:
                 painted[one.form.key] = painter.picture(one.form)
             pictures.append((one.name, painted[one.form.key]))

@@ -1,4 +1,4 @@
-"""Photographs a map in Godot, with what a question finds lit: `scripts/photograph_godot.py MAP -o picture.png`.
+"""Photographs a map in Godot, with what a question finds lit: `scripts/photograph_godot.py MAP -o screenshot.png`.
 
 It needs Godot and, without a screen, Xvfb: `xvfb-run -a python scripts/photograph_godot.py …`. The processor draws, so
 no GPU is needed either.
@@ -11,8 +11,8 @@ import os
 import sys
 from pathlib import Path
 
-from mindstage import KnowledgeBase, Stage
-from mindstage.cli.opening import open_up
+from mindstage import KnowledgeBase, Simulation
+from mindstage.cli.opening import pull_open
 from mindstage.engines import GodotEngine
 from mindstage.errors import MindstageError
 from mindstage.world import BodyId, Vector
@@ -27,19 +27,21 @@ def main() -> int:
     try:
         knowledge = KnowledgeBase()
         knowledge.load([arguments.map], ontologies=arguments.ontology)
-        godot = GodotEngine(os.environ.get("GODOT"), window=True, options=OPTIONS, timeout_s=120.0, start_s=120.0)
-        with Stage(knowledge, godot, timeout_s=120.0) as stage:
+        godot = GodotEngine(
+            os.environ.get("GODOT"), window=True, options=OPTIONS, timeout_s=120.0, start_timeout_s=120.0
+        )
+        with Simulation(knowledge, godot, timeout_s=120.0) as stage:
             report = stage.spawn()
             print(f"{report.bodies} bodies in Godot {godot.version}", file=sys.stderr)
-            open_up(stage, knowledge.world(), arguments.open)
+            pull_open(stage, knowledge.world(), arguments.open)
             if arguments.light:
                 stage.highlight(arguments.light, LIT)
-            stage.call(
-                lambda engine: godot.photograph(
+            stage.run_on_engine(
+                lambda engine: godot.screenshot(
                     arguments.output, eye=arguments.eye, target=arguments.target,
                     size=(arguments.width, arguments.height), fov_deg=arguments.fov,
                 ),
-                what="photograph", timeout_s=120.0,
+                label="photograph", timeout_s=120.0,
             )  # fmt: skip
     except MindstageError as error:
         print(error, file=sys.stderr)

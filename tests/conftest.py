@@ -66,11 +66,11 @@ def godot(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     to prepare.
     """
     from mindstage.engines.godot import find_godot
-    from mindstage.errors import EngineUnavailable
+    from mindstage.errors import EngineUnavailableError
 
     try:
         program = find_godot(os.environ.get("GODOT")).path
-    except EngineUnavailable as error:
+    except EngineUnavailableError as error:
         _missing(str(error))
     beside = "PYTEST_XDIST_WORKER" in os.environ
     folder = tmp_path_factory.getbasetemp().parent if beside else tmp_path_factory.getbasetemp()

@@ -5,20 +5,20 @@ from __future__ import annotations
 from math import pi
 
 from mindstage.world import (
-    AngularMotion,
+    AngularLimits,
     Attachment,
+    AxisMotion,
     Body,
     BodyId,
-    Constraint,
-    Fact,
+    BodyPhysics,
     Iri,
-    LinearMotion,
+    Joint,
+    LinearLimits,
     Literal,
     Mobility,
-    Motion,
-    Physics,
+    NamedResource,
     Pose,
-    Resource,
+    PropertyAssertion,
     Tag,
     Vector,
     World,
@@ -49,29 +49,33 @@ def kitchenette() -> World:
             _furniture("FridgeHandle", "Handle", (1.64, 0.75, 1.0), (0.04, 0.02, 0.3), Mobility.KINEMATIC, 0.2),
             _furniture("Mug", "Cup", (2.0, 0.0, 0.85), (0.08, 0.08, 0.1), Mobility.DYNAMIC, 0.3),
         ),
-        constraints=(
-            Constraint(
+        joints=(
+            Joint(
                 id=BodyId("DrawerSlide"),
                 iri=Iri(MAP + "DrawerSlide"),
                 parent=BodyId("Cupboard"),
                 child=BodyId("Drawer"),
                 pose=Pose((1.95, 0.0, 0.65)),
-                linear=LinearMotion(x=Motion.LIMITED, limit=0.45),
+                linear=LinearLimits(x=AxisMotion.LIMITED, limit=0.45),
             ),
-            Constraint(
+            Joint(
                 id=BodyId("FridgeHinge"),
                 iri=Iri(MAP + "FridgeHinge"),
                 parent=BodyId("Fridge"),
                 child=BodyId("FridgeDoor"),
                 pose=Pose((1.68, 1.3, 0.9)),
-                angular=AngularMotion(swing1=Motion.LIMITED, swing1_limit=pi / 4),
+                angular=AngularLimits(swing1=AxisMotion.LIMITED, swing1_limit=pi / 4),
             ),
         ),
         attachments=(
             Attachment(parent=BodyId("Drawer"), child=BodyId("DrawerHandle")),
             Attachment(parent=BodyId("FridgeDoor"), child=BodyId("FridgeHandle")),
         ),
-        resources=(Resource(Iri(KNOWROB + "Handle"), (Fact(Iri(RDFS + "comment"), Literal("made to be held")),)),),
+        resources=(
+            NamedResource(
+                Iri(KNOWROB + "Handle"), (PropertyAssertion(Iri(RDFS + "comment"), Literal("made to be held")),)
+            ),
+        ),
     )
 
 
@@ -84,6 +88,6 @@ def _furniture(
         cls=Iri(KNOWROB + cls),
         pose=Pose(position),
         size=size,
-        physics=Physics(mobility=mobility, gravity=True, overlap_events=False, mass_kg=mass_kg),
+        physics=BodyPhysics(mobility=mobility, gravity=True, overlap_events=False, mass_kg=mass_kg),
         tags=(Tag(type="SemLog", key="Class", value=cls), Tag(type="SemLog", key="Id", value=id)),
     )

@@ -10,18 +10,18 @@ from pathlib import Path
 import pytest
 
 import mindstage as ms
-from mindstage.bridge import Hub, Server
+from mindstage.bridge import LocalNode, RosbridgeServer
 from mindstage.engines import NullEngine
 from mindstage.errors import (
-    ArgumentRefused,
-    EngineUnavailable,
-    MapMissing,
-    MapUnwritable,
-    SourceUnreadable,
-    StageError,
+    EngineUnavailableError,
+    InvalidArgumentError,
+    MapNotFoundError,
+    MapWriteError,
+    SimulationError,
+    SourceParseError,
 )
-from mindstage.knowledge import Conventions, KnowledgeBase, save_map
-from mindstage.ros import RosFace
+from mindstage.knowledge import KnowledgeBase, UnitConventions, save_map
+from mindstage.ros import RosInterface
 from mindstage.world import Iri, World
 from tests.kitchenette import kitchenette
 
@@ -37,7 +37,7 @@ def test_the_loop_of_the_readme_works(tmp_path: Path) -> None:
     with ms.open("bundled:kitchen") as sim:
         sim.step(0.1)
         for answer in sim.ask("storage_place", item="CowsMilk"):
-            assert sim.highlight(answer.individual, color="green").lit == ("fridge",)
+            assert sim.highlight(answer.individual, color="green").highlighted == ("fridge",)
         assert sim.joint("fridge_door").open()
         page = ms.view(sim, port=0)
         assert page.url.startswith("http://127.0.0.1:")
@@ -52,9 +52,9 @@ def test_the_loop_of_the_readme_works(tmp_path: Path) -> None:
 def test_opening_spawns_the_map_in_any_engine(engine: object, map_path: Path) -> None:
     with ms.open(map_path, engine=engine) as sim:  # type: ignore[arg-type]
         assert sim.reports[0].ok
-        assert set(sim.frame.ids) == {body.id for body in kitchenette().bodies}
-    with pytest.raises(StageError):
-        sim.log()
+        assert set(sim.state.ids) == {body.id for body in kitchenette().bodies}
+    with pytest.raises(SimulationError):
+        sim.snapshot()
 
 
 def test_several_maps_are_spawned_together_or_the_one_that_is_named(map_path: Path, tmp_path: Path) -> None:
@@ -64,24 +64,24 @@ def test_several_maps_are_spawned_together_or_the_one_that_is_named(map_path: Pa
         assert len(sim.worlds) == 2
     with ms.open([map_path, str(tmp_path / "other.owl")], map_name="Other", engine="null") as sim:
         assert [world.iri for world in sim.worlds] == [other.iri]
-        assert sim.frame.ids == ()
+        assert sim.state.ids == ()
 
 
 def test_without_a_map_the_simulation_is_empty() -> None:
     with ms.open(engine="null") as sim:
-        assert (sim.worlds, sim.frame.ids) == ((), ())
+        assert (sim.worlds, sim.state.ids) == ((), ())
 
 
 def test_what_fails_to_open_leaves_nothing_running(map_path: Path, tmp_path: Path) -> None:
     engine = NullEngine()
-    with pytest.raises(SourceUnreadable):
+    with pytest.raises(SourceParseError):
         ms.open(tmp_path / "nothing.owl", engine=engine)
     assert engine._closed
-    with pytest.raises(MapMissing):
+    with pytest.raises(MapNotFoundError):
         ms.open(map_path, map_name="Nowhere", engine="null")
-    with pytest.raises(EngineUnavailable, match="no engine of that name"):
+    with pytest.raises(EngineUnavailableError, match="no engine of that name"):
         ms.open(map_path, engine="bullet")
-    with pytest.raises(SourceUnreadable, match="no such folder"):
+    with pytest.raises(SourceParseError, match="no such folder"):
         ms.open(map_path, engine="null", assets=tmp_path / "no-meshes")
 
 
@@ -98,9 +98,9 @@ def test_loading_gives_the_world_of_the_map(map_path: Path) -> None:
 
 
 def test_conventions_are_given_once_or_for_each_map(map_path: Path) -> None:
-    assert ms.load(map_path, conventions=Conventions()) == ms.load(map_path, conventions=[Conventions()])
-    with pytest.raises(ArgumentRefused, match="there are 2 for 1 maps"):
-        ms.load(map_path, conventions=[Conventions(), Conventions()])
+    assert ms.load(map_path, conventions=UnitConventions()) == ms.load(map_path, conventions=[UnitConventions()])
+    with pytest.raises(InvalidArgumentError, match="there are 2 for 1 maps"):
+        ms.load(map_path, conventions=[UnitConventions(), UnitConventions()])
 
 
 @pytest.mark.parametrize(
@@ -125,15 +125,15 @@ def test_a_simulation_and_a_world_are_saved_alike(map_path: Path, tmp_path: Path
 
 
 def test_what_cannot_be_saved_is_refused_and_leaves_no_file(tmp_path: Path) -> None:
-    with pytest.raises(MapUnwritable, match="stands for no format"):
+    with pytest.raises(MapWriteError, match="stands for no format"):
         ms.save(kitchenette(), tmp_path / "x.docx")
-    with pytest.raises(ArgumentRefused, match="glb has no dialects"):
+    with pytest.raises(InvalidArgumentError, match="glb has no dialects"):
         ms.save(kitchenette(), tmp_path / "x.glb", dialect="soma")
-    with pytest.raises(ArgumentRefused, match="use one of"):
+    with pytest.raises(InvalidArgumentError, match="use one of"):
         ms.save(kitchenette(), tmp_path / "x.owl", dialect="klingon")
-    with pytest.raises(ArgumentRefused, match="use one of"):
+    with pytest.raises(InvalidArgumentError, match="use one of"):
         ms.save(kitchenette(), tmp_path / "x.owl", format="docx")
-    with pytest.raises(ArgumentRefused, match="knowledge base"):
+    with pytest.raises(InvalidArgumentError, match="knowledge base"):
         ms.save(kitchenette(), tmp_path / "x.owl", dialect="same")
     assert not list(tmp_path.iterdir())
 
@@ -154,30 +154,30 @@ def test_a_page_closes_with_its_simulation(map_path: Path) -> None:
         assert page.url in page._repr_html_()
         blocked = ms.view(sim, port=0, block=True, duration_s=0.3)
         assert "closed" in repr(blocked)
-        assert not sim.frame.playing
-        assert sim.frame.time_s > 0.0, "it plays while it blocks"
+        assert not sim.state.playing
+        assert sim.state.time_s > 0.0, "it plays while it blocks"
     assert "closed" in repr(page)
 
 
 def test_connecting_reaches_the_simulation_that_is_served(map_path: Path) -> None:
-    with ms.open(map_path, engine="mujoco") as served, Hub() as hub, Server(hub, port=0) as server:
-        face = RosFace(served, hub, namespace="far")
+    with ms.open(map_path, engine="mujoco") as served, LocalNode() as hub, RosbridgeServer(hub, port=0) as server:
+        face = RosInterface(served, hub, namespace="far")
         url = f"{server.url.replace('ws://', 'ros://')}/far"
         with ms.connect(url, map_path) as sim:
-            assert set(sim.frame.ids) == set(served.frame.ids)
+            assert set(sim.state.ids) == set(served.state.ids)
             sim.highlight("Mug", "red")
-            assert "Mug" in served.frame.highlights
+            assert "Mug" in served.state.highlights
             assert sim.ask("where_is", thing="Mug", relation="on")[0].other.endswith("#Cupboard")
             assert sim.joint("Drawer").open()
             assert served.joint("Drawer").openness > 0.9
             sim.joint("Drawer").close()
         with ms.connect(url) as again:  # its zero is where the joint was spawned there, not where it is now
             assert served.joint("Drawer").open()
-            again.call(lambda engine: None)
+            again.run_on_engine(lambda engine: None)
             assert again.joint("Drawer").openness > 0.9
         assert not served.closed
         face.close()
-    with pytest.raises(EngineUnavailable):
+    with pytest.raises(EngineUnavailableError):
         ms.connect(url, timeout_s=0.5)
 
 

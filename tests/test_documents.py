@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 
 from mindstage.cli.app import app
 from mindstage.knowledge import bundled_kitchen, bundled_ontology
-from tests.knowledge.serving import Server
+from tests.knowledge.serving import SparqlServer
 
 ROOT = Path(__file__).resolve().parent.parent
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -79,9 +79,9 @@ def test_the_shell_about_asking_ends_as_it_says(
 ) -> None:
     """One line after the other, in one folder; the server is a real one elsewhere."""
     monkeypatch.chdir(tmp_path)
-    server = Server(oxigraph)
+    server = SparqlServer(oxigraph)
     try:
-        server.put(bundled_kitchen(), bundled_ontology())
+        server.load_files(bundled_kitchen(), bundled_ontology())
         for line in "".join([*blocks("sh", ASKING), *blocks("sh", STORES)]).splitlines():
             command, _, promise = line.partition("  # ends with ")
             code, _, said = promise.partition(": ")

@@ -8,55 +8,58 @@ import pickle
 import pytest
 
 from mindstage.errors import (
-    BodyUnknown,
-    BrowserUnavailable,
-    ColourUnknown,
-    EndpointRefused,
-    EngineTimedOut,
-    MapAmbiguous,
-    MapMissing,
-    MapRefused,
-    MessageRefused,
+    AmbiguousMapError,
+    AmbiguousNameError,
+    BodyNotFoundError,
+    BrowserNotFoundError,
+    EndpointError,
+    EngineTimeoutError,
+    InvalidColorError,
+    InvalidRequestError,
+    MapNotFoundError,
+    MapRejectedError,
+    MessageValidationError,
     MindstageError,
-    NameAmbiguous,
-    NothingToUndo,
-    QuestionUnknown,
-    RequestRefused,
-    ServiceUnknown,
-    ShapeUnknown,
-    SourceUnreadable,
+    NothingToUndoError,
+    QuestionNotFoundError,
+    ServiceNotFoundError,
+    ShapeNotFoundError,
+    SourceParseError,
     WorldError,
-    near,
+    closest_names,
     suggestion,
 )
 
 MESSAGES: list[tuple[MindstageError, str]] = [
-    (BodyUnknown("cupp", known=["cup", "pot"], world="kitchen"), "no body 'cupp' in 'kitchen'; near: 'cup'"),
-    (BodyUnknown("{x}", known=iter(["table"])), "no body '{x}'"),
-    (NothingToUndo(again=True), "there is nothing to redo"),
-    (SourceUnreadable("a.owl", cause="{broken", line=3), "cannot read a.owl, line 3: {broken"),
-    (MapMissing(wanted="a", known=["b", "c"]), "no map 'a'; there is b, c"),
-    (MapMissing(wanted="a.owl"), "no semantic map in a.owl: nothing there is a knowrob:SemanticEnvironmentMap"),
-    (MapAmbiguous(["a", "b"]), "2 maps are loaded (a, b); name one of them"),
-    (MapRefused("m", findings=["odd"]), "m is refused for 1 finding: odd; fix them, or leave out --strict"),
+    (BodyNotFoundError("cupp", known=["cup", "pot"], world="kitchen"), "no body 'cupp' in 'kitchen'; near: 'cup'"),
+    (BodyNotFoundError("{x}", known=iter(["table"])), "no body '{x}'"),
+    (NothingToUndoError(redo=True), "there is nothing to redo"),
+    (SourceParseError("a.owl", cause="{broken", line=3), "cannot read a.owl, line 3: {broken"),
+    (MapNotFoundError(requested="a", known=["b", "c"]), "no map 'a'; there is b, c"),
     (
-        NameAmbiguous("cup", kind="class", known=["a#cup", "b#cup"]),
+        MapNotFoundError(requested="a.owl"),
+        "no semantic map in a.owl: nothing there is a knowrob:SemanticEnvironmentMap",
+    ),
+    (AmbiguousMapError(["a", "b"]), "2 maps are loaded (a, b); name one of them"),
+    (MapRejectedError("m", findings=["odd"]), "m is refused for 1 finding: odd; fix them, or leave out --strict"),
+    (
+        AmbiguousNameError("cup", entity_type="class", candidates=["a#cup", "b#cup"]),
         "'cup' may be any of 2 class names: a#cup, b#cup; give one of them in full",
     ),
-    (QuestionUnknown("zzz", known={"what_is": 0}.keys()), "no question 'zzz'; there is what_is"),
-    (QuestionUnknown("what_i", known=["what_is"]), "no question 'what_i'; near: 'what_is'"),
-    (ShapeUnknown("zzz", known=["mug", "bag"]), "no shape 'zzz'; there is bag, mug"),
-    (EndpointRefused("e", cause="c", remedy="r", status=400), "the endpoint e returned an error: c; r"),
+    (QuestionNotFoundError("zzz", known={"what_is": 0}.keys()), "no question 'zzz'; there is what_is"),
+    (QuestionNotFoundError("what_i", known=["what_is"]), "no question 'what_i'; near: 'what_is'"),
+    (ShapeNotFoundError("zzz", known=["mug", "bag"]), "no shape 'zzz'; there is bag, mug"),
+    (EndpointError("e", cause="c", remedy="r", status=400), "the endpoint e returned an error: c; r"),
     (
-        EngineTimedOut("mujoco", call="step", timeout_s=0.5),
+        EngineTimeoutError("mujoco", call="step", timeout_s=0.5),
         "the engine 'mujoco' did not answer step within 0.5 s; "
         "it may have been executed all the same: check the poses, or increase the timeout",
     ),
-    (ServiceUnknown("/a", known=[]), "Service /a does not exist"),
-    (MessageRefused("Pose", path="x.y", cause="c"), "Pose: x.y: c"),
-    (ColourUnknown("x", known=["red"]), "no color 'x'; there is red, #rrggbb, or r,g,b from 0 to 1"),
-    (BrowserUnavailable("none", known=["/usr/bin/x"]), "a browser is needed to take pictures: none"),
-    (RequestRefused("x", cause="c"), "x is not a valid request: c; reload the page"),
+    (ServiceNotFoundError("/a", known=[]), "Service /a does not exist"),
+    (MessageValidationError("Pose", path="x.y", cause="c"), "Pose: x.y: c"),
+    (InvalidColorError("x", known=["red"]), "no color 'x'; there is red, #rrggbb, or r,g,b from 0 to 1"),
+    (BrowserNotFoundError("none", searched=["/usr/bin/x"]), "a browser is needed to take pictures: none"),
+    (InvalidRequestError("x", cause="c"), "x is not a valid request: c; reload the page"),
     (WorldError("just a text"), "just a text"),
 ]
 
@@ -77,18 +80,18 @@ def test_an_error_can_be_pickled_and_copied(error: MindstageError, message: str)
 
 
 def test_an_error_keeps_no_list_of_every_body() -> None:
-    assert vars(BodyUnknown("cupp", known=["cup"] * 10_000)) == {"body": "cupp", "world": "", "near": ("cup",)}
+    assert vars(BodyNotFoundError("cupp", known=["cup"] * 10_000)) == {"body": "cupp", "world": "", "near": ("cup",)}
 
 
 def test_equal_facts_do_not_make_equal_errors() -> None:
-    one, other = BodyUnknown("x"), BodyUnknown("x")
+    one, other = BodyNotFoundError("x"), BodyNotFoundError("x")
     assert one != other
     assert len({one, other}) == 2
 
 
 def test_similar_names_come_before_those_that_contain_it() -> None:
-    assert near("CUP", ["MyTeacup", "cups", "Cup", "table"]) == ("Cup", "cups", "MyTeacup")
-    assert near("cu", ["xcuxxxxxxxxx"]) == ()
+    assert closest_names("CUP", ["MyTeacup", "cups", "Cup", "table"]) == ("Cup", "cups", "MyTeacup")
+    assert closest_names("cu", ["xcuxxxxxxxxx"]) == ()
 
 
 def test_a_suggestion_lists_what_exists_where_nothing_is_similar() -> None:

@@ -8,17 +8,17 @@ from pathlib import Path
 
 import pytest
 
-from mindstage.files import atomic_write, cache_folder
+from mindstage.files import atomic_write, cache_dir
 
 durable_or_not = pytest.mark.parametrize("durable", [False, True])
 
 
 def test_the_cache_lies_where_it_is_wanted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("MINDSTAGE_CACHE", str(tmp_path / "here"))
-    assert cache_folder("meshes") == tmp_path / "here" / "meshes"
+    assert cache_dir("meshes") == tmp_path / "here" / "meshes"
     monkeypatch.delenv("MINDSTAGE_CACHE")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "there"))
-    assert cache_folder("meshes") == tmp_path / "there" / "mindstage" / "meshes"
+    assert cache_dir("meshes") == tmp_path / "there" / "mindstage" / "meshes"
     assert (tmp_path / "there" / "mindstage" / "meshes").is_dir()
 
 

@@ -41,7 +41,7 @@ def test_the_wheel_holds_what_godot_runs(wheel: zipfile.ZipFile) -> None:
     assert wanted <= set(wheel.namelist())
 
 
-def test_the_wheel_says_its_licence(wheel: zipfile.ZipFile) -> None:
+def test_the_wheel_says_its_license(wheel: zipfile.ZipFile) -> None:
     names = wheel.namelist()
     metadata = wheel.read(next(name for name in names if name.endswith("METADATA"))).decode()
     assert "License-Expression: Apache-2.0" in metadata

@@ -9,7 +9,7 @@ from hypothesis import HealthCheck, given, settings
 
 from mindstage.engines import MujocoEngine
 from mindstage.knowledge import KnowledgeBase, bundled_kitchen, save_map
-from mindstage.world import World, difference
+from mindstage.world import World, diff
 from tests.worlds import worlds
 
 
@@ -24,7 +24,7 @@ def there_and_back(world: World, folder: Path, *ontologies: Path) -> World:
     report = engine.spawn(world)
     assert report.ok, report
     path = folder / "logged.owl"
-    save_map(engine.log(), path)
+    save_map(engine.snapshot(), path)
     knowledge = KnowledgeBase(bundled_ontology=False)
     knowledge.load([path], ontologies=ontologies)
     return knowledge.world(world.iri)
@@ -33,7 +33,7 @@ def there_and_back(world: World, folder: Path, *ontologies: Path) -> World:
 @given(world=worlds(max_bodies=4))
 @settings(max_examples=1000, suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large])
 def test_a_thousand_random_worlds_come_back_identical(folder: Path, world: World) -> None:
-    found = difference(world, there_and_back(world, folder))
+    found = diff(world, there_and_back(world, folder))
     assert found.identical(0.0), found
     assert found.lost_facts == 0
 
@@ -46,7 +46,7 @@ def test_a_kitchen_comes_back_identical(folder: Path, name: str, request: pytest
     knowledge = KnowledgeBase(bundled_ontology=False)
     knowledge.load([path])
     world = knowledge.world()
-    found = difference(world, there_and_back(world, folder))
+    found = diff(world, there_and_back(world, folder))
     assert found.identical(0.0), found
     assert found.lost_facts == 0
     assert not found.lost

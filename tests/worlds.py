@@ -18,43 +18,43 @@ from hypothesis.strategies import SearchStrategy
 from msgspec.structs import replace
 
 from mindstage.world import (
-    AngularMotion,
-    Anonymous,
+    AngularLimits,
     Attachment,
+    AxisMotion,
+    BlankNode,
     Body,
     BodyId,
-    Constraint,
-    Fact,
+    BodyPhysics,
     FactValue,
     Iri,
+    IriRef,
+    Joint,
     Light,
-    LightKind,
-    LinearMotion,
+    LightType,
+    LinearLimits,
     Literal,
     Material,
     Mobility,
-    Motion,
-    Physics,
+    NamedResource,
     Pose,
+    PrimitiveShape,
+    PrimitiveType,
+    PropertyAssertion,
     Quaternion,
-    Reference,
-    Resource,
-    Shape,
-    ShapeKind,
-    Soft,
+    SoftLimit,
     Tag,
     Vector,
     World,
 )
-from mindstage.world.comparison_facts import Forms
+from mindstage.world.comparison_facts import StatementCanonicalizer
 from tests.kitchenette import KNOWROB, MAP, RDFS, kitchenette
 
 __all__ = [
-    "anonymous",
+    "blank_nodes",
     "bodies",
-    "constraints",
     "facts",
     "ids",
+    "joints",
     "kitchenette",
     "lights",
     "masses",
@@ -69,7 +69,7 @@ __all__ = [
 ]
 
 A_BODY = BodyId("body")
-LABELS = ("_:b0", "_:b1", "_:b2", "_:b3")
+BLANK_NODE_IDS = ("_:b0", "_:b1", "_:b2", "_:b3")
 AXES = ("swing1", "swing2", "twist")
 TERMS = "http://example.org/terms#"
 XSD = "http://www.w3.org/2001/XMLSchema#"
@@ -93,7 +93,7 @@ def vectors(low: float, high: float) -> SearchStrategy[Vector]:
 
 
 def sizes() -> SearchStrategy[Vector]:
-    """From a millimetre to twenty metres."""
+    """From a millimetre to twenty meters."""
     return vectors(1e-3, 20.0)
 
 
@@ -149,7 +149,12 @@ def tags(*, wild: bool = False) -> SearchStrategy[Tag]:
 PROPERTIES = tuple(
     Iri(name) for name in (TERMS + "near", TERMS + "notes", TERMS + "größe", KNOWROB + "contains", RDFS + "comment")
 )
-THINGS = (Iri(KNOWROB + "Milk"), Iri(TERMS + "thing"), Iri("http://example.org/a/b?c=d&e=f"), Iri("urn:uuid:f81d4fae"))
+NAMED_RESOURCES = (
+    Iri(KNOWROB + "Milk"),
+    Iri(TERMS + "thing"),
+    Iri("http://example.org/a/b?c=d&e=f"),
+    Iri("urn:uuid:f81d4fae"),
+)
 
 
 def _numerals() -> SearchStrategy[Literal]:
@@ -176,23 +181,25 @@ def _literals() -> SearchStrategy[Literal]:
     return st.builds(Literal, texts()) | spoken | _numerals() | st.sampled_from(others)
 
 
-def anonymous(said: Sequence[Fact]) -> Anonymous:
+def blank_nodes(facts: Sequence[PropertyAssertion]) -> BlankNode:
     """A thing without a name, its facts in order."""
-    return Anonymous(tuple(sorted(said, key=lambda fact: (fact.property, msgspec.json.encode(fact.value)))))
+    return BlankNode(tuple(sorted(facts, key=lambda fact: (fact.property, msgspec.json.encode(fact.value)))))
 
 
 @cache
 def facts(
     names: tuple[str, ...] = (), *, min_size: int = 0, max_size: int = 3, nested: int = 1
-) -> SearchStrategy[tuple[Fact, ...]]:
+) -> SearchStrategy[tuple[PropertyAssertion, ...]]:
     """Facts about one thing, no two of which say the same; `names` are things that they may mention."""
-    references = st.sampled_from((*map(Iri, names), *THINGS)).map(Reference)
+    references = st.sampled_from((*map(Iri, names), *NAMED_RESOURCES)).map(IriRef)
     values: SearchStrategy[FactValue] = references | _literals()
     if nested:
-        values = values | facts(names, max_size=2, nested=nested - 1).map(anonymous)
-    one = st.builds(Fact, st.sampled_from(PROPERTIES), values)
-    forms = Forms()
-    return st.lists(one, min_size=min_size, max_size=max_size, unique_by=lambda fact: forms.number(fact, {})).map(tuple)
+        values = values | facts(names, max_size=2, nested=nested - 1).map(blank_nodes)
+    one = st.builds(PropertyAssertion, st.sampled_from(PROPERTIES), values)
+    forms = StatementCanonicalizer()
+    return st.lists(one, min_size=min_size, max_size=max_size, unique_by=lambda fact: forms.canonical_id(fact, {})).map(
+        tuple
+    )
 
 
 # -- things ------------------------------------------------------------------------------------------------------------
@@ -200,15 +207,15 @@ def facts(
 
 def materials() -> SearchStrategy[Material]:
     """Named surfaces."""
-    colour = st.none() | vectors(0.0, 1.0)
-    return st.builds(Material, name=texts(min_size=1), path=st.just("") | texts(), colour=colour)
+    color = st.none() | vectors(0.0, 1.0)
+    return st.builds(Material, name=texts(min_size=1), path=st.just("") | texts(), color=color)
 
 
-def physics() -> SearchStrategy[Physics]:
+def physics() -> SearchStrategy[BodyPhysics]:
     """All mobilities, and all that a map may leave out."""
     told = st.sampled_from((None, False, True))
     mobility = st.sampled_from((None, *Mobility))
-    return st.builds(Physics, mobility=mobility, gravity=told, overlap_events=told, mass_kg=masses())
+    return st.builds(BodyPhysics, mobility=mobility, gravity=told, overlap_events=told, mass_kg=masses())
 
 
 def bodies(id: BodyId = A_BODY, *, wild_tags: bool = False) -> SearchStrategy[Body]:
@@ -216,9 +223,9 @@ def bodies(id: BodyId = A_BODY, *, wild_tags: bool = False) -> SearchStrategy[Bo
     return _bodies(wild_tags, ()).map(lambda body: replace(body, id=id, iri=Iri(MAP + id)))
 
 
-def constraints(id: BodyId, parent: BodyId, child: BodyId, *, wild_tags: bool = False) -> SearchStrategy[Constraint]:
+def joints(id: BodyId, parent: BodyId, child: BodyId, *, wild_tags: bool = False) -> SearchStrategy[Joint]:
     """Any mix of free, limited and locked axes between two bodies."""
-    return _constraints(wild_tags, ()).map(
+    return _joint_lists(wild_tags, ()).map(
         lambda constraint: replace(constraint, id=id, iri=Iri(MAP + id), parent=parent, child=child)
     )
 
@@ -239,7 +246,7 @@ def _bodies(wild_tags: bool, labels: tuple[str, ...]) -> SearchStrategy[Body]:
         pose=poses(),
         size=st.none() | sizes(),
         mesh=st.sampled_from((None, "Cup", "package://maps/Cup/Cup.dae")) | texts(min_size=1),
-        shape=st.sampled_from((None, *(Shape(kind=kind) for kind in ShapeKind))),
+        shape=st.sampled_from((None, *(PrimitiveShape(type=kind) for kind in PrimitiveType))),
         physics=physics(),
         materials=st.lists(materials(), max_size=2).map(tuple),
         tags=st.lists(tags(wild=wild_tags), max_size=3).map(tuple),
@@ -248,30 +255,30 @@ def _bodies(wild_tags: bool, labels: tuple[str, ...]) -> SearchStrategy[Body]:
 
 
 @cache
-def _constraints(wild_tags: bool, labels: tuple[str, ...]) -> SearchStrategy[Constraint]:
-    motion = st.sampled_from(tuple(Motion))
+def _joint_lists(wild_tags: bool, labels: tuple[str, ...]) -> SearchStrategy[Joint]:
+    motion = st.sampled_from(tuple(AxisMotion))
     limit, angle = (st.just(0.0) | numbers(0.0, high) for high in (10.0, pi))
     middle, turn = (st.just(0.0) | numbers(-high, high) for high in (10.0, pi))
     wording = (("", motion), ("_limit", angle), ("_middle", turn))
-    soft = st.just(Soft()) | st.builds(
-        Soft, enabled=st.booleans(), stiffness=numbers(0.0, 1e4), damping=numbers(0.0, 1e4)
+    soft = st.just(SoftLimit()) | st.builds(
+        SoftLimit, enabled=st.booleans(), stiffness=numbers(0.0, 1e4), damping=numbers(0.0, 1e4)
     )
     return st.builds(
-        Constraint,
+        Joint,
         id=st.just(A_BODY),
         iri=st.just(Iri(MAP + A_BODY)),
         parent=st.just(A_BODY),
         child=st.just(A_BODY),
         pose=poses(),
         linear=st.builds(
-            LinearMotion,
+            LinearLimits,
             **dict.fromkeys(("x", "y", "z"), motion),
             **dict.fromkeys(("x_middle", "y_middle", "z_middle"), middle),
             limit=limit,
             soft=soft,
         ),
         angular=st.builds(
-            AngularMotion,
+            AngularLimits,
             **{f"{axis}{what}": value for axis in AXES for what, value in wording},
             swing_soft=soft,
             twist_soft=soft,
@@ -288,9 +295,9 @@ def _lights(wild_tags: bool, labels: tuple[str, ...]) -> SearchStrategy[Light]:
         Light,
         id=st.just(A_BODY),
         iri=st.just(Iri(MAP + A_BODY)),
-        kind=st.sampled_from(tuple(LightKind)),
+        kind=st.sampled_from(tuple(LightType)),
         pose=poses(),
-        colour=vectors(0.0, 1.0),
+        color=vectors(0.0, 1.0),
         intensity=numbers(0.0, 1e5),
         tags=st.lists(tags(wild=wild_tags), max_size=2).map(tuple),
         facts=facts(labels, max_size=2),
@@ -328,16 +335,16 @@ def worlds(
     everything = count + joints + lamps
     drawn = draw(st.lists(ids().filter("map".__ne__), min_size=everything, max_size=everything, unique=True))
     bodily, joining, shining = drawn[:count], drawn[count : count + joints], drawn[count + joints :]
-    nameless = LABELS if labels else ()
+    nameless = BLANK_NODE_IDS if labels else ()
     things = [draw(_bodies(wild_tags, nameless)) for _ in bodily]
     return World(
         iri=Iri(MAP + "map"),
         name="map",
         bodies=tuple(
-            replace(body, id=id, iri=Iri(MAP + id), facts=(*body.facts, *draw(_neighbours(bodily))))
+            replace(body, id=id, iri=Iri(MAP + id), facts=(*body.facts, *draw(_neighbors(bodily))))
             for id, body in zip(bodily, things, strict=True)
         ),
-        constraints=tuple(draw(_joints(id, bodily, _constraints(wild_tags, nameless))) for id in joining),
+        joints=tuple(draw(_joints(id, bodily, _joint_lists(wild_tags, nameless))) for id in joining),
         attachments=draw(_forests(bodily)),
         lights=tuple(replace(draw(_lights(wild_tags, nameless)), id=id, iri=Iri(MAP + id)) for id in shining),
         facts=draw(facts(nameless)),
@@ -346,18 +353,16 @@ def worlds(
 
 
 @st.composite
-def _joints(
-    draw: st.DrawFn, id: BodyId, bodily: Sequence[BodyId], any_constraint: SearchStrategy[Constraint]
-) -> Constraint:
+def _joints(draw: st.DrawFn, id: BodyId, bodily: Sequence[BodyId], any_constraint: SearchStrategy[Joint]) -> Joint:
     first = draw(st.integers(0, len(bodily) - 1))
     second = (first + draw(st.integers(1, len(bodily) - 1))) % len(bodily)
     parent, child = bodily[first], bodily[second]
     return replace(draw(any_constraint), id=id, iri=Iri(MAP + id), parent=parent, child=child)
 
 
-def _neighbours(bodily: Sequence[BodyId]) -> SearchStrategy[tuple[Fact, ...]]:
+def _neighbors(bodily: Sequence[BodyId]) -> SearchStrategy[tuple[PropertyAssertion, ...]]:
     """What a body has to do with at most one other, or itself."""
-    facts = [(Fact(Iri(TERMS + "beside"), Reference(Iri(MAP + id))),) for id in bodily]
+    facts = [(PropertyAssertion(Iri(TERMS + "beside"), IriRef(Iri(MAP + id))),) for id in bodily]
     return st.sampled_from([(), *facts])
 
 
@@ -372,7 +377,7 @@ def _forests(draw: st.DrawFn, bodily: Sequence[BodyId]) -> tuple[Attachment, ...
 
 
 @st.composite
-def _resources(draw: st.DrawFn, nameless: tuple[str, ...]) -> tuple[Resource, ...]:
+def _resources(draw: st.DrawFn, nameless: tuple[str, ...]) -> tuple[NamedResource, ...]:
     """Classes and other things that something is said about, and what is said about some labels."""
-    told = draw(st.lists(st.sampled_from((*CLASSES, *THINGS, *map(Iri, nameless))), max_size=4, unique=True))
-    return tuple(Resource(iri, draw(facts(nameless, min_size=1, max_size=2))) for iri in told)
+    told = draw(st.lists(st.sampled_from((*CLASSES, *NAMED_RESOURCES, *map(Iri, nameless))), max_size=4, unique=True))
+    return tuple(NamedResource(iri, draw(facts(nameless, min_size=1, max_size=2))) for iri in told)

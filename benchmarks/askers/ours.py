@@ -10,7 +10,7 @@ from pathlib import Path
 from statistics import median
 
 from mindstage.knowledge import KnowledgeBase
-from mindstage.knowledge.questions import question_named
+from mindstage.knowledge.questions import get_question
 from mindstage.world import Iri
 
 __all__ = ["main"]
@@ -24,9 +24,9 @@ def main(map: str, files: list[str]) -> None:
     show("load", once(lambda: kb.load(maps, ontologies=[file for file in files if file not in maps])), len(kb._store))
     if map == "-":
         return
-    show("index", once(lambda: kb.ask("maps")), len(kb.index.types))
+    show("index", once(lambda: kb.ask("maps")), len(kb.reasoner.types))
     for name, (question, args) in asked(kb, Iri(map)).items():
-        anew = partial(question_named(question).ask, kb, args)
+        anew = partial(get_question(question).ask, kb, args)
         show(name, typical(anew), len(anew()))
         show(f"{name}, again", typical(partial(kb.ask, question, **args)), len(anew()))
     show("tell", median(once(partial(better, kb, number)) for number in range(9)), 1)
@@ -34,7 +34,7 @@ def main(map: str, files: list[str]) -> None:
 
 def asked(kb: KnowledgeBase, map: Iri) -> dict[str, tuple[str, dict[str, object]]]:
     """The questions about the first map, by the names that they have in all askers."""
-    door, oven = (kb.index.members(Iri(KNOWROB + name), map)[0] for name in ("IAIFridgeDoor", "IAIOvenCase"))
+    door, oven = (kb.reasoner.members(Iri(KNOWROB + name), map)[0] for name in ("IAIFridgeDoor", "IAIOvenCase"))
     part = kb.ask("part_of", whole=door)[0].part
     return {
         "maps": ("maps", {}),

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageFilter
 
-from mindstage.world import Form, Skin
+from mindstage.world import BodyGeometry, VisualMesh
 
 __all__ = ["Painter"]
 
@@ -34,18 +34,18 @@ class Painter:
     elevation_rad: float = 0.42
     paper: tuple[int, int, int] = (250, 249, 246)
 
-    def picture(self, form: Form) -> Image.Image:
+    def picture(self, form: BodyGeometry) -> Image.Image:
         """The form on its ground, as large as fits."""
         size = self.pixels * _FINE
         view = self._view()
-        points = np.concatenate([skin.points for skin in form.skins])
+        points = np.concatenate([skin.points for skin in form.visuals])
         seen = points @ view.T
         low, high = seen.min(axis=0), seen.max(axis=0)
         scale = _FILLED * size / float((high - low)[:2].max())
-        centre = (low + high) / 2
-        sheet = _Sheet(size, view, scale, centre, (np.array(self.paper) / 255) ** 2.2)
-        sheet.shadow([skin for skin in form.skins if skin.surface.opacity > 0.5], float(points[:, 2].min()))
-        for skin in sorted(form.skins, key=lambda skin: -skin.surface.opacity):
+        center = (low + high) / 2
+        sheet = _Sheet(size, view, scale, center, (np.array(self.paper) / 255) ** 2.2)
+        sheet.shadow([skin for skin in form.visuals if skin.material.opacity > 0.5], float(points[:, 2].min()))
+        for skin in sorted(form.visuals, key=lambda skin: -skin.material.opacity):
             sheet.paint(skin)
         return sheet.finished(self.pixels)
 
@@ -66,12 +66,12 @@ class Painter:
 class _Sheet:
     """A picture while it is painted, in linear light."""
 
-    def __init__(self, size: int, view: Array, scale: float, centre: Array, paper: Array) -> None:
-        self.size, self.view, self.scale, self.centre = size, view, scale, centre
-        self.colour = np.tile(paper, (size, size, 1))
+    def __init__(self, size: int, view: Array, scale: float, center: Array, paper: Array) -> None:
+        self.size, self.view, self.scale, self.center = size, view, scale, center
+        self.color = np.tile(paper, (size, size, 1))
         self.depth = np.full((size, size), -np.inf)
 
-    def shadow(self, skins: list[Skin], ground: float) -> None:
+    def shadow(self, skins: list[VisualMesh], ground: float) -> None:
         """What stands in the light's way, laid on the ground and blurred."""
         mask = np.zeros((self.size, self.size))
         for skin in skins:
@@ -83,13 +83,13 @@ class _Sheet:
                     rows, columns, inside, _ = found
                     mask[rows, columns] = np.maximum(mask[rows, columns], inside)
         blurred = Image.fromarray((mask * 255).astype(np.uint8)).filter(ImageFilter.GaussianBlur(self.size / 70))
-        self.colour *= 1.0 - 0.4 * (np.asarray(blurred, dtype=np.float64) / 255)[..., None]
+        self.color *= 1.0 - 0.4 * (np.asarray(blurred, dtype=np.float64) / 255)[..., None]
 
-    def paint(self, skin: Skin) -> None:
+    def paint(self, skin: VisualMesh) -> None:
         """Paints what is nearer than what is there; what can be seen through leaves the depth as it is."""
         corners = self._on_sheet(skin.points)[skin.faces]
         shade = self._shades(skin)
-        clear = skin.surface.opacity < 1.0
+        clear = skin.material.opacity < 1.0
         if clear:  # the far side first
             order = np.argsort(corners[:, :, 2].mean(axis=1))
             corners, shade = corners[order], shade[order]
@@ -101,9 +101,9 @@ class _Sheet:
             depth = weights @ triangle[:, 2]
             nearer = inside & (depth > self.depth[rows, columns])
             painted = weights @ light
-            old = self.colour[rows, columns]
-            amount = skin.surface.opacity if clear else 1.0
-            self.colour[rows, columns] = np.where(nearer[..., None], old + (painted - old) * amount, old)
+            old = self.color[rows, columns]
+            amount = skin.material.opacity if clear else 1.0
+            self.color[rows, columns] = np.where(nearer[..., None], old + (painted - old) * amount, old)
             if not clear:
                 self.depth[rows, columns] = np.where(nearer, depth, self.depth[rows, columns])
 
@@ -114,18 +114,18 @@ class _Sheet:
         if there.any():
             flat = np.where(there, depth, np.nanmin(depth))
             reach = float(flat.max() - flat.min()) or 1.0
-            grey = Image.fromarray((255 * (flat - flat.min()) / reach).astype(np.uint8))
-            around = np.asarray(grey.filter(ImageFilter.GaussianBlur(self.size / 40)), dtype=np.float64) / 255
+            gray = Image.fromarray((255 * (flat - flat.min()) / reach).astype(np.uint8))
+            around = np.asarray(gray.filter(ImageFilter.GaussianBlur(self.size / 40)), dtype=np.float64) / 255
             crease = np.clip(around - (flat - flat.min()) / reach, 0.0, 0.25) * there
-            self.colour *= 1.0 - 1.6 * crease[..., None]
-        shown = (np.clip(self.colour, 0.0, 1.0) ** (1 / 2.2) * 255).round().astype(np.uint8)
+            self.color *= 1.0 - 1.6 * crease[..., None]
+        shown = (np.clip(self.color, 0.0, 1.0) ** (1 / 2.2) * 255).round().astype(np.uint8)
         return Image.fromarray(shown).resize((pixels, pixels), Image.Resampling.LANCZOS)
 
     def _on_sheet(self, points: Array) -> Array:
-        seen = (points @ self.view.T - self.centre) * self.scale
+        seen = (points @ self.view.T - self.center) * self.scale
         return seen * [1.0, -1.0, 1.0] + [self.size / 2, self.size / 2, 0.0]
 
-    def _shades(self, skin: Skin) -> Array:
+    def _shades(self, skin: VisualMesh) -> Array:
         """The light of each corner of each face, m x 3 x 3."""
         corners = skin.points[skin.faces]
         if skin.normals is None:
@@ -134,20 +134,20 @@ class _Sheet:
             normals = np.repeat(flat[:, None], 3, axis=1)
         else:
             normals = skin.normals[skin.faces]
-        surface = skin.surface
-        colour = np.array(surface.colour) ** 2.2
+        surface = skin.material
+        color = np.array(surface.color) ** 2.2
         light = _LIGHT / np.linalg.norm(_LIGHT)
         towards = self.view[2]
         lit = np.clip(normals @ light, 0.0, 1.0)[..., None]
         sky = 0.5 + 0.5 * normals[..., 2:]
-        diffuse = colour * (0.66 * lit + 0.3 + 0.2 * sky)
+        diffuse = color * (0.66 * lit + 0.3 + 0.2 * sky)
         mirrored = 2 * (normals @ towards)[..., None] * normals - towards
         gloss = np.clip(mirrored @ light, 0.0, 1.0)[..., None] ** (4 + 60 * (1 - surface.roughness) ** 2)
         around = 0.35 + 0.65 * np.clip(0.5 + 0.6 * mirrored[..., 2:], 0.0, 1.0)
-        metal = colour * (0.3 * diffuse.mean() + around) + 0.5 * gloss
+        metal = color * (0.3 * diffuse.mean() + around) + 0.5 * gloss
         shine = diffuse + 0.45 * (1 - surface.roughness) * gloss
         mixed = shine + (metal - shine) * surface.metalness * 0.8
-        return np.asarray(mixed + colour * surface.glow * 0.6)
+        return np.asarray(mixed + color * surface.emission * 0.6)
 
 
 def _covered(triangle: Array, size: int) -> tuple[slice, slice, NDArray[np.bool_], Array] | None:

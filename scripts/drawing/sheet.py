@@ -16,11 +16,11 @@ _CAPTION = 26
 _LETTERS = 19
 """That a line has room for."""
 _INK = (70, 70, 70)
-_COLOURS = 250
+_COLORS = 250
 
 
 def save_sheet(path: Path, pictures: Sequence[tuple[str, Image.Image]], *, paper: tuple[int, int, int]) -> None:
-    """Writes the pictures row by row, with as few colours as they need to look well."""
+    """Writes the pictures row by row, with as few colors as they need to look well."""
     side = pictures[0][1].width
     columns = min(_COLUMNS, len(pictures))
     rows = -(-len(pictures) // columns)
@@ -33,4 +33,4 @@ def save_sheet(path: Path, pictures: Sequence[tuple[str, Image.Image]], *, paper
         for line, text in enumerate(textwrap.wrap(name, _LETTERS)[:2]):
             draw.text((x + side / 2, y + side + 12 * line), text, font=font, fill=_INK, anchor="mt")
     path.parent.mkdir(parents=True, exist_ok=True)
-    sheet.quantize(_COLOURS, dither=Image.Dither.NONE).save(path, optimize=True)
+    sheet.quantize(_COLORS, dither=Image.Dither.NONE).save(path, optimize=True)

@@ -73,7 +73,7 @@ def map_text(scene: Scene) -> str:
 
 
 def kind_block(kind: Kind) -> str:
-    """A class with its size in metres."""
+    """A class with its size in meters."""
     sizes = zip(("depth", "width", "height"), kind.size, strict=True)
     restrictions = "".join(
         f"""		<rdfs:subClassOf>
@@ -121,7 +121,7 @@ def thing_block(thing: Thing, relations: list[str]) -> str:
 
 
 def pose_block(id: str, at: Thing | Joint) -> str:
-    """Where something is, in metres."""
+    """Where something is, in meters."""
     # Adding 0.0 turns a negative zero into a positive one.
     translation = " ".join(f"{value / 1000 + 0.0:.6f}" for value in (at.x, at.y, at.z))
     lines = [

@@ -1,7 +1,7 @@
 """Cabinets and appliances: a case, and the doors and drawers in front of it.
 
 A front keeps 2 mm from its case and 3 mm from the next front. A door that swings turns about its outer front edge,
-so that it passes its neighbours. A door that tilts turns about a line at its foot right below its centre of mass, so
+so that it passes its neighbors. A door that tilts turns about a line at its foot right below its center of mass, so
 that gravity leaves it where it is.
 
 Left and right are those of somebody who stands before the furniture, which is why right is a thing's own left (its y).
@@ -19,7 +19,7 @@ __all__ = ["QUARTER_TURN", "TALL_HANDLE", "WIDE_HANDLE", "Cabinet", "Hinge", "ca
 QUARTER_TURN = 1.570796
 PULL = 0.45
 FRONT_GAP = 2
-NEIGHBOUR_GAP = 3
+NEIGHBOR_GAP = 3
 DRAWER_FRONT = 20
 DRAWER_CLEARANCE = 40
 
@@ -58,7 +58,7 @@ class Cabinet:
         """A drawer with its handle in a slot of that height; `start` is how far the slot is from the left end."""
         depth, case_width, _ = self.case.kind.size
         width = width or case_width
-        size = (depth - DRAWER_CLEARANCE, width - NEIGHBOUR_GAP, height - NEIGHBOUR_GAP)
+        size = (depth - DRAWER_CLEARANCE, width - NEIGHBOR_GAP, height - NEIGHBOR_GAP)
         kind = Kind(f"{local(use)}W{width // 10}D{size[0] // 10}H{height // 10}", use, size, drawer_mass(size))
         front = depth / 2 + FRONT_GAP + DRAWER_FRONT
         x, y = self.case.frame.at(front - size[0] / 2, start + width / 2 - case_width / 2)
@@ -86,7 +86,7 @@ class Cabinet:
         """A door with its handle before a slot of that height; `start` as for drawers."""
         depth, case_width, _ = self.case.kind.size
         width = width or case_width
-        size = (thickness, width - NEIGHBOUR_GAP, height - NEIGHBOUR_GAP)
+        size = (thickness, width - NEIGHBOR_GAP, height - NEIGHBOR_GAP)
         kind = Kind(f"{local(use)}W{width // 10}H{height // 10}", use, size, door_mass(size))
         forward = depth / 2 + FRONT_GAP + thickness / 2
         x, y = self.case.frame.at(forward, start + width / 2 - case_width / 2)

@@ -14,17 +14,17 @@ if TYPE_CHECKING:
     from mindstage.api import connect, diff, load, open, save, view  # noqa: A004
     from mindstage.engines import MujocoEngine, NullEngine
     from mindstage.knowledge import KnowledgeBase
-    from mindstage.stage import Stage
-    from mindstage.viewport import Shot, Viewport
+    from mindstage.stage import Simulation
+    from mindstage.viewport import Screenshot, Viewer
     from mindstage.world import World
 
 __all__ = [
     "KnowledgeBase",
     "MujocoEngine",
     "NullEngine",
-    "Shot",
-    "Stage",
-    "Viewport",
+    "Screenshot",
+    "Simulation",
+    "Viewer",
     "World",
     "__version__",
     "connect",
@@ -41,9 +41,9 @@ _MODULES = {
     "KnowledgeBase": "mindstage.knowledge",
     "MujocoEngine": "mindstage.engines",
     "NullEngine": "mindstage.engines",
-    "Shot": "mindstage.viewport",
-    "Stage": "mindstage.stage",
-    "Viewport": "mindstage.viewport",
+    "Screenshot": "mindstage.viewport",
+    "Simulation": "mindstage.stage",
+    "Viewer": "mindstage.viewport",
     "World": "mindstage.world",
     "connect": "mindstage.api",
     "diff": "mindstage.api",

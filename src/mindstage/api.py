@@ -16,15 +16,15 @@ from collections.abc import Collection, Iterable, Sequence
 from contextlib import ExitStack
 from typing import TYPE_CHECKING
 
-from mindstage.errors import ArgumentRefused
+from mindstage.errors import InvalidArgumentError
 
 if TYPE_CHECKING:
     from mindstage.engines import Engine
-    from mindstage.knowledge import Conventions, Endpoint, KnowledgeBase
+    from mindstage.knowledge import KnowledgeBase, SparqlEndpoint, UnitConventions
     from mindstage.saving import FileDialect, FileFormat
-    from mindstage.stage import Stage
-    from mindstage.viewport import Viewport
-    from mindstage.world import Difference, World
+    from mindstage.stage import Simulation
+    from mindstage.viewport import Viewer
+    from mindstage.world import World, WorldDiff
 
 __all__ = ["connect", "diff", "load", "load_knowledge", "make_simulation", "open", "save", "view"]
 
@@ -42,13 +42,13 @@ def open(
     ontologies: StrPath | Iterable[StrPath] = (),
     bundled_ontology: bool = True,
     robots: StrPath | Iterable[StrPath] = (),
-    conventions: Conventions | Sequence[Conventions] | None = None,
+    conventions: UnitConventions | Sequence[UnitConventions] | None = None,
     store: StrPath | None = None,
-    endpoint: Endpoint | str | None = None,
+    endpoint: SparqlEndpoint | str | None = None,
     assets: StrPath | Iterable[StrPath] = (),
     plain_shapes: bool = False,
     timeout_s: float = 10.0,
-) -> Stage:
+) -> Simulation:
     """Opens semantic maps as a simulation: a knowledge base, their worlds, and an engine that they are spawned in.
 
     Time stands still until `step` or `play`. What could not be spawned, and what was assumed, is in `reports`. Closing
@@ -71,10 +71,10 @@ def open(
         timeout_s: how long a call into the simulation may take [s]; spawning has more, by the number of bodies.
 
     Raises:
-        EngineUnavailable: there is no such engine, or it cannot be loaded, started or reached.
-        SourceUnreadable: a file cannot be read, or a folder does not exist.
-        MapMissing: the files hold no map, or none of that name.
-        ArgumentRefused: arguments exclude one another.
+        EngineUnavailableError: there is no such engine, or it cannot be loaded, started or reached.
+        SourceParseError: a file cannot be read, or a folder does not exist.
+        MapNotFoundError: the files hold no map, or none of that name.
+        InvalidArgumentError: arguments exclude one another.
     """
     from mindstage.engines import make_engine
 
@@ -112,7 +112,7 @@ def connect(
     robots: StrPath | Iterable[StrPath] = (),
     holds_time: bool = False,
     timeout_s: float = 10.0,
-) -> Stage:
+) -> Simulation:
     """Connects to a world that runs elsewhere (`mindstage serve`, or Unreal with its plugin), as a simulation here.
 
     Nothing is spawned: bodies are those that are there already, and closing the connection leaves them there. To spawn
@@ -128,13 +128,13 @@ def connect(
         timeout_s: how long a call may take [s].
 
     Raises:
-        EngineUnavailable: nothing answers there, or no engine.
-        SourceUnreadable: a file cannot be read.
+        EngineUnavailableError: nothing answers there, or no engine.
+        SourceParseError: a file cannot be read.
     """
     from mindstage.engines import RemoteEngine
 
     with ExitStack() as on_error:
-        engine = RemoteEngine.connect(url, timeout_s=timeout_s, holds_time=holds_time)
+        engine = RemoteEngine.connect(url, timeout_s=timeout_s, control_time=holds_time)
         on_error.callback(engine.close)
         knowledge = load_knowledge(maps, ontologies=ontologies, robots=robots)
         on_error.callback(knowledge.close)
@@ -151,7 +151,7 @@ def load(
     ontologies: StrPath | Iterable[StrPath] = (),
     bundled_ontology: bool = True,
     robots: StrPath | Iterable[StrPath] = (),
-    conventions: Conventions | Sequence[Conventions] | None = None,
+    conventions: UnitConventions | Sequence[UnitConventions] | None = None,
 ) -> World:
     """Reads one map as plain data: bodies, joints, lights and every other statement.
 
@@ -164,9 +164,9 @@ def load(
         conventions: see `open`.
 
     Raises:
-        SourceUnreadable: a file cannot be read.
-        MapMissing: the files hold no map, or none of that name.
-        MapAmbiguous: they hold several, and no name is given.
+        SourceParseError: a file cannot be read.
+        MapNotFoundError: the files hold no map, or none of that name.
+        AmbiguousMapError: they hold several, and no name is given.
     """
     with load_knowledge(
         maps, ontologies=ontologies, bundled_ontology=bundled_ontology, robots=robots, conventions=conventions
@@ -175,7 +175,7 @@ def load(
 
 
 def save(
-    what: World | Stage,
+    what: World | Simulation,
     path: StrPath,
     *,
     knowledge: KnowledgeBase | None = None,
@@ -203,15 +203,15 @@ def save(
         Notes, one sentence each, on what the file cannot hold.
 
     Raises:
-        MapUnwritable: no format has this suffix, the world holds something that the format cannot, or the file cannot
+        MapWriteError: no format has this suffix, the world holds something that the format cannot, or the file cannot
             be written.
-        ArgumentRefused: there is no such format or dialect.
-        EngineUnavailable: Godot is not installed.
+        InvalidArgumentError: there is no such format or dialect.
+        EngineUnavailableError: Godot is not installed.
     """
     from mindstage.saving import save_world
     from mindstage.world import World
 
-    world = what if isinstance(what, World) else what.log()
+    world = what if isinstance(what, World) else what.snapshot()
     known = knowledge if isinstance(what, World) else knowledge or what.knowledge
     return save_world(
         world,
@@ -226,12 +226,12 @@ def save(
 
 
 def diff(
-    a: StrPath | World | Stage,
-    b: StrPath | World | Stage,
+    a: StrPath | World | Simulation,
+    b: StrPath | World | Simulation,
     *,
     ontologies: StrPath | Iterable[StrPath] = (),
     bundled_ontology: bool = True,
-) -> Difference:
+) -> WorldDiff:
     """Compares two worlds in everything that they hold; `print` it for a summary.
 
     Args:
@@ -241,26 +241,26 @@ def diff(
         bundled_ontology: see `open`.
 
     Raises:
-        SourceUnreadable: a file cannot be read.
-        MapMissing: a file holds no map.
-        MapAmbiguous: a file holds several maps; load the one that is meant.
+        SourceParseError: a file cannot be read.
+        MapNotFoundError: a file holds no map.
+        AmbiguousMapError: a file holds several maps; load the one that is meant.
     """
-    from mindstage.stage import Stage
+    from mindstage.stage import Simulation
     from mindstage.world import World
-    from mindstage.world import difference as compare
+    from mindstage.world import diff as compare
 
-    def world_of(each: StrPath | World | Stage) -> World:
+    def world_of(each: StrPath | World | Simulation) -> World:
         if isinstance(each, World):
             return each
-        if isinstance(each, Stage):
-            return each.log()
+        if isinstance(each, Simulation):
+            return each.snapshot()
         return load(each, ontologies=ontologies, bundled_ontology=bundled_ontology)
 
     return compare(world_of(a), world_of(b))
 
 
 def view(
-    sim: Stage,
+    sim: Simulation,
     *,
     port: int = 8080,
     host: str = "127.0.0.1",
@@ -268,7 +268,7 @@ def view(
     origins: Collection[str] = (),
     block: bool = False,
     duration_s: float | None = None,
-) -> Viewport:
+) -> Viewer:
     """Serves the page on which a simulation is seen and edited in a browser, at the `url` of what is returned.
 
     The page follows the simulation until either is closed; closing the simulation closes its pages.
@@ -284,12 +284,12 @@ def view(
         duration_s: how long to block, in real time [s].
 
     Raises:
-        AccessRefused: others could reach the page, and there is no token.
-        ViewportUnavailable: nothing can be served there.
+        AuthenticationError: others could reach the page, and there is no token.
+        ViewerUnavailableError: nothing can be served there.
     """
-    from mindstage.viewport import Viewport
+    from mindstage.viewport import Viewer
 
-    page = Viewport(sim, host=host, port=port, token=token, origins=origins)
+    page = Viewer(sim, host=host, port=port, token=token, origins=origins)
     sim.on_close(page.close)
     if block:
         with page:
@@ -303,9 +303,9 @@ def load_knowledge(
     ontologies: StrPath | Iterable[StrPath] = (),
     bundled_ontology: bool = True,
     robots: StrPath | Iterable[StrPath] = (),
-    conventions: Conventions | Sequence[Conventions] | None = None,
+    conventions: UnitConventions | Sequence[UnitConventions] | None = None,
     store: StrPath | None = None,
-    endpoint: Endpoint | str | None = None,
+    endpoint: SparqlEndpoint | str | None = None,
     closure: bool = False,
 ) -> KnowledgeBase:
     """Makes a knowledge base that has loaded maps; `open` and `load` use it.
@@ -321,32 +321,34 @@ def load_knowledge(
         closure: whether everything that follows by OWL 2 RL is derived at once.
 
     Raises:
-        SourceUnreadable: one of the files cannot be read.
-        StoreUnusable: the folder cannot be used.
-        ArgumentRefused: the endpoint's address is none, store and endpoint are both given, there are not as many
+        SourceParseError: one of the files cannot be read.
+        StoreError: the folder cannot be used.
+        InvalidArgumentError: the endpoint's address is none, store and endpoint are both given, there are not as many
             conventions as maps, or a closure would be derived into a store that others use.
-        ReasonerUnavailable: the extra "closure" is not installed.
+        ReasonerUnavailableError: the extra "closure" is not installed.
     """
-    from mindstage.knowledge import Conventions, KnowledgeBase
+    from mindstage.knowledge import KnowledgeBase, UnitConventions
 
     if closure and store is not None:
         cause = "what it derives would be written into what others use"
-        raise ArgumentRefused("the closure", cause=cause, remedy="load the files themselves, without a store")
+        raise InvalidArgumentError("the closure", cause=cause, remedy="load the files themselves, without a store")
     listed = _listed(maps)
-    if conventions is None or isinstance(conventions, Conventions):
-        each = [conventions or Conventions()] * len(listed)
+    if conventions is None or isinstance(conventions, UnitConventions):
+        each = [conventions or UnitConventions()] * len(listed)
     else:
         each = list(conventions)
         if len(each) != len(listed):
             cause = f"there are {len(each)} for {len(listed)} maps"
-            raise ArgumentRefused("the conventions", cause=cause, remedy="give one for each map, or one for all")
+            raise InvalidArgumentError("the conventions", cause=cause, remedy="give one for each map, or one for all")
     knowledge = KnowledgeBase(bundled_ontology=bundled_ontology, store=store, endpoint=endpoint)
     try:
         if len(set(each)) <= 1:  # at once, so that the maps may share what they import
-            knowledge.load(listed, ontologies=ontologies, robots=robots, conventions=each[0] if each else Conventions())
+            knowledge.load(
+                listed, ontologies=ontologies, urdf_files=robots, conventions=each[0] if each else UnitConventions()
+            )
         else:
             for path, own in zip(listed, each, strict=True):
-                knowledge.load(path, ontologies=ontologies, robots=robots, conventions=own)
+                knowledge.load(path, ontologies=ontologies, urdf_files=robots, conventions=own)
         if closure:
             knowledge.derive()
     except BaseException:
@@ -362,7 +364,7 @@ def make_simulation(
     assets: StrPath | Iterable[StrPath] = (),
     plain_shapes: bool = False,
     timeout_s: float = 10.0,
-) -> Stage:
+) -> Simulation:
     """Makes an empty simulation of a knowledge base and an engine, which it owns; bodies get their meshes and shapes.
 
     Args:
@@ -373,17 +375,17 @@ def make_simulation(
         timeout_s: see `open`.
 
     Raises:
-        SourceUnreadable: one of the asset folders does not exist.
+        SourceParseError: one of the asset folders does not exist.
     """
     from mindstage.saving import mesh_assets
-    from mindstage.stage import Stage
+    from mindstage.stage import Simulation
 
     if plain_shapes:
-        return Stage(knowledge, engine, timeout_s=timeout_s, shapes=False)
-    return Stage(knowledge, engine, timeout_s=timeout_s, meshes=mesh_assets(assets, knowledge))
+        return Simulation(knowledge, engine, timeout_s=timeout_s, shapes=False)
+    return Simulation(knowledge, engine, timeout_s=timeout_s, meshes=mesh_assets(assets, knowledge))
 
 
-def _play(sim: Stage, duration_s: float | None) -> None:
+def _play(sim: Simulation, duration_s: float | None) -> None:
     end = None if duration_s is None else time.monotonic() + duration_s
     sim.play()
     try:

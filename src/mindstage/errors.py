@@ -47,7 +47,7 @@
     │   ├── OfferRefused        a service, action or topic cannot be advertised
     │   ├── MessageRefused      a message that does not match its type, or is too large
     │   └── TypeUnknown         no ROS message, service or action type of that name
-    ├── ColourUnknown           neither a color name nor a color value (exit code 2)
+    ├── ColorUnknown           neither a color name nor a color value (exit code 2)
     ├── PrologError             failure of the Prolog console (exit code 2)
     │   ├── PrologUnavailable   SWI-Prolog or pyswip is not installed, or in use
     │   ├── GoalRefused         a syntax error, or an exception in the goal
@@ -71,64 +71,64 @@ from string import Formatter
 from typing import Any, ClassVar
 
 __all__ = [
-    "AccessRefused",
-    "ArgumentRefused",
-    "AttachmentRefused",
-    "BodyExists",
-    "BodyUnknown",
+    "AdvertiseError",
+    "AmbiguousMapError",
+    "AmbiguousNameError",
+    "AttachmentError",
+    "AuthenticationError",
+    "BodyExistsError",
+    "BodyNotFoundError",
     "BridgeError",
-    "BridgeUnavailable",
-    "BrowserBroken",
+    "BridgeUnavailableError",
+    "BrowserCrashedError",
     "BrowserError",
-    "BrowserUnavailable",
-    "ColourUnknown",
-    "ConnectionLost",
-    "EndpointRefused",
-    "EndpointUnreachable",
-    "EngineClosed",
+    "BrowserNotFoundError",
+    "ConnectionLostError",
+    "EndpointError",
+    "EndpointUnreachableError",
+    "EngineClosedError",
     "EngineError",
-    "EngineTimedOut",
-    "EngineUnable",
-    "EngineUnavailable",
-    "GoalRefused",
-    "GoalTimedOut",
+    "EngineTimeoutError",
+    "EngineUnavailableError",
+    "InvalidArgumentError",
+    "InvalidColorError",
+    "InvalidRequestError",
+    "InvalidShapeError",
     "KnowledgeError",
-    "MapAmbiguous",
-    "MapMissing",
-    "MapRefused",
-    "MapUnwritable",
-    "MessageRefused",
+    "MapNotFoundError",
+    "MapRejectedError",
+    "MapWriteError",
+    "MessageValidationError",
     "MindstageError",
-    "NameAmbiguous",
-    "NameUnknown",
-    "NothingToUndo",
-    "OfferRefused",
-    "PoseUnreachable",
+    "NameNotFoundError",
+    "NoFreePlacementError",
+    "NothingToUndoError",
+    "PoseUnreachableError",
     "PrologError",
-    "PrologUnavailable",
-    "QueryRefused",
-    "QueryTimedOut",
-    "QuestionTimedOut",
-    "QuestionUnknown",
-    "ReasonerUnavailable",
-    "RequestRefused",
-    "ReturnRefused",
-    "ServiceFailed",
-    "ServiceTimedOut",
-    "ServiceUnknown",
-    "ShapeRefused",
-    "ShapeUnknown",
-    "SimulationUnstable",
-    "SourceUnreadable",
-    "SpotMissing",
-    "StageError",
-    "StageTimedOut",
-    "StoreUnusable",
-    "TooManyQuestions",
-    "TypeUnknown",
-    "ViewportUnavailable",
+    "PrologGoalError",
+    "PrologTimeoutError",
+    "PrologUnavailableError",
+    "QueryLimitError",
+    "QuestionNotFoundError",
+    "QuestionTimeoutError",
+    "ReasonerUnavailableError",
+    "RestoreError",
+    "ServiceCallError",
+    "ServiceNotFoundError",
+    "ServiceTimeoutError",
+    "ShapeNotFoundError",
+    "SimulationDivergedError",
+    "SimulationError",
+    "SimulationTimeoutError",
+    "SourceParseError",
+    "SparqlSyntaxError",
+    "SparqlTimeoutError",
+    "StoreError",
+    "TypeNotFoundError",
+    "UnsupportedByEngineError",
+    "ViewerUnavailableError",
     "WorldError",
-    "near",
+    "closest_names",
     "suggestion",
 ]
 
@@ -139,9 +139,9 @@ _MIN_SUBSTRING = 3
 """Shorter strings are part of nearly every name."""
 
 
-def near(name: str, known: Iterable[str]) -> tuple[str, ...]:
+def closest_names(name: str, candidates: Iterable[str]) -> tuple[str, ...]:
     """Returns up to three known names that resemble one, ignoring case: similar spellings first, then superstrings."""
-    by_lower = {each.lower(): each for each in known}
+    by_lower = {each.lower(): each for each in candidates}
     lower = name.lower()
     similar = get_close_matches(lower, list(by_lower), n=3, cutoff=0.6)
     longer = sorted(
@@ -160,7 +160,7 @@ def suggestion(name: str, known: Iterable[str] = (), *, none: str = "") -> str:
         none: the text where no name exists.
     """
     known = tuple(known)
-    return _near_names(near(name, known)) or (f"there is {', '.join(known)}" if known else none)
+    return _near_names(closest_names(name, known)) or (f"there is {', '.join(known)}" if known else none)
 
 
 def _near_names(names: Sequence[str]) -> str:
@@ -193,7 +193,7 @@ class MindstageError(Exception):
 
     @property
     def hint(self) -> str:
-        """The end of the message: the similar names in `near`, else the `remedy`, else nothing."""
+        """The end of the message: the similar names in `closest_names`, else the `remedy`, else nothing."""
         text = _near_names(getattr(self, "near", ())) or getattr(self, "remedy", "")
         return f"; {text}" if text else ""
 
@@ -206,7 +206,7 @@ class WorldError(MindstageError):
 
 
 @dataclass(eq=False)
-class BodyUnknown(WorldError):
+class BodyNotFoundError(WorldError):
     """No body in the world has that id."""
 
     template = "no body {body!r}{in_world}{hint}"
@@ -214,10 +214,10 @@ class BodyUnknown(WorldError):
     _: KW_ONLY
     known: InitVar[Iterable[str]] = ()
     world: str = ""
-    near: tuple[str, ...] = field(init=False)
+    suggestions: tuple[str, ...] = field(init=False)
 
     def __post_init__(self, known: Iterable[str]) -> None:
-        self.near = near(self.body, known)
+        self.suggestions = closest_names(self.body, known)
 
     @property
     def in_world(self) -> str:
@@ -226,7 +226,7 @@ class BodyUnknown(WorldError):
 
 
 @dataclass(eq=False)
-class BodyExists(WorldError):
+class BodyExistsError(WorldError):
     """The id of a body to be spawned is in use."""
 
     template = "the id {body!r} is taken; delete that body first, or choose another id"
@@ -234,7 +234,7 @@ class BodyExists(WorldError):
 
 
 @dataclass(eq=False)
-class PoseUnreachable(WorldError):
+class PoseUnreachableError(WorldError):
     """The joints and attachments of the body do not allow that pose."""
 
     template = "{body!r} cannot take that pose: {reason}"
@@ -244,7 +244,7 @@ class PoseUnreachable(WorldError):
 
 
 @dataclass(eq=False)
-class AttachmentRefused(WorldError):
+class AttachmentError(WorldError):
     """The child cannot be attached to that parent."""
 
     template = "{child!r} cannot be attached to {parent!r}: {reason}"
@@ -255,18 +255,18 @@ class AttachmentRefused(WorldError):
 
 
 @dataclass(eq=False)
-class SpotMissing(WorldError):
+class NoFreePlacementError(WorldError):
     """There is no support surface for the object, or no free space on it."""
 
     template = "{what} cannot be put {where}: {reason}"
-    what: str
-    where: str
+    item: str
+    location: str
     _: KW_ONLY
     reason: str
 
 
 @dataclass(eq=False)
-class ReturnRefused(WorldError):
+class RestoreError(WorldError):
     """A deleted body cannot be restored."""
 
     template = "{body!r} cannot be restored: {reason}"
@@ -276,17 +276,17 @@ class ReturnRefused(WorldError):
 
 
 @dataclass(eq=False)
-class NothingToUndo(WorldError):
+class NothingToUndoError(WorldError):
     """There is no edit to undo or, with `again`, to redo."""
 
     template = "there is nothing to {action}"
     _: KW_ONLY
-    again: bool = False
+    redo: bool = False
 
     @property
     def action(self) -> str:
         """Part of the message."""
-        return "redo" if self.again else "undo"
+        return "redo" if self.redo else "undo"
 
 
 # -- knowledge ---------------------------------------------------------------------------------------------------------
@@ -297,7 +297,7 @@ class KnowledgeError(MindstageError):
 
 
 @dataclass(eq=False)
-class SourceUnreadable(KnowledgeError):
+class SourceParseError(KnowledgeError):
     """A file does not exist, or its content does not follow its format."""
 
     template = "cannot read {place}: {cause}"
@@ -313,11 +313,11 @@ class SourceUnreadable(KnowledgeError):
 
 
 @dataclass(eq=False)
-class MapMissing(KnowledgeError):
+class MapNotFoundError(KnowledgeError):
     """No semantic map, or none of that name, is among the loaded sources."""
 
     _: KW_ONLY
-    wanted: str = ""
+    requested: str = ""
     known: Sequence[str] = ()
 
     def __post_init__(self) -> None:
@@ -325,13 +325,13 @@ class MapMissing(KnowledgeError):
 
     def __str__(self) -> str:
         if self.known:
-            return f"no map {self.wanted!r}; there is {', '.join(self.known)}"
-        where = f" in {self.wanted}" if self.wanted else ""
+            return f"no map {self.requested!r}; there is {', '.join(self.known)}"
+        where = f" in {self.requested}" if self.requested else ""
         return f"no semantic map{where}: nothing there is a knowrob:SemanticEnvironmentMap"
 
 
 @dataclass(eq=False)
-class MapAmbiguous(KnowledgeError):
+class AmbiguousMapError(KnowledgeError):
     """Several maps are loaded and none was selected."""
 
     known: Sequence[str]
@@ -344,7 +344,7 @@ class MapAmbiguous(KnowledgeError):
 
 
 @dataclass(eq=False)
-class MapRefused(KnowledgeError):
+class MapRejectedError(KnowledgeError):
     """A map has findings, and strict mode allows none."""
 
     map: str
@@ -361,63 +361,63 @@ class MapRefused(KnowledgeError):
 
 
 @dataclass(eq=False)
-class MapUnwritable(KnowledgeError):
+class MapWriteError(KnowledgeError):
     """A world cannot be written to a map file: the format cannot express it, or the file cannot be written."""
 
     template = "cannot write {what}: {cause}{hint}"
-    what: str
+    subject: str
     _: KW_ONLY
     cause: str
     remedy: str = ""
 
 
 @dataclass(eq=False)
-class NameUnknown(KnowledgeError):
+class NameNotFoundError(KnowledgeError):
     """No entity of that kind has the name."""
 
     template = "no {kind} {name!r} is known{hint}"
     name: str
     _: KW_ONLY
-    kind: str
+    entity_type: str
     known: InitVar[Iterable[str]] = ()
-    near: tuple[str, ...] = field(init=False)
+    suggestions: tuple[str, ...] = field(init=False)
 
     def __post_init__(self, known: Iterable[str]) -> None:
-        self.near = near(self.name.rpartition("#")[2].rpartition(":")[2], known)
+        self.suggestions = closest_names(self.name.rpartition("#")[2].rpartition(":")[2], known)
 
 
 @dataclass(eq=False)
-class NameAmbiguous(KnowledgeError):
+class AmbiguousNameError(KnowledgeError):
     """Several entities have the name, or are instances of the class that was named instead of its only instance."""
 
     name: str
     _: KW_ONLY
-    kind: str
-    known: Sequence[str]
+    entity_type: str
+    candidates: Sequence[str]
 
     def __post_init__(self) -> None:
-        self.known = tuple(self.known)
+        self.candidates = tuple(self.candidates)
 
     def __str__(self) -> str:
-        short = [known.rpartition("#")[2].rpartition("/")[2] for known in self.known]
-        names, how = (short, "") if len({*short}) == len(short) else (self.known, " in full")
+        short = [known.rpartition("#")[2].rpartition("/")[2] for known in self.candidates]
+        names, how = (short, "") if len({*short}) == len(short) else (self.candidates, " in full")
         shown = ", ".join(names[:5]) + (" …" if len(names) > 5 else "")
-        return f"{self.name!r} may be any of {len(names)} {self.kind} names: {shown}; give one of them{how}"
+        return f"{self.name!r} may be any of {len(names)} {self.entity_type} names: {shown}; give one of them{how}"
 
 
 @dataclass(eq=False)
-class QuestionUnknown(KnowledgeError):
+class QuestionNotFoundError(KnowledgeError):
     """No question has that name."""
 
     template = "no question {question!r}{hint}"
     question: str
     _: KW_ONLY
     known: Iterable[str]
-    near: tuple[str, ...] = field(init=False)
+    suggestions: tuple[str, ...] = field(init=False)
 
     def __post_init__(self) -> None:
         self.known = tuple(self.known)
-        self.near = near(self.question, self.known)
+        self.suggestions = closest_names(self.question, self.known)
 
     @property
     def remedy(self) -> str:
@@ -426,7 +426,7 @@ class QuestionUnknown(KnowledgeError):
 
 
 @dataclass(eq=False)
-class QuestionTimedOut(KnowledgeError):
+class QuestionTimeoutError(KnowledgeError):
     """A question was not answered before its timeout; the simulation continues."""
 
     template = "{question} was not answered within {timeout_s:g} s; ask about less, or try again later"
@@ -436,28 +436,28 @@ class QuestionTimedOut(KnowledgeError):
 
 
 @dataclass(eq=False)
-class TooManyQuestions(KnowledgeError):
+class QueryLimitError(KnowledgeError):
     """The limit of concurrent questions is reached."""
 
     template = "{question} was not answered: {asked} other questions are being answered; try again in a moment"
     question: str
     _: KW_ONLY
-    asked: int
+    pending: int
 
 
 @dataclass(eq=False)
-class ArgumentRefused(KnowledgeError):
+class InvalidArgumentError(KnowledgeError):
     """A question has no such argument or does not accept that value, or an assertion is not valid."""
 
     template = "{what}: {cause}{hint}"
-    what: str
+    subject: str
     _: KW_ONLY
     cause: str
     remedy: str = ""
 
 
 @dataclass(eq=False)
-class QueryRefused(KnowledgeError):
+class SparqlSyntaxError(KnowledgeError):
     """The text is not a SPARQL 1.1 query, or uses what is not supported, such as SERVICE."""
 
     template = "the query cannot be answered: {cause}{hint}"
@@ -467,7 +467,7 @@ class QueryRefused(KnowledgeError):
 
 
 @dataclass(eq=False)
-class QueryTimedOut(KnowledgeError):
+class SparqlTimeoutError(KnowledgeError):
     """A SPARQL query did not finish before its timeout."""
 
     template = "the query did not end within {timeout_s:g} s; ask for less (LIMIT), or increase the timeout"
@@ -476,7 +476,7 @@ class QueryTimedOut(KnowledgeError):
 
 
 @dataclass(eq=False)
-class ReasonerUnavailable(KnowledgeError):
+class ReasonerUnavailableError(KnowledgeError):
     """The OWL 2 RL reasoner is not installed."""
 
     template = "nothing can be derived: {cause}; install it with: pip install 'mindstage[closure]'"
@@ -485,7 +485,7 @@ class ReasonerUnavailable(KnowledgeError):
 
 
 @dataclass(eq=False)
-class StoreUnusable(KnowledgeError):
+class StoreError(KnowledgeError):
     """A store folder has another content or format, or is locked by another process."""
 
     template = "the store {folder} cannot be used: {cause}{hint}"
@@ -496,7 +496,7 @@ class StoreUnusable(KnowledgeError):
 
 
 @dataclass(eq=False)
-class EndpointUnreachable(KnowledgeError):
+class EndpointUnreachableError(KnowledgeError):
     """A SPARQL endpoint does not respond, or not in time."""
 
     template = "the endpoint {endpoint} does not answer: {cause}; check the address, and that the server is running"
@@ -506,7 +506,7 @@ class EndpointUnreachable(KnowledgeError):
 
 
 @dataclass(eq=False)
-class EndpointRefused(KnowledgeError):
+class EndpointError(KnowledgeError):
     """A SPARQL endpoint returned an error, or a reply that is not a SPARQL result."""
 
     template = "the endpoint {endpoint} returned an error: {cause}{hint}"
@@ -519,18 +519,18 @@ class EndpointRefused(KnowledgeError):
 
 
 @dataclass(eq=False)
-class ShapeUnknown(KnowledgeError):
+class ShapeNotFoundError(KnowledgeError):
     """No shape has that name."""
 
     template = "no shape {shape!r}{hint}"
     shape: str
     _: KW_ONLY
     known: Iterable[str] = ()
-    near: tuple[str, ...] = field(init=False)
+    suggestions: tuple[str, ...] = field(init=False)
 
     def __post_init__(self) -> None:
         self.known = tuple(sorted(self.known))
-        self.near = near(self.shape, self.known)
+        self.suggestions = closest_names(self.shape, self.known)
 
     @property
     def remedy(self) -> str:
@@ -539,7 +539,7 @@ class ShapeUnknown(KnowledgeError):
 
 
 @dataclass(eq=False)
-class ShapeRefused(KnowledgeError):
+class InvalidShapeError(KnowledgeError):
     """A shape cannot be built: a size or a parameter is invalid."""
 
     template = "the shape {shape!r} cannot be made: {reason}"
@@ -556,7 +556,7 @@ class EngineError(MindstageError):
 
 
 @dataclass(eq=False)
-class EngineUnavailable(EngineError):
+class EngineUnavailableError(EngineError):
     """The engine is not installed or cannot be reached."""
 
     template = "the engine {engine!r} is not available: {cause}{hint}"
@@ -567,7 +567,7 @@ class EngineUnavailable(EngineError):
 
 
 @dataclass(eq=False)
-class EngineTimedOut(EngineError):
+class EngineTimeoutError(EngineError):
     """The engine did not reply in time; the command may or may not have been executed."""
 
     template = (
@@ -581,7 +581,7 @@ class EngineTimedOut(EngineError):
 
 
 @dataclass(eq=False)
-class EngineUnable(EngineError):
+class UnsupportedByEngineError(EngineError):
     """The engine does not have the capability."""
 
     template = "the engine {engine!r} cannot {what}{hint}"
@@ -592,7 +592,7 @@ class EngineUnable(EngineError):
 
 
 @dataclass(eq=False)
-class EngineClosed(EngineError):
+class EngineClosedError(EngineError):
     """The engine was called after `close`."""
 
     template = "the engine {engine!r} is closed; make a new one"
@@ -600,7 +600,7 @@ class EngineClosed(EngineError):
 
 
 @dataclass(eq=False)
-class SimulationUnstable(EngineError):
+class SimulationDivergedError(EngineError):
     """The simulation diverged: positions, velocities or accelerations are not finite."""
 
     template = "the simulation became unstable at {time_s:.3f} s: {what}"
@@ -609,12 +609,12 @@ class SimulationUnstable(EngineError):
     what: str
 
 
-class StageError(MindstageError):
+class SimulationError(MindstageError):
     """The simulation thread could not execute the call."""
 
 
 @dataclass(eq=False)
-class StageTimedOut(StageError):
+class SimulationTimeoutError(SimulationError):
     """The thread that owns the engine did not finish the call in time."""
 
     template = "{call} did not finish within {timeout_s:g} s; the simulation may be busy or stopped"
@@ -631,7 +631,7 @@ class BridgeError(MindstageError):
 
 
 @dataclass(eq=False)
-class BridgeUnavailable(BridgeError):
+class BridgeUnavailableError(BridgeError):
     """The rosbridge server cannot listen at that address."""
 
     template = "the bridge cannot be served at {host}, port {port}: {cause}; try 127.0.0.1 or another port"
@@ -642,41 +642,41 @@ class BridgeUnavailable(BridgeError):
 
 
 @dataclass(eq=False)
-class AccessRefused(BridgeError):
+class AuthenticationError(BridgeError):
     """A token is required, and none or an invalid one was sent."""
 
     template = "no access to {where}: {cause}"
-    where: str
+    address: str
     _: KW_ONLY
     cause: str
 
 
 @dataclass(eq=False)
-class ConnectionLost(BridgeError):
+class ConnectionLostError(BridgeError):
     """No connection, or a closed one; a pending request may or may not have been executed."""
 
     template = "no connection to {where}: {cause}"
-    where: str
+    address: str
     _: KW_ONLY
     cause: str
 
 
 @dataclass(eq=False)
-class ServiceUnknown(BridgeError):
+class ServiceNotFoundError(BridgeError):
     """No service or action of that name is advertised."""
 
     template = "Service {service} does not exist{hint}"  # rosbridge's wording, which its clients match
     service: str
     _: KW_ONLY
     known: InitVar[Iterable[str]] = ()
-    near: tuple[str, ...] = field(init=False)
+    suggestions: tuple[str, ...] = field(init=False)
 
     def __post_init__(self, known: Iterable[str]) -> None:
-        self.near = near(self.service, known)
+        self.suggestions = closest_names(self.service, known)
 
 
 @dataclass(eq=False)
-class ServiceTimedOut(BridgeError):
+class ServiceTimeoutError(BridgeError):
     """A service or an action did not return in time."""
 
     template = (
@@ -688,7 +688,7 @@ class ServiceTimedOut(BridgeError):
 
 
 @dataclass(eq=False)
-class ServiceFailed(BridgeError):
+class ServiceCallError(BridgeError):
     """A service or an action failed for a reason other than the state of the world."""
 
     template = "{service} failed: {cause}"
@@ -698,7 +698,7 @@ class ServiceFailed(BridgeError):
 
 
 @dataclass(eq=False)
-class OfferRefused(BridgeError):
+class AdvertiseError(BridgeError):
     """A service, action or topic cannot be advertised under that name."""
 
     template = "{name!r} cannot be offered: {cause}"
@@ -708,14 +708,14 @@ class OfferRefused(BridgeError):
 
 
 @dataclass(eq=False)
-class MessageRefused(BridgeError):
+class MessageValidationError(BridgeError):
     """A message does not match its type."""
 
     template = "{what}: {at_path}{cause}{hint}"
-    what: str
+    subject: str
     _: KW_ONLY
     path: str = ""
-    """The place in the message, such as `models[3].pose.position.x`."""
+    """The place in the message, such as `models[3].pose.qpos_address.x`."""
     cause: str
     remedy: str = ""
     id: str | int | None = None
@@ -728,36 +728,36 @@ class MessageRefused(BridgeError):
 
 
 @dataclass(eq=False)
-class TypeUnknown(BridgeError):
+class TypeNotFoundError(BridgeError):
     """No message, service or action type has that name."""
 
     template = "no {kind} type {name!r} is known{hint}"
     name: str
     _: KW_ONLY
-    kind: str
+    interface_type: str
     known: InitVar[Iterable[str]] = ()
-    near: tuple[str, ...] = field(init=False)
+    suggestions: tuple[str, ...] = field(init=False)
 
     def __post_init__(self, known: Iterable[str]) -> None:
-        self.near = near(self.name, known)
+        self.suggestions = closest_names(self.name, known)
 
 
 # -- user interfaces ---------------------------------------------------------------------------------------------------
 
 
 @dataclass(eq=False)
-class ColourUnknown(MindstageError):
+class InvalidColorError(MindstageError):
     """Neither a color name nor a color value."""
 
     template = "no color {colour!r}{hint}"
-    colour: str
+    color: str
     _: KW_ONLY
     known: Iterable[str]
-    near: tuple[str, ...] = field(init=False)
+    suggestions: tuple[str, ...] = field(init=False)
 
     def __post_init__(self) -> None:
         self.known = tuple(self.known)
-        self.near = near(self.colour, self.known)
+        self.suggestions = closest_names(self.color, self.known)
 
     @property
     def remedy(self) -> str:
@@ -770,7 +770,7 @@ class PrologError(MindstageError):
 
 
 @dataclass(eq=False)
-class PrologUnavailable(PrologError):
+class PrologUnavailableError(PrologError):
     """SWI-Prolog or pyswip is not installed, or already in use."""
 
     template = "Prolog is not available: {cause}{hint}"
@@ -782,18 +782,18 @@ class PrologUnavailable(PrologError):
 
 
 @dataclass(eq=False)
-class GoalRefused(PrologError):
+class PrologGoalError(PrologError):
     """A goal has a syntax error or threw an exception; the kind is a Mindstage error class, or `prolog`."""
 
     template = "the goal {goal!r} cannot be answered: {cause}"
     goal: str
     _: KW_ONLY
-    kind: str
+    error_type: str
     cause: str
 
 
 @dataclass(eq=False)
-class GoalTimedOut(PrologError):
+class PrologTimeoutError(PrologError):
     """A goal did not finish in time."""
 
     template = "the goal {goal!r} did not end within {timeout_s:g} s; increase the timeout, or ask for less"
@@ -803,7 +803,7 @@ class GoalTimedOut(PrologError):
 
 
 @dataclass(eq=False)
-class ViewportUnavailable(MindstageError):
+class ViewerUnavailableError(MindstageError):
     """The page's server cannot listen at that address."""
 
     template = "the page cannot be served at {host}, port {port}: {cause}; try 127.0.0.1 or another port"
@@ -818,27 +818,27 @@ class BrowserError(MindstageError):
 
 
 @dataclass(eq=False)
-class BrowserUnavailable(BrowserError):
+class BrowserNotFoundError(BrowserError):
     """No suitable browser is installed, or it does not start."""
 
     template = "a browser is needed to take pictures: {cause}{hint}"
     cause: str
     _: KW_ONLY
-    known: Iterable[str] = ()
+    searched: Iterable[str] = ()
 
     def __post_init__(self) -> None:
-        self.known = tuple(self.known)
+        self.searched = tuple(self.searched)
 
     @property
     def remedy(self) -> str:
         """What can be installed, where names of programs were searched for."""
-        names = [name for name in self.known if "/" not in name]
+        names = [name for name in self.searched if "/" not in name]
         searched = f"install Chromium or Chrome, or name another with --browser; searched for {', '.join(names)}"
         return searched if names else ""
 
 
 @dataclass(eq=False)
-class BrowserBroken(BrowserError):
+class BrowserCrashedError(BrowserError):
     """The browser exited, returned an error, or did not reply in time."""
 
     template = "the browser failed: {cause}; try again, or increase the timeout"
@@ -846,16 +846,16 @@ class BrowserBroken(BrowserError):
 
 
 @dataclass(eq=False)
-class RequestRefused(MindstageError):
+class InvalidRequestError(MindstageError):
     """A request from the page is unknown, or its arguments are invalid."""
 
     template = "{what} is not a valid request: {cause}{hint}"
     remedy: ClassVar[str] = "reload the page"
-    what: str
+    subject: str
     _: KW_ONLY
     cause: str
     known: InitVar[Iterable[str]] = ()
-    near: tuple[str, ...] = field(init=False)
+    suggestions: tuple[str, ...] = field(init=False)
 
     def __post_init__(self, known: Iterable[str]) -> None:
-        self.near = near(self.what, known)
+        self.suggestions = closest_names(self.subject, known)

@@ -9,10 +9,10 @@ from contextlib import suppress
 from pathlib import Path
 from uuid import uuid4
 
-__all__ = ["atomic_write", "cache_folder"]
+__all__ = ["atomic_write", "cache_dir"]
 
 
-def cache_folder(name: str = "") -> Path:
+def cache_dir(name: str = "") -> Path:
     """The folder of that name in Mindstage's cache, made if it is not there.
 
     It lies where `MINDSTAGE_CACHE` says, else where the platform keeps such things (the XDG Base Directory

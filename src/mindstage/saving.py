@@ -12,12 +12,12 @@ from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
-from mindstage.errors import ArgumentRefused, MapUnwritable, SourceUnreadable
+from mindstage.errors import InvalidArgumentError, MapWriteError, SourceParseError
 
 if TYPE_CHECKING:
-    from mindstage.assets import Assets
-    from mindstage.knowledge import KnowledgeBase, Origin
-    from mindstage.shapes import Fitted
+    from mindstage.assets import MeshLibrary
+    from mindstage.knowledge import KnowledgeBase, SourceMapView
+    from mindstage.shapes import FittedGeometry
     from mindstage.world import World
 
 __all__ = ["FileDialect", "FileFormat", "dialect_name", "file_format", "mesh_assets", "save_world"]
@@ -76,18 +76,18 @@ def file_format(
     """The format given, or else the one of the path's suffix.
 
     Raises:
-        MapUnwritable: no format has this suffix.
-        ArgumentRefused: there is no such format or dialect, or the format has no dialects and one is given.
+        MapWriteError: no format has this suffix.
+        InvalidArgumentError: there is no such format or dialect, or the format has no dialects and one is given.
     """
     suffix = Path(path).suffix
     chosen = _SUFFIXES.get(suffix.lower()) if format is None else _choice(FileFormat, format)
     if chosen is None:
         remedy = f"use one of {', '.join(_SUFFIXES)}, or give the format"
-        raise MapUnwritable(str(path), cause=f"the suffix {suffix!r} stands for no format", remedy=remedy)
+        raise MapWriteError(str(path), cause=f"the suffix {suffix!r} stands for no format", remedy=remedy)
     if dialect is not None and not chosen.is_map:
         remedy = "leave it out, or write .owl or .ttl"
         name = _choice(FileDialect, dialect).value
-        raise ArgumentRefused(f"the dialect {name}", cause=f"{chosen.value} has no dialects", remedy=remedy)
+        raise InvalidArgumentError(f"the dialect {name}", cause=f"{chosen.value} has no dialects", remedy=remedy)
     return chosen
 
 
@@ -128,12 +128,12 @@ def save_world(
         Notes, one sentence each, on what the file cannot hold or holds in other words.
 
     Raises:
-        MapUnwritable: no format has this suffix, the world holds something that the format cannot, or the file cannot
+        MapWriteError: no format has this suffix, the world holds something that the format cannot, or the file cannot
             be written.
-        ArgumentRefused: there is no such format or dialect; the dialect needs a knowledge base that has read the map,
+        InvalidArgumentError: there is no such format or dialect; the dialect needs a knowledge base that has read the map,
             or the map was not converted.
-        SourceUnreadable: one of the asset folders does not exist.
-        EngineUnavailable: Godot is not installed.
+        SourceParseError: one of the asset folders does not exist.
+        EngineUnavailableError: Godot is not installed.
     """
     from mindstage.knowledge import KnowledgeBase
 
@@ -147,20 +147,20 @@ def save_world(
     return _save_scene(world, out, kind, knowledge, assets=assets, plain_shapes=plain_shapes, godot=godot)
 
 
-def mesh_assets(folders: StrPath | Iterable[StrPath], knowledge: KnowledgeBase) -> Assets:
+def mesh_assets(folders: StrPath | Iterable[StrPath], knowledge: KnowledgeBase) -> MeshLibrary:
     """The meshes in some folders and those that maps refer to.
 
     Raises:
-        SourceUnreadable: one of the folders does not exist.
+        SourceParseError: one of the folders does not exist.
     """
-    from mindstage.assets import Assets
+    from mindstage.assets import MeshLibrary
 
     listed = [folders] if isinstance(folders, str | os.PathLike) else folders
     paths = [Path(folder) for folder in listed]
     for path in paths:
         if not path.is_dir():
-            raise SourceUnreadable(str(path), cause="there is no such folder; assets takes folders of mesh files")
-    return Assets(paths, find_file=knowledge.find_file)
+            raise SourceParseError(str(path), cause="there is no such folder; assets takes folders of mesh files")
+    return MeshLibrary(paths, find_file=knowledge.find_file)
 
 
 def _choice(kind: type[E], name: str) -> E:
@@ -169,7 +169,7 @@ def _choice(kind: type[E], name: str) -> E:
     except ValueError:
         what = "format" if kind is FileFormat else "dialect"
         remedy = f"use one of {', '.join(kind)}"
-        raise ArgumentRefused(f"the {what} {name!r}", cause=f"there is no such {what}", remedy=remedy) from None
+        raise InvalidArgumentError(f"the {what} {name!r}", cause=f"there is no such {what}", remedy=remedy) from None
 
 
 def _save_map(
@@ -182,23 +182,25 @@ def _save_map(
         return save_map(world, path, format=syntax, dialect=MapDialect(dialect.value))
     if knowledge is None:
         cause = "it takes the knowledge base that the map was read with"
-        raise ArgumentRefused(f"the dialect {dialect.value}", cause=cause, remedy="give knowledge, or use semlog, soma")
-    return save_map(world, path, format=syntax, origin=_origin_of(world, knowledge, dialect))
+        raise InvalidArgumentError(
+            f"the dialect {dialect.value}", cause=cause, remedy="give knowledge, or use semlog, soma"
+        )
+    return save_map(world, path, format=syntax, source_view=_origin_of(world, knowledge, dialect))
 
 
-def _origin_of(world: World, knowledge: KnowledgeBase, dialect: FileDialect) -> Origin:
+def _origin_of(world: World, knowledge: KnowledgeBase, dialect: FileDialect) -> SourceMapView:
     """The map that a world was read from, or the one from which that was converted.
 
     Raises:
-        ArgumentRefused: it was not converted.
+        InvalidArgumentError: it was not converted.
     """
-    origin = knowledge.origin(world.iri)
+    origin = knowledge.source_view(world.iri)
     if dialect is FileDialect.SAME:
         return origin
-    given = origin.given()
+    given = origin.before_conversion()
     if given is None:
         cause, remedy = "the map does not say that it was converted", "use same, semlog or soma"
-        raise ArgumentRefused(f"the dialect {dialect.value}", cause=cause, remedy=remedy)
+        raise InvalidArgumentError(f"the dialect {dialect.value}", cause=cause, remedy=remedy)
     return given
 
 
@@ -217,14 +219,14 @@ def _save_scene(
 
     fitted = _fitted(world, knowledge, assets=assets, plain_shapes=plain_shapes)
     if format is FileFormat.MJCF:
-        from mindstage.engines.mujoco import mjcf
+        from mindstage.engines.mujoco import world_to_mjcf
 
-        text, notes = mjcf(world, forms=fitted.forms, find_mesh=knowledge.find_file)
+        text, notes = world_to_mjcf(world, geometry=fitted.geometry, find_mesh=knowledge.find_file)
         save_file(path, text.encode())
     elif format is FileFormat.GLTF:
-        from mindstage.exports import glb
+        from mindstage.exports import world_to_glb
 
-        data, notes = glb(world, forms=fitted.forms)
+        data, notes = world_to_glb(world, geometry=fitted.geometry)
         save_file(path, data)
     else:
         return _save_godot_scene(world, path, fitted, godot=godot)
@@ -233,14 +235,18 @@ def _save_scene(
 
 def _fitted(
     world: World, knowledge: KnowledgeBase, *, assets: StrPath | Iterable[StrPath], plain_shapes: bool
-) -> Fitted:
-    from mindstage.shapes import Fitted, forms_for
-    from mindstage.world import NO_FORMS
+) -> FittedGeometry:
+    from mindstage.shapes import FittedGeometry, fit_geometry
+    from mindstage.world import NO_GEOMETRY
 
-    return Fitted(NO_FORMS) if plain_shapes else forms_for(world, knowledge, meshes=mesh_assets(assets, knowledge))
+    return (
+        FittedGeometry(NO_GEOMETRY)
+        if plain_shapes
+        else fit_geometry(world, knowledge, meshes=mesh_assets(assets, knowledge))
+    )
 
 
-def _save_godot_scene(world: World, path: Path, fitted: Fitted, *, godot: StrPath | None) -> tuple[str, ...]:
+def _save_godot_scene(world: World, path: Path, fitted: FittedGeometry, *, godot: StrPath | None) -> tuple[str, ...]:
     """Spawns the world in a Godot process, which writes the scene."""
     from tempfile import TemporaryDirectory
 
@@ -249,12 +255,12 @@ def _save_godot_scene(world: World, path: Path, fitted: Fitted, *, godot: StrPat
 
     engine = GodotEngine(None if godot is None else Path(godot))
     try:
-        report = engine.spawn(world, forms=fitted.forms)
+        report = engine.spawn(world, geometry=fitted.geometry)
         with TemporaryDirectory(prefix="mindstage-") as folder:
             scene = Path(folder, "scene.tscn")
             engine.save_scene(scene)
             save_file(path, scene.read_bytes())
     finally:
         engine.close()
-    failed = (*report.failed_bodies, *report.failed_constraints, *report.failed_attachments)
+    failed = (*report.failed_bodies, *report.failed_joints, *report.failed_attachments)
     return tuple(f"{each.id} is not in it: {each.reason}" for each in failed)

@@ -11,10 +11,10 @@ import pytest
 import trimesh
 from PIL import Image
 
-from mindstage.assets import Assets
-from mindstage.assets.reading import read_meshes
-from mindstage.engines.solids import prepare
-from mindstage.world import Body, BodyId, Form, FormSource, Iri, Pose, SolidKind, Vector
+from mindstage.assets import MeshLibrary
+from mindstage.assets.reading import import_meshes
+from mindstage.engines.solids import compile_geometry
+from mindstage.world import Body, BodyGeometry, BodyId, CollisionShapeType, GeometrySource, Iri, Pose, Vector
 
 MUG = (0.08, 0.1, 0.12)
 
@@ -46,18 +46,18 @@ def block(extents: Vector = MUG, at: Vector = (0.0, 0.0, 0.0)) -> trimesh.Trimes
     return made
 
 
-def formed(folder: Path, cache: Path, of: Body, **more: object) -> tuple[Form | None, str]:
-    found = Assets([folder], cache=cache, **more).forms([of])  # type: ignore[arg-type]
-    return found.forms.get(of.id), " | ".join(found.notes)
+def formed(folder: Path, cache: Path, of: Body, **more: object) -> tuple[BodyGeometry | None, str]:
+    found = MeshLibrary([folder], cache=cache, **more).geometry_for([of])  # type: ignore[arg-type]
+    return found.geometry.get(of.id), " | ".join(found.notes)
 
 
-def extents(form: Form) -> np.ndarray:
-    points = np.concatenate([skin.points for skin in form.skins])
+def extents(form: BodyGeometry) -> np.ndarray:
+    points = np.concatenate([skin.points for skin in form.visuals])
     return np.ptp(points, axis=0)
 
 
-def middle(form: Form) -> np.ndarray:
-    points = np.concatenate([skin.points for skin in form.skins])
+def middle(form: BodyGeometry) -> np.ndarray:
+    points = np.concatenate([skin.points for skin in form.visuals])
     return (points.min(axis=0) + points.max(axis=0)) / 2
 
 
@@ -84,8 +84,8 @@ def test_a_mesh_is_found_by_its_path_then_its_name_then_its_class(
     block().export(path, file_type="stl")
     form, notes = formed(folder, cache, body(told))
     assert form is not None
-    assert form.source is FormSource.MESH
-    assert form.why == f"the mesh {path.name}, found by its {by}"
+    assert form.source is GeometrySource.MESH
+    assert form.reason == f"the mesh {path.name}, found by its {by}"
     assert not notes
 
 
@@ -95,7 +95,7 @@ def test_what_the_map_itself_leads_to_comes_first(folder: Path, cache: Path, tmp
     block().export(beside)
     form, _ = formed(folder, cache, body("beside.stl"), find_file=lambda name: beside if name == "beside.stl" else None)
     assert form is not None
-    assert "beside.stl" in form.why
+    assert "beside.stl" in form.reason
 
 
 def test_of_several_formats_the_one_that_says_most_about_looks_is_taken(folder: Path, cache: Path) -> None:
@@ -103,7 +103,7 @@ def test_of_several_formats_the_one_that_says_most_about_looks_is_taken(folder: 
         block().export(folder / f"mug{suffix}")
     form, _ = formed(folder, cache, body())
     assert form is not None
-    assert "mug.glb" in form.why
+    assert "mug.glb" in form.reason
 
 
 def test_a_body_without_a_file_has_no_form(folder: Path, cache: Path) -> None:
@@ -129,8 +129,8 @@ def test_a_mesh_is_scaled_and_moved_to_the_maps_size_and_says_so(folder: Path, c
     assert middle(form) == pytest.approx((0.0, 0.0, 0.0), abs=1e-6)
     assert "Thing: the mesh mug.stl is scaled by 0.01 to the map's size" in notes
     assert "is moved" in notes
-    (solid,) = form.solids
-    assert solid.kind is SolidKind.HULL
+    (solid,) = form.collision_shapes
+    assert solid.type is CollisionShapeType.HULL
     assert solid.size == pytest.approx(MUG, abs=1e-6)
 
 
@@ -176,7 +176,7 @@ def test_collada_says_itself_what_is_up(folder: Path, cache: Path) -> None:
 # -- looks -------------------------------------------------------------------------------------------------------------
 
 
-def test_colours_and_textures_are_kept(folder: Path, cache: Path) -> None:
+def test_colors_and_textures_are_kept(folder: Path, cache: Path) -> None:
     checkers = np.zeros((8, 8, 3), dtype=np.uint8)
     checkers[::2, ::2] = (250, 120, 10)
     uv = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]] * 2)
@@ -188,15 +188,15 @@ def test_colours_and_textures_are_kept(folder: Path, cache: Path) -> None:
     textured.export(folder / "mug.glb")
     form, _ = formed(folder, cache, body(size=None))
     assert form is not None
-    (skin,) = form.skins
+    (skin,) = form.visuals
     assert skin.image is not None
     assert skin.uv is not None
     assert skin.image.shape == (8, 8, 4)
     assert tuple(skin.image[0, 0]) == (250, 120, 10, 255)
-    assert (skin.surface.metalness, skin.surface.roughness) == (0.25, 0.5)
+    assert (skin.material.metalness, skin.material.roughness) == (0.25, 0.5)
 
 
-def test_faces_of_several_colours_become_several_skins(folder: Path, cache: Path) -> None:
+def test_faces_of_several_colors_become_several_skins(folder: Path, cache: Path) -> None:
     (folder / "mug.mtl").write_text("newmtl red\nKd 1 0 0\nnewmtl blue\nKd 0 0 1\nd 0.5\n")
     corners = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\n"
     (folder / "mug.obj").write_text(
@@ -204,7 +204,7 @@ def test_faces_of_several_colours_become_several_skins(folder: Path, cache: Path
     )
     form, _ = formed(folder, cache, body(size=None))
     assert form is not None
-    assert sorted((skin.surface.colour, len(skin.faces)) for skin in form.skins) == [
+    assert sorted((skin.material.color, len(skin.faces)) for skin in form.visuals) == [
         ((0.0, 0.0, 1.0), 2),
         ((1.0, 0.0, 0.0), 2),
     ]
@@ -225,23 +225,25 @@ def test_an_open_box_is_made_of_convex_pieces_with_room_inside(folder: Path, cac
     tray.export(folder / "tray.stl")
     form, _ = formed(folder, cache, body(size=(0.4, 0.4, 0.2), cls="Tray"))
     assert form is not None
-    assert 4 < len(form.solids) <= 24
+    assert 4 < len(form.collision_shapes) <= 24
     inside = [
         all(abs(middle) < half for middle, half in zip(solid.pose.position, np.array(solid.size) / 2, strict=True))
-        for solid in form.solids
+        for solid in form.collision_shapes
     ]
     assert not any(inside), "something stands where the tray is empty"
-    corners = np.array([np.add(point, solid.pose.position) for solid in form.solids for point in solid.points])
+    corners = np.array(
+        [np.add(point, solid.pose.position) for solid in form.collision_shapes for point in solid.points]
+    )
     assert np.abs(corners).max(axis=0) == pytest.approx((0.2, 0.2, 0.1)), "no piece stands out of the tray"
 
 
 def test_a_hull_has_the_extents_of_its_mesh(folder: Path, cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("mindstage.assets.reading._with_pieces", lambda: False)
+    monkeypatch.setattr("mindstage.assets.reading._can_decompose", lambda: False)
     ball = trimesh.creation.icosphere(subdivisions=4, radius=0.05)
     ball.export(folder / "ball.stl")
     form, _ = formed(folder, cache, body(size=(0.1, 0.1, 0.1), cls="Ball"))
     assert form is not None
-    (solid,) = form.solids
+    (solid,) = form.collision_shapes
     assert solid.size == pytest.approx((0.1, 0.1, 0.1), rel=0.01)
     assert 100 < len(solid.points) < 600
 
@@ -250,13 +252,13 @@ def test_the_hull_of_a_tilted_cylinder_weighs_what_the_cylinder_does(
     folder: Path, cache: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """An STL file rounds to single precision, so that the corners of a cap are not quite in one plane."""
-    monkeypatch.setattr("mindstage.assets.reading._with_pieces", lambda: False)
+    monkeypatch.setattr("mindstage.assets.reading._can_decompose", lambda: False)
     tilted = trimesh.creation.cylinder(radius=0.03, height=0.2, sections=32)
     tilted.apply_transform(trimesh.transformations.rotation_matrix(0.7, (0.3, 0.9, 0.2), (1.0, 2.0, 3.0)))
     tilted.export(folder / "mug.stl")
     form, _ = formed(folder, cache, body(size=None))
     assert form is not None
-    assert prepare(form.solids).volume == pytest.approx(tilted.volume, rel=1e-3)
+    assert compile_geometry(form.collision_shapes).volume == pytest.approx(tilted.volume, rel=1e-3)
 
 
 # -- kept --------------------------------------------------------------------------------------------------------------
@@ -274,7 +276,7 @@ def test_what_was_read_once_is_read_from_the_cache(folder: Path, cache: Path, mo
     assert first is not None
     assert again is not None
     assert first.key == again.key
-    assert np.array_equal(first.skins[0].points, again.skins[0].points)
+    assert np.array_equal(first.visuals[0].points, again.visuals[0].points)
 
 
 def test_a_file_that_changes_is_read_anew(folder: Path, cache: Path) -> None:
@@ -353,8 +355,8 @@ def test_a_broken_or_hostile_file_is_refused_by_name(folder: Path, cache: Path, 
     (folder / name).write_bytes(content)
     block().export(folder / "cup.stl")
     cup = body(cls="Cup")
-    found = Assets([folder], cache=cache).forms([body(), Body(**{**fields(cup), "id": BodyId("Cup")})])
-    assert set(found.forms) == {"Cup"}, "one bad file spoils no other"
+    found = MeshLibrary([folder], cache=cache).geometry_for([body(), Body(**{**fields(cup), "id": BodyId("Cup")})])
+    assert set(found.geometry) == {"Cup"}, "one bad file spoils no other"
     (note,) = found.notes
     assert str(folder / name) in note
     assert "is left out: " in note
@@ -368,10 +370,10 @@ def test_a_file_that_ends_its_reader_costs_only_itself(
     block().export(folder / "cup.stl")
     with (folder / "cup.stl").open("rb") as file:
         assert file.read(1)
-    read, refused = read_meshes([folder / "cup.stl"], folder=cache, timeout_s=0.0)
+    read, refused = import_meshes([folder / "cup.stl"], folder=cache, timeout_s=0.0)
     assert not read
     assert "longer than 0 s" in refused[folder / "cup.stl"]
-    assert read_meshes([folder / "cup.stl"], folder=cache)[1] == refused, "nobody waits twice for the same file"
+    assert import_meshes([folder / "cup.stl"], folder=cache)[1] == refused, "nobody waits twice for the same file"
 
 
 def fields(of: Body) -> dict[str, object]:

@@ -6,37 +6,37 @@ import numpy as np
 import pytest
 import trimesh
 
-from mindstage.assets.levels import levels_of
-from mindstage.world import Skin, Surface
+from mindstage.assets.levels import find_support_surfaces
+from mindstage.world import PbrMaterial, VisualMesh
 
 
-def skin(*boxes: tuple[tuple[float, float, float], tuple[float, float, float]]) -> Skin:
+def skin(*boxes: tuple[tuple[float, float, float], tuple[float, float, float]]) -> VisualMesh:
     """Blocks, each by its two corners."""
     made = [trimesh.creation.box(bounds=np.array(corners)) for corners in boxes]
     mesh = trimesh.util.concatenate(made)
-    return Skin(np.array(mesh.vertices), np.array(mesh.faces, dtype=np.uint32), Surface())
+    return VisualMesh(np.array(mesh.vertices), np.array(mesh.faces, dtype=np.uint32), PbrMaterial())
 
 
 def test_a_block_can_be_stood_upon() -> None:
-    (place,) = levels_of([skin(((-0.5, -0.4, -0.3), (0.5, 0.4, 0.3)))])
-    assert place.centre == pytest.approx((0.0, 0.0, 0.3))
+    (place,) = find_support_surfaces([skin(((-0.5, -0.4, -0.3), (0.5, 0.4, 0.3)))])
+    assert place.center == pytest.approx((0.0, 0.0, 0.3))
     assert place.size == pytest.approx((1.0, 0.8))
-    assert (place.height, place.inside) == (None, False)
+    assert (place.clearance, place.is_inside) == (None, False)
 
 
 def test_a_bench_s_seat_is_the_place_and_not_the_edge_of_its_back() -> None:
     seat, back = ((-0.5, -0.25, 0.4), (0.5, 0.25, 0.45)), ((-0.5, 0.22, 0.45), (0.5, 0.25, 0.9))
-    (place,) = levels_of([skin(seat, back)])
-    assert place.centre[2] == pytest.approx(0.45)
-    assert not place.inside
+    (place,) = find_support_surfaces([skin(seat, back)])
+    assert place.center[2] == pytest.approx(0.45)
+    assert not place.is_inside
 
 
 def test_lower_shelves_are_in_it_with_the_room_up_to_the_next() -> None:
     boards = [((-0.4, -0.15, z), (0.4, 0.15, z + 0.02)) for z in (0.0, 0.4, 0.8)]
-    places = levels_of([skin(boards[0]), skin(*boards[1:])])
-    assert [place.centre[2] for place in places] == pytest.approx([0.82, 0.42, 0.02])
-    assert [place.inside for place in places] == [False, True, True]
-    assert [place.height for place in places[1:]] == pytest.approx([0.4, 0.4])
+    places = find_support_surfaces([skin(boards[0]), skin(*boards[1:])])
+    assert [place.center[2] for place in places] == pytest.approx([0.82, 0.42, 0.02])
+    assert [place.is_inside for place in places] == [False, True, True]
+    assert [place.clearance for place in places[1:]] == pytest.approx([0.4, 0.4])
 
 
 def test_a_ball_and_a_slope_have_no_place() -> None:
@@ -44,4 +44,6 @@ def test_a_ball_and_a_slope_have_no_place() -> None:
     wedge = trimesh.creation.box((1.0, 1.0, 0.1))
     wedge.apply_transform(trimesh.transformations.rotation_matrix(0.4, (0, 1, 0)))
     for mesh in (ball, wedge):
-        assert not levels_of([Skin(np.array(mesh.vertices), np.array(mesh.faces, dtype=np.uint32), Surface())])
+        assert not find_support_surfaces(
+            [VisualMesh(np.array(mesh.vertices), np.array(mesh.faces, dtype=np.uint32), PbrMaterial())]
+        )

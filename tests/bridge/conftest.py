@@ -8,36 +8,36 @@ from typing import Any
 
 import pytest
 
-from mindstage.bridge import Client, Hub, Server
+from mindstage.bridge import LocalNode, RosbridgeClient, RosbridgeServer
 
-from .talking import PATIENCE_S, Talker
+from .talking import TIMEOUT_S, RawClient
 
 
 @pytest.fixture
-def hub() -> Iterator[Hub]:
-    with Hub() as hub:
+def hub() -> Iterator[LocalNode]:
+    with LocalNode() as hub:
         yield hub
 
 
 @pytest.fixture
-def server(hub: Hub) -> Iterator[Server]:
-    with Server(hub, port=0) as server:
+def server(hub: LocalNode) -> Iterator[RosbridgeServer]:
+    with RosbridgeServer(hub, port=0) as server:
         yield server
 
 
 @pytest.fixture
-def talker(server: Server) -> Iterator[Callable[..., Talker]]:
+def talker(server: RosbridgeServer) -> Iterator[Callable[..., RawClient]]:
     """Makes bare clients."""
     with ExitStack() as stack:
-        yield lambda url=None, **options: stack.enter_context(closing(Talker(url or server.url, **options)))
+        yield lambda url=None, **options: stack.enter_context(closing(RawClient(url or server.url, **options)))
 
 
 @pytest.fixture
-def client(server: Server) -> Iterator[Callable[..., Client]]:
+def client(server: RosbridgeServer) -> Iterator[Callable[..., RosbridgeClient]]:
     """Makes our own clients."""
     with ExitStack() as stack:
 
-        def make(url: str | None = None, **options: Any) -> Client:
-            return stack.enter_context(Client(url or server.url, **options)).wait_connected(PATIENCE_S)
+        def make(url: str | None = None, **options: Any) -> RosbridgeClient:
+            return stack.enter_context(RosbridgeClient(url or server.url, **options)).wait_connected(TIMEOUT_S)
 
         yield make

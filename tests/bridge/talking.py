@@ -11,49 +11,47 @@ import msgspec
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 
-PATIENCE_S = 20.0
+TIMEOUT_S = 20.0
 """Long enough for any machine; nothing waits for it unless something is broken."""
 
 Message = dict[str, Any]
 
 
-class Talker:
+class RawClient:
     """One bare websocket."""
 
     def __init__(self, url: str, **options: Any) -> None:
-        self.socket: ClientConnection = connect(
-            url, open_timeout=PATIENCE_S, max_size=None, compression=None, **options
-        )
-        self.heard: list[Message] = []
+        self.socket: ClientConnection = connect(url, open_timeout=TIMEOUT_S, max_size=None, compression=None, **options)
+        self.received: list[Message] = []
 
-    def say(self, **message: Any) -> None:
+    def send_operation(self, **message: Any) -> None:
         self.send(msgspec.json.encode(message).decode())
 
     def send(self, frame: str | bytes) -> None:
         self.socket.send(frame)
 
-    def hear(self, op: str, timeout_s: float = PATIENCE_S, **fields: Any) -> Message:
+    def receive(self, op: str, timeout_s: float = TIMEOUT_S, **fields: Any) -> Message:
         """The next message of that kind with these fields; what comes before stays in `heard`."""
         until = time.monotonic() + timeout_s
         while True:
-            for number, message in enumerate(self.heard):
+            for number, message in enumerate(self.received):
                 if message.get("op") == op and all(message.get(key) == value for key, value in fields.items()):
-                    return self.heard.pop(number)
+                    return self.received.pop(number)
             frame = self.socket.recv(timeout=max(0.0, until - time.monotonic()))
             assert isinstance(frame, str), "a binary frame where text was expected"
-            self.heard.append(msgspec.json.decode(frame))
+            self.received.append(msgspec.json.decode(frame))
 
-    def ask(self, service: str, args: Any = None, **fields: Any) -> Message:
+    def call_service(self, service: str, args: Any = None, **fields: Any) -> Message:
         """Calls a service and waits for the answer."""
         id = f"ask:{service}:{time.monotonic_ns()}"
-        self.say(op="call_service", id=id, service=service, args={} if args is None else args, **fields)
-        return self.hear("service_response", id=id)
+        self.send_operation(op="call_service", id=id, service=service, args={} if args is None else args, **fields)
+        return self.receive("service_response", id=id)
 
-    def settle(self) -> None:
+    def flush(self) -> None:
         """Returns when everything said so far was heard by the hub: what is said on one connection keeps its order."""
-        self.ask("/settle")
+        self.call_service("/settle")
 
-    def closed(self, timeout_s: float = PATIENCE_S) -> tuple[int, str]:
+    def wait_closed(self, timeout_s: float = TIMEOUT_S) -> tuple[int, str]:
         """Waits for the other side to close; the code and the reason."""
         try:
             while True:
@@ -69,7 +67,7 @@ class Talker:
         self.socket.close()
 
 
-def eventually(condition: Callable[[], object], *, timeout_s: float = PATIENCE_S) -> None:
+def eventually(condition: Callable[[], object], *, timeout_s: float = TIMEOUT_S) -> None:
     """Waits until something becomes true."""
     until = time.monotonic() + timeout_s
     while not condition():
@@ -77,9 +75,9 @@ def eventually(condition: Callable[[], object], *, timeout_s: float = PATIENCE_S
         time.sleep(0.005)
 
 
-def bare_subscriber(port: int, **wishes: Any) -> socket.socket:
+def raw_subscriber(port: int, **wishes: Any) -> socket.socket:
     """Asks for a topic's messages and then does not read: a websocket by hand, so that nothing reads for it."""
-    bare = socket.create_connection(("127.0.0.1", port), timeout=PATIENCE_S)
+    bare = socket.create_connection(("127.0.0.1", port), timeout=TIMEOUT_S)
     bare.sendall(
         b"GET / HTTP/1.1\r\nHost: localhost\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
         b"Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\nSec-WebSocket-Version: 13\r\n\r\n"

@@ -9,25 +9,33 @@ from typing import Any
 
 import pytest
 
-from mindstage.bridge import Client, GoalOutcome, GoalStatus, Hub, Limits, ServedGoal, Server
-from mindstage.bridge.serving import MOST_GOALS
-from mindstage.errors import ServiceFailed, ServiceTimedOut, ServiceUnknown
+from mindstage.bridge import (
+    BridgeLimits,
+    GoalResult,
+    GoalStatus,
+    LocalNode,
+    RosbridgeClient,
+    RosbridgeServer,
+    ServerGoalHandle,
+)
+from mindstage.bridge.serving import MAX_GOALS
+from mindstage.errors import ServiceCallError, ServiceNotFoundError, ServiceTimeoutError
 
-from .talking import Talker, eventually
+from .talking import RawClient, eventually
 
-Talkers = Callable[..., Talker]
-Clients = Callable[..., Client]
+Talkers = Callable[..., RawClient]
+Clients = Callable[..., RosbridgeClient]
 
 
 @pytest.fixture(autouse=True)
-def settling(hub: Hub) -> None:
+def settling(hub: LocalNode) -> None:
     async def settle(_: object) -> None:
         pass
 
-    hub.offer_service("/settle", "std_srvs/Empty", settle)
+    hub.create_service("/settle", "std_srvs/Empty", settle)
 
 
-def count_down(goal: ServedGoal) -> GoalOutcome | dict[str, Any]:
+def count_down(goal: ServerGoalHandle) -> GoalResult | dict[str, Any]:
     """Counts to the goal's number unless it is told to stop; from 1000 on it waits for just that."""
     for number in range(goal.args["to"]):
         goal.feedback({"at": number})
@@ -36,212 +44,217 @@ def count_down(goal: ServedGoal) -> GoalOutcome | dict[str, Any]:
     return {"reached": goal.args["to"]}
 
 
-def test_a_goal_tells_how_it_goes_and_how_it_ended(hub: Hub) -> None:
-    hub.offer_action("/count", "x/Count", count_down)
+def test_a_goal_tells_how_it_goes_and_how_it_ended(hub: LocalNode) -> None:
+    hub.create_action_server("/count", "x/Count", count_down)
     told: list[Any] = []
     goal = hub.send_goal("/count", "x/Count", {"to": 3}, on_feedback=told.append)
-    assert goal.wait(20.0) == GoalOutcome(GoalStatus.SUCCEEDED, {"reached": 3})
+    assert goal.wait(20.0) == GoalResult(GoalStatus.SUCCEEDED, {"reached": 3})
     assert told == [{"at": 0}, {"at": 1}, {"at": 2}]
     assert goal.done
 
 
-def test_a_coroutine_function_reaches_goals_too(hub: Hub) -> None:
-    async def hurry(goal: ServedGoal) -> Any:
+def test_a_coroutine_function_reaches_goals_too(hub: LocalNode) -> None:
+    async def hurry(goal: ServerGoalHandle) -> Any:
         for number in range(3):
             goal.feedback({"at": number})
             await asyncio.sleep(0)
         return goal.aborted({"reached": 3})
 
-    hub.offer_action("/hurry", "x/Count", hurry)
-    assert hub.send_goal("/hurry", "x/Count").wait(20.0) == GoalOutcome(GoalStatus.ABORTED, {"reached": 3})
+    hub.create_action_server("/hurry", "x/Count", hurry)
+    assert hub.send_goal("/hurry", "x/Count").wait(20.0) == GoalResult(GoalStatus.ABORTED, {"reached": 3})
 
 
-def test_a_goal_can_be_given_up(hub: Hub) -> None:
-    hub.offer_action("/count", "x/Count", count_down)
+def test_a_goal_can_be_given_up(hub: LocalNode) -> None:
+    hub.create_action_server("/count", "x/Count", count_down)
     told: list[Any] = []
     goal = hub.send_goal("/count", "x/Count", {"to": 1000}, on_feedback=told.append)
     eventually(lambda: {"at": 5} in told)
-    with pytest.raises(ServiceTimedOut):
+    with pytest.raises(ServiceTimeoutError):
         goal.wait(0.01)
     goal.cancel()
-    assert goal.wait(20.0) == GoalOutcome(GoalStatus.CANCELED, {"reached": 5})
+    assert goal.wait(20.0) == GoalResult(GoalStatus.CANCELED, {"reached": 5})
     goal.cancel()
 
 
-def test_each_way_to_fail_has_its_error(hub: Hub) -> None:
-    def broken(_: ServedGoal) -> None:
+def test_each_way_to_fail_has_its_error(hub: LocalNode) -> None:
+    def broken(_: ServerGoalHandle) -> None:
         raise ZeroDivisionError("by naught")
 
-    hub.offer_action("/broken", "x/X", broken)
-    with pytest.raises(ServiceFailed, match="by naught"):
+    hub.create_action_server("/broken", "x/X", broken)
+    with pytest.raises(ServiceCallError, match="by naught"):
         hub.send_goal("/broken", "x/X").wait(20.0)
-    with pytest.raises(ServiceUnknown, match="/nobody does not exist"):
+    with pytest.raises(ServiceNotFoundError, match="/nobody does not exist"):
         hub.send_goal("/nobody", "x/X").wait(20.0)
-    hub.withdraw_action("/broken")
-    with pytest.raises(ServiceUnknown):
+    hub.destroy_action_server("/broken")
+    with pytest.raises(ServiceNotFoundError):
         hub.send_goal("/broken", "x/X").wait(20.0)
 
 
-def test_goals_run_beside_each_other_and_hold_up_no_service(hub: Hub, talker: Talkers) -> None:
+def test_goals_run_beside_each_other_and_hold_up_no_service(hub: LocalNode, talker: Talkers) -> None:
     together = threading.Barrier(3)
-    hub.offer_action("/meet", "x/Meet", lambda _: together.wait(20.0) and None)
-    hub.offer_service("/quick", "x/X", lambda _: {"quick": True})
+    hub.create_action_server("/meet", "x/Meet", lambda _: together.wait(20.0) and None)
+    hub.create_service("/quick", "x/X", lambda _: {"quick": True})
     client = talker()
     for id in range(2):
-        client.say(op="send_action_goal", id=id, action="/meet", action_type="x/Meet")
-    assert client.ask("/quick")["values"] == {"quick": True}
+        client.send_operation(op="send_action_goal", id=id, action="/meet", action_type="x/Meet")
+    assert client.call_service("/quick")["values"] == {"quick": True}
     together.wait(20.0)
-    assert {client.hear("action_result")["id"] for _ in range(2)} == {0, 1}
+    assert {client.receive("action_result")["id"] for _ in range(2)} == {0, 1}
 
 
-def test_goals_without_end_keep_no_call_waiting_and_there_are_only_so_many(hub: Hub, talker: Talkers) -> None:
-    hub.offer_action("/count", "x/Count", count_down)
-    hub.offer_service("/quick", "x/X", lambda _: {"quick": True})
+def test_goals_without_end_keep_no_call_waiting_and_there_are_only_so_many(hub: LocalNode, talker: Talkers) -> None:
+    hub.create_action_server("/count", "x/Count", count_down)
+    hub.create_service("/quick", "x/X", lambda _: {"quick": True})
     greedy, other = talker(), talker()
-    for id in range(MOST_GOALS + 1):
-        greedy.say(op="send_action_goal", id=id, action="/count", action_type="x/Count", args={"to": 1000})
-    refused = greedy.hear("action_result")
-    assert refused["id"] == MOST_GOALS
+    for id in range(MAX_GOALS + 1):
+        greedy.send_operation(op="send_action_goal", id=id, action="/count", action_type="x/Count", args={"to": 1000})
+    refused = greedy.receive("action_result")
+    assert refused["id"] == MAX_GOALS
     assert "goals are under way already; wait" in refused["values"]
-    assert other.ask("/quick")["values"] == {"quick": True}
+    assert other.call_service("/quick")["values"] == {"quick": True}
     greedy.kill()
-    eventually(lambda: hub.switchboard.actions.exchange.waiting() == 0)
+    eventually(lambda: hub.broker.actions.providers.pending_count() == 0)
     assert hub.send_goal("/count", "x/Count", {"to": 1}).wait(20.0).status is GoalStatus.SUCCEEDED
 
 
-def test_a_clients_goal_speaks_the_protocol(hub: Hub, talker: Talkers) -> None:
-    hub.offer_action("/count", "x/Count", count_down)
+def test_a_clients_goal_speaks_the_protocol(hub: LocalNode, talker: Talkers) -> None:
+    hub.create_action_server("/count", "x/Count", count_down)
     client = talker()
     order = {"op": "send_action_goal", "action": "/count", "action_type": "x/Count"}
-    client.say(**order, id="g", args={"to": 1}, feedback=True)
-    assert client.hear("action_feedback") == {
+    client.send_operation(**order, id="g", args={"to": 1}, feedback=True)
+    assert client.receive("action_feedback") == {
         "op": "action_feedback", "id": "g", "action": "/count", "values": {"at": 0},
     }  # fmt: skip
-    assert client.hear("action_result") == {
+    assert client.receive("action_result") == {
         "op": "action_result", "id": "g", "action": "/count", "values": {"reached": 1}, "status": 4, "result": True,
     }  # fmt: skip
-    client.say(**order, id="quiet", args={"to": 2})
-    assert client.hear("action_result", id="quiet")["status"] == 4
-    assert not [each for each in client.heard if each["op"] == "action_feedback"]
-    client.say(**order, id="long", args={"to": 1000}, feedback=True)
-    client.hear("action_feedback", id="long", values={"at": 5})
-    client.say(**order, id="long", args={"to": 1})
-    assert "under way already" in client.hear("action_result", id="long")["values"]
-    client.say(op="cancel_action_goal", id="long", action="/count")
-    ended = client.hear("action_result", id="long")
+    client.send_operation(**order, id="quiet", args={"to": 2})
+    assert client.receive("action_result", id="quiet")["status"] == 4
+    assert not [each for each in client.received if each["op"] == "action_feedback"]
+    client.send_operation(**order, id="long", args={"to": 1000}, feedback=True)
+    client.receive("action_feedback", id="long", values={"at": 5})
+    client.send_operation(**order, id="long", args={"to": 1})
+    assert "under way already" in client.receive("action_result", id="long")["values"]
+    client.send_operation(op="cancel_action_goal", id="long", action="/count")
+    ended = client.receive("action_result", id="long")
     assert (ended["status"], ended["result"], ended["values"]) == (5, True, {"reached": 5})
-    client.say(op="set_level", level="warning")
-    client.say(op="cancel_action_goal", id="long", action="/count")
-    assert "no goal 'long' of yours" in client.hear("status", id="long")["msg"]
-    client.say(op="send_action_goal", id="u", action="/nobody", action_type="x/X")
-    refused = client.hear("action_result", id="u")
+    client.send_operation(op="set_level", level="warning")
+    client.send_operation(op="cancel_action_goal", id="long", action="/count")
+    assert "no goal 'long' of yours" in client.receive("status", id="long")["msg"]
+    client.send_operation(op="send_action_goal", id="u", action="/nobody", action_type="x/X")
+    refused = client.receive("action_result", id="u")
     assert (refused["status"], refused["result"]) == (6, False)
     assert refused["values"] == "Action /nobody does not exist"
 
 
-def test_nobody_cancels_another_ones_goal(hub: Hub, talker: Talkers) -> None:
-    hub.offer_action("/count", "x/Count", count_down)
+def test_nobody_cancels_another_ones_goal(hub: LocalNode, talker: Talkers) -> None:
+    hub.create_action_server("/count", "x/Count", count_down)
     owner, thief = talker(), talker()
-    owner.say(op="send_action_goal", id="g", action="/count", action_type="x/C", args={"to": 1000}, feedback=True)
-    owner.hear("action_feedback", values={"at": 5})
-    thief.say(op="cancel_action_goal", id="g", action="/count")
-    thief.settle()
-    owner.settle()
-    assert not [each for each in owner.heard if each["op"] == "action_result"]
+    owner.send_operation(
+        op="send_action_goal", id="g", action="/count", action_type="x/C", args={"to": 1000}, feedback=True
+    )
+    owner.receive("action_feedback", values={"at": 5})
+    thief.send_operation(op="cancel_action_goal", id="g", action="/count")
+    thief.flush()
+    owner.flush()
+    assert not [each for each in owner.received if each["op"] == "action_result"]
 
 
-def test_a_goal_whose_sender_is_gone_is_cancelled(hub: Hub, talker: Talkers) -> None:
+def test_a_goal_whose_sender_is_gone_is_cancelled(hub: LocalNode, talker: Talkers) -> None:
     ended = threading.Event()
     begun = threading.Event()
 
-    def wait(goal: ServedGoal) -> GoalOutcome:
+    def wait(goal: ServerGoalHandle) -> GoalResult:
         begun.set()
         if goal.wait_for_cancel(20.0):
             ended.set()
         return goal.canceled()
 
-    hub.offer_action("/wait", "x/Wait", wait)
+    hub.create_action_server("/wait", "x/Wait", wait)
     client = talker()
-    client.say(op="send_action_goal", id="g", action="/wait", action_type="x/Wait")
+    client.send_operation(op="send_action_goal", id="g", action="/wait", action_type="x/Wait")
     assert begun.wait(20.0)
     client.kill()
     assert ended.wait(20.0)
 
 
-def test_a_goal_whose_provider_dies_ends_as_aborted(hub: Hub, talker: Talkers) -> None:
+def test_a_goal_whose_provider_dies_ends_as_aborted(hub: LocalNode, talker: Talkers) -> None:
     provider, caller = talker(), talker()
-    provider.say(op="advertise_action", action="/far", type="x/Far")
-    provider.settle()
-    caller.say(op="send_action_goal", id="g", action="/far", action_type="x/Far", feedback=True)
-    order = provider.hear("send_action_goal")
-    provider.say(op="action_feedback", id=order["id"], action="/far", values={"half": 1})
-    assert caller.hear("action_feedback")["values"] == {"half": 1}
+    provider.send_operation(op="advertise_action", action="/far", type="x/Far")
+    provider.flush()
+    caller.send_operation(op="send_action_goal", id="g", action="/far", action_type="x/Far", feedback=True)
+    order = provider.receive("send_action_goal")
+    provider.send_operation(op="action_feedback", id=order["id"], action="/far", values={"half": 1})
+    assert caller.receive("action_feedback")["values"] == {"half": 1}
     mine = hub.send_goal("/far", "x/Far")
-    provider.hear("send_action_goal")
+    provider.receive("send_action_goal")
     provider.kill()
-    ended = caller.hear("action_result", id="g")
+    ended = caller.receive("action_result", id="g")
     assert (ended["status"], ended["result"], ended["values"]) == (6, False, "the provider of /far is gone")
-    with pytest.raises(ServiceFailed, match="is gone"):
+    with pytest.raises(ServiceCallError, match="is gone"):
         mine.wait(20.0)
 
 
 def test_late_and_foreign_words_about_a_goal_are_dropped_with_a_remark(talker: Talkers) -> None:
     provider, caller, stranger = talker(), talker(), talker()
     for each in (provider, stranger):
-        each.say(op="set_level", level="warning")
-    provider.say(op="advertise_action", action="/far", type="x/Far")
-    provider.settle()
-    caller.say(op="send_action_goal", id="g", action="/far", action_type="x/Far", feedback=True)
-    id = provider.hear("send_action_goal")["id"]
-    stranger.say(op="action_result", id=id, action="/far", values={}, status=4, result=True)
-    assert "waits" in stranger.hear("status", id=id)["msg"]
-    provider.say(op="action_result", id=id, action="/far", values={"fine": 1}, status=4, result=True)
-    assert caller.hear("action_result", id="g")["values"] == {"fine": 1}
-    provider.say(op="action_feedback", id=id, action="/far", values={"late": 1})
-    assert "waits" in provider.hear("status", id=id)["msg"]
-    provider.say(op="action_result", id=id, action="/far", status=4, result=True)
-    assert "waits" in provider.hear("status", id=id)["msg"]
-    caller.settle()
-    assert caller.heard == []
+        each.send_operation(op="set_level", level="warning")
+    provider.send_operation(op="advertise_action", action="/far", type="x/Far")
+    provider.flush()
+    caller.send_operation(op="send_action_goal", id="g", action="/far", action_type="x/Far", feedback=True)
+    id = provider.receive("send_action_goal")["id"]
+    stranger.send_operation(op="action_result", id=id, action="/far", values={}, status=4, result=True)
+    assert "waits" in stranger.receive("status", id=id)["msg"]
+    provider.send_operation(op="action_result", id=id, action="/far", values={"fine": 1}, status=4, result=True)
+    assert caller.receive("action_result", id="g")["values"] == {"fine": 1}
+    provider.send_operation(op="action_feedback", id=id, action="/far", values={"late": 1})
+    assert "waits" in provider.receive("status", id=id)["msg"]
+    provider.send_operation(op="action_result", id=id, action="/far", status=4, result=True)
+    assert "waits" in provider.receive("status", id=id)["msg"]
+    caller.flush()
+    assert caller.received == []
 
 
 def test_a_clients_action_serves_the_hub_and_ends_with_the_connection(
-    hub: Hub, server: Server, client: Clients
+    hub: LocalNode, server: RosbridgeServer, client: Clients
 ) -> None:
     provider = client()
     cancelled = threading.Event()
 
-    def work(goal: ServedGoal) -> GoalOutcome:
+    def work(goal: ServerGoalHandle) -> GoalResult:
         goal.feedback({"begun": True})
         if goal.wait_for_cancel(20.0):
             cancelled.set()
         return goal.canceled({"given": "up"})
 
-    provider.offer_action("/work", "x/Work", work)
-    eventually(lambda: hub.directory().actions)
+    provider.create_action_server("/work", "x/Work", work)
+    eventually(lambda: hub.graph_info().actions)
     told: list[Any] = []
     goal = hub.send_goal("/work", "x/Work", on_feedback=told.append)
     eventually(lambda: told)
     goal.cancel()
-    assert goal.wait(20.0) == GoalOutcome(GoalStatus.CANCELED, {"given": "up"})
+    assert goal.wait(20.0) == GoalResult(GoalStatus.CANCELED, {"given": "up"})
     cancelled.clear()
     goal = hub.send_goal("/work", "x/Work", on_feedback=told.append)
     eventually(lambda: len(told) == 2)
     server.close()
-    with pytest.raises(ServiceFailed, match="is gone"):
+    with pytest.raises(ServiceCallError, match="is gone"):
         goal.wait(20.0)
     assert cancelled.wait(20.0)
 
 
 def test_one_client_may_only_have_so_many_goals_and_gone_ones_are_forgotten(talker: Talkers) -> None:
-    with Hub(limits=Limits(goals=2, orphaned_goal_s=0.05)) as hub, Server(hub, port=0) as server:
+    with (
+        LocalNode(limits=BridgeLimits(goals=2, orphaned_goal_timeout_s=0.05)) as hub,
+        RosbridgeServer(hub, port=0) as server,
+    ):
         provider, caller = talker(server.url), talker(server.url)
-        provider.say(op="advertise_action", action="/far", type="x/Far")
-        eventually(lambda: hub.directory().actions)
+        provider.send_operation(op="advertise_action", action="/far", type="x/Far")
+        eventually(lambda: hub.graph_info().actions)
         for id in range(3):
-            caller.say(op="send_action_goal", id=id, action="/far", action_type="x/Far")
-        assert "2 of your goals are under way already" in caller.hear("action_result", id=2)["values"]
+            caller.send_operation(op="send_action_goal", id=id, action="/far", action_type="x/Far")
+        assert "2 of your goals are under way already" in caller.receive("action_result", id=2)["values"]
         caller.close()
         for _ in range(2):
-            provider.hear("cancel_action_goal")  # and never ends what it was told to cancel
-        eventually(lambda: hub.switchboard.actions.exchange.waiting() == 0)
+            provider.receive("cancel_action_goal")  # and never ends what it was told to cancel
+        eventually(lambda: hub.broker.actions.providers.pending_count() == 0)

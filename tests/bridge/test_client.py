@@ -10,34 +10,34 @@ from typing import Any
 import pytest
 from websockets.sync.server import ServerConnection, serve
 
-from mindstage.bridge import Client, Compression, Hub, LinkState, Participant, Server, Status
+from mindstage.bridge import Compression, ConnectionState, LocalNode, Node, RosbridgeClient, RosbridgeServer, Status
 from mindstage.errors import (
-    AccessRefused,
+    AuthenticationError,
     BridgeError,
-    ConnectionLost,
-    ServiceFailed,
-    ServiceTimedOut,
-    ServiceUnknown,
+    ConnectionLostError,
+    ServiceCallError,
+    ServiceNotFoundError,
+    ServiceTimeoutError,
 )
 
-from .talking import PATIENCE_S, eventually
+from .talking import TIMEOUT_S, eventually
 
-Clients = Callable[..., Client]
+Clients = Callable[..., RosbridgeClient]
 
 
 def add(args: dict[str, int]) -> dict[str, int]:
     return {"sum": args["a"] + args["b"]}
 
 
-def test_hub_and_client_take_part_in_the_same_way(hub: Hub, client: Clients) -> None:
+def test_hub_and_client_take_part_in_the_same_way(hub: LocalNode, client: Clients) -> None:
     far = client()
     heard: list[Any] = []
 
-    def take_part(one: Participant, other: Participant, name: str) -> None:
-        one.offer_service(f"/{name}/add", "x/Add", add)
+    def take_part(one: Node, other: Node, name: str) -> None:
+        one.create_service(f"/{name}/add", "x/Add", add)
         one.subscribe(f"/{name}/words", heard.append)
-        eventually(lambda: any(each.name == f"/{name}/add" for each in hub.directory().services))
-        eventually(lambda: any(each.name == f"/{name}/words" for each in hub.directory().topics))
+        eventually(lambda: any(each.name == f"/{name}/add" for each in hub.graph_info().services))
+        eventually(lambda: any(each.name == f"/{name}/words" for each in hub.graph_info().topics))
         assert other.call_service(f"/{name}/add", {"a": 1, "b": 2}) == {"sum": 3}
         other.publish(f"/{name}/words", "x/Words", {"from": name})
         eventually(lambda: {"from": name} in heard)
@@ -46,170 +46,175 @@ def test_hub_and_client_take_part_in_the_same_way(hub: Hub, client: Clients) -> 
     take_part(far, hub, "there")
 
 
-def test_each_way_to_fail_has_its_error(hub: Hub, client: Clients) -> None:
+def test_each_way_to_fail_has_its_error(hub: LocalNode, client: Clients) -> None:
     def refuse(_: object) -> None:
         raise BridgeError("not today")
 
-    hub.offer_service("/refuse", "x/X", refuse)
-    hub.offer_service("/never", "x/X", lambda _: threading.Event().wait(1.0))
+    hub.create_service("/refuse", "x/X", refuse)
+    hub.create_service("/never", "x/X", lambda _: threading.Event().wait(1.0))
     far = client()
-    with pytest.raises(ServiceFailed, match="/refuse failed: not today"):
+    with pytest.raises(ServiceCallError, match="/refuse failed: not today"):
         far.call_service("/refuse")
-    with pytest.raises(ServiceUnknown, match="/nobody"):
+    with pytest.raises(ServiceNotFoundError, match="/nobody"):
         far.call_service("/nobody")
-    with pytest.raises(ServiceTimedOut):
+    with pytest.raises(ServiceTimeoutError):
         far.call_service("/never", timeout_s=0.05)
     assert far.connected
 
 
 @pytest.mark.parametrize("compression", Compression)
-def test_messages_come_in_every_form(hub: Hub, client: Clients, compression: Compression) -> None:
+def test_messages_come_in_every_form(hub: LocalNode, client: Clients, compression: Compression) -> None:
     heard: list[Any] = []
     client().subscribe("/map", heard.append, compression=compression)
-    eventually(lambda: hub.has_listeners("/map"))
+    eventually(lambda: hub.has_subscribers("/map"))
     message = {"cells": [0.0, 0.5, 1.0] * 100, "name": "küche"}
     hub.publish("/map", "x/Map", message)
     eventually(lambda: heard == [message])
 
 
 def test_a_client_waits_for_nobody_who_is_not_there() -> None:
-    with Client(f"ws://127.0.0.1:{free_port()}") as client:
-        with pytest.raises(ConnectionLost, match="Connect call failed"):
+    with RosbridgeClient(f"ws://127.0.0.1:{free_port()}") as client:
+        with pytest.raises(ConnectionLostError, match="Connect call failed"):
             eventually_raises(client)
-        with pytest.raises(ConnectionLost):
-            client.call_service("/add", timeout_s=PATIENCE_S)
-        with pytest.raises(ConnectionLost):
-            client.send_goal("/go", "x/Go").wait(PATIENCE_S)
+        with pytest.raises(ConnectionLostError):
+            client.call_service("/add", timeout_s=TIMEOUT_S)
+        with pytest.raises(ConnectionLostError):
+            client.send_goal("/go", "x/Go").wait(TIMEOUT_S)
         client.publish("/words", "x/Words", {})
-        assert client.state is LinkState.CONNECTING
-    assert client.state is LinkState.CLOSED
+        assert client.state is ConnectionState.CONNECTING
+    assert client.state is ConnectionState.CLOSED
     with pytest.raises(BridgeError, match="closed"):
         client.call_service("/add")
 
 
-def eventually_raises(client: Client) -> None:
+def eventually_raises(client: RosbridgeClient) -> None:
     eventually(lambda: "Connect call failed" in str(client._cause))
     client.wait_connected(0.01)
 
 
 @pytest.mark.parametrize("url", ["", "127.0.0.1:9090", "http://127.0.0.1:9090"])
 def test_an_address_that_is_none_is_refused_at_once(url: str) -> None:
-    with pytest.raises(ConnectionLost, match="must begin with ws://"):
-        Client(url)
+    with pytest.raises(ConnectionLostError, match="must begin with ws://"):
+        RosbridgeClient(url)
 
 
 @pytest.mark.parametrize("url", ["ws://", "ws://127.0.0.1:99999"])
 def test_an_address_that_nobody_can_have_ends_the_wait(url: str) -> None:
-    with Client(url) as client, pytest.raises(ConnectionLost):
+    with RosbridgeClient(url) as client, pytest.raises(ConnectionLostError):
         client.wait_connected(0.2)
 
 
-def test_a_loss_ends_what_waits_and_is_told_at_once(hub: Hub, server: Server, client: Clients) -> None:
-    states: list[LinkState] = []
+def test_a_loss_ends_what_waits_and_is_told_at_once(hub: LocalNode, server: RosbridgeServer, client: Clients) -> None:
+    states: list[ConnectionState] = []
     called = threading.Event()
 
     def never(_: object) -> None:
         called.set()
         threading.Event().wait(2.0)
 
-    hub.offer_service("/never", "x/X", never)
-    hub.offer_action("/never", "x/X", lambda goal: goal.wait_for_cancel(PATIENCE_S))
+    hub.create_service("/never", "x/X", never)
+    hub.create_action_server("/never", "x/X", lambda goal: goal.wait_for_cancel(TIMEOUT_S))
     far = client(on_state=states.append)
-    call = far.start_call("/never", timeout_s=600.0)
+    call = far.call_service_async("/never", timeout_s=600.0)
     goal = far.send_goal("/never", "x/X")
-    assert called.wait(PATIENCE_S)
+    assert called.wait(TIMEOUT_S)
     server.close()
-    with pytest.raises(ConnectionLost, match="the server is closing"):
-        call.result(PATIENCE_S)
-    with pytest.raises(ConnectionLost):
-        goal.wait(PATIENCE_S)
-    assert states[:2] == [LinkState.CONNECTED, LinkState.LOST]
-    with pytest.raises(ConnectionLost):
+    with pytest.raises(ConnectionLostError, match="the server is closing"):
+        call.result(TIMEOUT_S)
+    with pytest.raises(ConnectionLostError):
+        goal.wait(TIMEOUT_S)
+    assert states[:2] == [ConnectionState.CONNECTED, ConnectionState.LOST]
+    with pytest.raises(ConnectionLostError):
         far.call_service("/never", timeout_s=600.0)
 
 
-def test_a_client_comes_back_with_all_that_it_offered(hub: Hub, server: Server, client: Clients) -> None:
+def test_a_client_comes_back_with_all_that_it_offered(hub: LocalNode, server: RosbridgeServer, client: Clients) -> None:
     far = client()
     heard: list[Any] = []
-    far.offer_service("/far/add", "x/Add", add)
-    far.offer_service("/far/gone", "x/Add", add)
-    far.offer_action("/far/go", "x/Go", lambda goal: {"got": goal.args})
+    far.create_service("/far/add", "x/Add", add)
+    far.create_service("/far/gone", "x/Add", add)
+    far.create_action_server("/far/go", "x/Go", lambda goal: {"got": goal.args})
     far.advertise("/far/words", "x/Words")
     subscription = far.subscribe("/here/words", heard.append)
     far.subscribe("/here/silence", heard.append).close()
-    far.withdraw_service("/far/gone")
+    far.destroy_service("/far/gone")
     server.close()
-    eventually(lambda: not hub.directory().services)
+    eventually(lambda: not hub.graph_info().services)
     server.start()
-    far.wait_connected(PATIENCE_S)
-    eventually(lambda: len(hub.directory().topics) == 2)
-    told = hub.directory()
+    far.wait_connected(TIMEOUT_S)
+    eventually(lambda: len(hub.graph_info().topics) == 2)
+    told = hub.graph_info()
     assert [each.name for each in told.services] == ["/far/add"]
     assert [each.name for each in told.actions] == ["/far/go"]
     assert [each.name for each in told.topics] == ["/far/words", "/here/words"]
     assert hub.call_service("/far/add", {"a": 1, "b": 2}) == {"sum": 3}
-    assert hub.send_goal("/far/go", "x/Go", {"to": 1}).wait(PATIENCE_S).values == {"got": {"to": 1}}
+    assert hub.send_goal("/far/go", "x/Go", {"to": 1}).wait(TIMEOUT_S).values == {"got": {"to": 1}}
     hub.publish("/here/words", "x/Words", {"data": "again"})
     eventually(lambda: heard == [{"data": "again"}])
     subscription.close()
 
 
-def test_it_tries_again_until_someone_is_there(hub: Hub) -> None:
+def test_it_tries_again_until_someone_is_there(hub: LocalNode) -> None:
     port = free_port()
-    with Client(f"ws://127.0.0.1:{port}") as client:
-        client.offer_service("/far/add", "x/Add", add)
-        with Server(hub, port=port):
-            client.wait_connected(PATIENCE_S)
-            eventually(lambda: hub.directory().services)
+    with RosbridgeClient(f"ws://127.0.0.1:{port}") as client:
+        client.create_service("/far/add", "x/Add", add)
+        with RosbridgeServer(hub, port=port):
+            client.wait_connected(TIMEOUT_S)
+            eventually(lambda: hub.graph_info().services)
             assert hub.call_service("/far/add", {"a": 1, "b": 2}) == {"sum": 3}
 
 
-def test_the_stage_of_one_hub_can_serve_the_callers_of_another(hub: Hub, server: Server) -> None:
-    with Hub() as other, Server(other, port=0) as others, Client(others.url) as bridge:
-        bridge.wait_connected(PATIENCE_S)
-        hub.offer_service("/here/add", "x/Add", add)
-        bridge.offer_service("/here/add", "x/Add", lambda args: hub.call_service("/here/add", args))
-        eventually(lambda: other.directory().services)
-        with Client(others.url) as caller:
-            caller.wait_connected(PATIENCE_S)
+def test_the_stage_of_one_hub_can_serve_the_callers_of_another(hub: LocalNode, server: RosbridgeServer) -> None:
+    with LocalNode() as other, RosbridgeServer(other, port=0) as others, RosbridgeClient(others.url) as bridge:
+        bridge.wait_connected(TIMEOUT_S)
+        hub.create_service("/here/add", "x/Add", add)
+        bridge.create_service("/here/add", "x/Add", lambda args: hub.call_service("/here/add", args))
+        eventually(lambda: other.graph_info().services)
+        with RosbridgeClient(others.url) as caller:
+            caller.wait_connected(TIMEOUT_S)
             assert caller.call_service("/here/add", {"a": 1, "b": 2}) == {"sum": 3}
 
 
-def test_what_the_hub_remarks_is_heard(hub: Hub, client: Clients) -> None:
+def test_what_the_hub_remarks_is_heard(hub: LocalNode, client: Clients) -> None:
     remarks: list[Status] = []
-    hub.offer_service("/ours", "x/X", add)
+    hub.create_service("/ours", "x/X", add)
     far = client(on_status=remarks.append)
-    far.offer_service("/ours", "x/X", add)
+    far.create_service("/ours", "x/X", add)
     eventually(lambda: remarks)
     assert "is the hub's own" in remarks[0].msg
 
 
-def test_a_handler_that_breaks_breaks_no_connection(hub: Hub, server: Server, caplog: pytest.LogCaptureFixture) -> None:
+def test_a_handler_that_breaks_breaks_no_connection(
+    hub: LocalNode, server: RosbridgeServer, caplog: pytest.LogCaptureFixture
+) -> None:
     def broken(*_: object) -> None:
         raise ZeroDivisionError
 
-    hub.offer_service("/add", "x/Add", add)
-    hub.offer_action("/go", "x/Go", lambda goal: goal.feedback({}))
-    with Client(server.url, on_state=broken, on_status=broken) as client:
-        client.wait_connected(PATIENCE_S)
-        client.offer_service("/add", "x/Add", add)  # which makes the hub remark something
-        client.send_goal("/go", "x/Go", on_feedback=broken).wait(PATIENCE_S)
+    hub.create_service("/add", "x/Add", add)
+    hub.create_action_server("/go", "x/Go", lambda goal: goal.feedback({}))
+    with RosbridgeClient(server.url, on_state=broken, on_status=broken) as client:
+        client.wait_connected(TIMEOUT_S)
+        client.create_service("/add", "x/Add", add)  # which makes the hub remark something
+        client.send_goal("/go", "x/Go", on_feedback=broken).wait(TIMEOUT_S)
         assert client.call_service("/add", {"a": 1, "b": 2}) == {"sum": 3}
     for what in ("state", "status", "feedback"):
         assert f"the {what} handler" in caplog.text
 
 
-def test_the_right_token_opens_and_another_does_not(hub: Hub) -> None:
-    with Server(hub, port=0, token="öpen sesame") as server:
-        with Client(server.url, token="öpen sesame") as client:
-            hub.offer_service("/add", "x/Add", add)
-            assert client.wait_connected(PATIENCE_S).call_service("/add", {"a": 1, "b": 2}) == {"sum": 3}
-        with Client(server.url) as client, pytest.raises(AccessRefused, match="a token is needed"):
-            client.wait_connected(PATIENCE_S)
-        with Client(f"{server.url}/?token=%C3%B6pen%20sesame") as client:
-            client.wait_connected(PATIENCE_S)
-        with Client(server.url, token="close sesame") as client, pytest.raises(AccessRefused, match="not the token"):
-            client.wait_connected(PATIENCE_S)
+def test_the_right_token_opens_and_another_does_not(hub: LocalNode) -> None:
+    with RosbridgeServer(hub, port=0, token="öpen sesame") as server:
+        with RosbridgeClient(server.url, token="öpen sesame") as client:
+            hub.create_service("/add", "x/Add", add)
+            assert client.wait_connected(TIMEOUT_S).call_service("/add", {"a": 1, "b": 2}) == {"sum": 3}
+        with RosbridgeClient(server.url) as client, pytest.raises(AuthenticationError, match="a token is needed"):
+            client.wait_connected(TIMEOUT_S)
+        with RosbridgeClient(f"{server.url}/?token=%C3%B6pen%20sesame") as client:
+            client.wait_connected(TIMEOUT_S)
+        with (
+            RosbridgeClient(server.url, token="close sesame") as client,
+            pytest.raises(AuthenticationError, match="not the token"),
+        ):
+            client.wait_connected(TIMEOUT_S)
 
 
 # -- at a hub that misbehaves ------------------------------------------------------------------------------------------
@@ -248,10 +253,10 @@ def test_garbage_late_and_double_answers_do_no_harm(odd_hub: Callable[..., str])
             for number in range(3):
                 connection.send(json.dumps({**answer, "values": {"answer": number}}))
 
-    with Client(odd_hub(behave)) as client:
-        client.wait_connected(PATIENCE_S)
+    with RosbridgeClient(odd_hub(behave)) as client:
+        client.wait_connected(TIMEOUT_S)
         assert client.call_service("/double") == {"answer": 0}
-        with pytest.raises(ServiceTimedOut):
+        with pytest.raises(ServiceTimeoutError):
             client.call_service("/late", timeout_s=0.05)
         with pytest.raises(BridgeError):
             client.call_service("/garbage", timeout_s=0.5)
@@ -263,10 +268,10 @@ def test_a_hub_that_hangs_up_in_the_middle_is_a_loss(odd_hub: Callable[..., str]
         connection.recv()
         connection.socket.shutdown(socket.SHUT_RDWR)
 
-    with Client(odd_hub(behave)) as client:
-        client.wait_connected(PATIENCE_S)
-        with pytest.raises(ConnectionLost, match="broke off"):
-            client.call_service("/add", timeout_s=PATIENCE_S)
+    with RosbridgeClient(odd_hub(behave)) as client:
+        client.wait_connected(TIMEOUT_S)
+        with pytest.raises(ConnectionLostError, match="broke off"):
+            client.call_service("/add", timeout_s=TIMEOUT_S)
 
 
 def free_port() -> int:

@@ -1,4 +1,4 @@
-"""Poses, colours and bodies on the wire: what comes back, what stays behind, and that it is said."""
+"""Poses, colors and bodies on the wire: what comes back, what stays behind, and that it is said."""
 
 from __future__ import annotations
 
@@ -8,49 +8,49 @@ from math import cos, radians, sin
 import numpy as np
 import pytest
 from hypothesis import given
+from mindstage.world.colors import COLORS
 from msgspec.structs import replace
 
 from mindstage.bridge.description import (
-    body_from,
     body_from_box,
-    colour_code,
-    colour_from,
-    colour_from_code,
-    colour_message,
-    materials_from,
-    model_description,
-    model_request,
-    physics_from,
+    body_from_message,
+    color_code,
+    color_from_code,
+    color_from_message,
+    color_message,
+    materials_from_lists,
+    model_message,
+    physics_from_message,
     physics_message,
-    point_from,
+    point_from_message,
     point_message,
-    pose_from,
+    pose_array_from_messages,
+    pose_array_messages,
+    pose_from_message,
     pose_message,
-    pose_messages,
-    pose_rows,
+    spawn_model_request,
     spawn_request,
-    unsaid,
-    vector_from,
+    untranslatable_fields,
+    vector_from_message,
     vector_message,
     world_from_request,
 )
-from mindstage.errors import MessageRefused
+from mindstage.errors import MessageValidationError
 from mindstage.msgs import decode, encode, world_control_msgs
 from mindstage.world import (
     Body,
+    BodyPhysics,
     Iri,
     Material,
     Mobility,
-    Physics,
     Pose,
-    Shape,
-    ShapeKind,
+    PrimitiveShape,
+    PrimitiveType,
     Tag,
     World,
 )
-from mindstage.world.colours import COLOURS
 from mindstage.world.geometry import pose_array
-from tests.bridge.wired import ASYMMETRIC, MUG, without_what_stays_behind
+from tests.bridge.wired import ASYMMETRIC, MUG, transmittable_part
 from tests.kitchenette import KNOWROB, MAP
 from tests.worlds import bodies, poses
 
@@ -63,40 +63,40 @@ def test_a_pose_keeps_its_frame_and_its_numbers_and_only_names_them() -> None:
         "position": {"x": 1.0, "y": 2.0, "z": 3.0},
         "orientation": {"x": 0.0, "y": 0.0, "z": sin(radians(15.0)), "w": cos(radians(15.0))},
     }
-    assert pose_from(message) == ASYMMETRIC
+    assert pose_from_message(message) == ASYMMETRIC
 
 
 @given(pose=poses())
 def test_any_pose_comes_back_digit_by_digit(pose: Pose) -> None:
-    assert pose_from(pose_message(pose)) == pose
-    assert point_from(point_message(pose.position)) == pose.position
-    assert vector_from(vector_message(pose.position)) == pose.position
+    assert pose_from_message(pose_message(pose)) == pose
+    assert point_from_message(point_message(pose.position)) == pose.position
+    assert vector_from_message(vector_message(pose.position)) == pose.position
 
 
 def test_many_poses_travel_as_an_array() -> None:
     rows = pose_array([ASYMMETRIC, Pose((4.0, 5.0, 6.0))])
-    messages = pose_messages(rows)
+    messages = pose_array_messages(rows)
     assert messages == (pose_message(ASYMMETRIC), pose_message(Pose((4.0, 5.0, 6.0))))
-    np.testing.assert_array_equal(pose_rows(messages), rows)
-    assert pose_rows(()).shape == (0, 7)
+    np.testing.assert_array_equal(pose_array_from_messages(messages), rows)
+    assert pose_array_from_messages(()).shape == (0, 7)
 
 
-# -- colours -----------------------------------------------------------------------------------------------------------
+# -- colors -----------------------------------------------------------------------------------------------------------
 
 
-def test_the_five_colours_have_codes_and_none_puts_out() -> None:
+def test_the_five_colors_have_codes_and_none_puts_out() -> None:
     for number, name in enumerate(("black", "red", "blue", "green", "yellow"), start=1):
-        assert world_control_msgs.ColourCode(number).name == name.upper()
-        assert colour_from_code(world_control_msgs.ColourCode(number)) == COLOURS[name]
-        assert colour_code(COLOURS[name]) == number
-    assert colour_from_code(world_control_msgs.ColourCode.NONE) is None
-    assert colour_code(None) is world_control_msgs.ColourCode.NONE
+        assert world_control_msgs.ColorCode(number).name == name.upper()
+        assert color_from_code(world_control_msgs.ColorCode(number)) == COLORS[name]
+        assert color_code(COLORS[name]) == number
+    assert color_from_code(world_control_msgs.ColorCode.NONE) is None
+    assert color_code(None) is world_control_msgs.ColorCode.NONE
 
 
-def test_any_other_colour_gets_the_code_of_the_nearest() -> None:
-    assert colour_code((0.9, 0.1, 0.1)) is world_control_msgs.ColourCode.RED
-    assert colour_code((1.0, 0.8, 0.0)) is world_control_msgs.ColourCode.YELLOW
-    assert colour_from(colour_message((0.1, 0.2, 0.3))) == (0.1, 0.2, 0.3)
+def test_any_other_color_gets_the_code_of_the_nearest() -> None:
+    assert color_code((0.9, 0.1, 0.1)) is world_control_msgs.ColorCode.RED
+    assert color_code((1.0, 0.8, 0.0)) is world_control_msgs.ColorCode.YELLOW
+    assert color_from_message(color_message((0.1, 0.2, 0.3))) == (0.1, 0.2, 0.3)
 
 
 # -- bodies ------------------------------------------------------------------------------------------------------------
@@ -105,20 +105,20 @@ def test_any_other_colour_gets_the_code_of_the_nearest() -> None:
 @given(body=bodies(wild_tags=True))
 def test_any_body_comes_back_but_for_what_is_named(body: Body) -> None:
     model = decode(
-        world_control_msgs.ModelDescription, json.loads(json.dumps(encode(model_description(body)))), strict=True
+        world_control_msgs.ModelDescription, json.loads(json.dumps(encode(model_message(body)))), strict=True
     )
-    back, remarks = body_from(model, namespace=MAP)
-    assert back == without_what_stays_behind(body)
+    back, remarks = body_from_message(model, namespace=MAP)
+    assert back == transmittable_part(body)
     assert remarks == ()
-    named = {remark.field for remark in unsaid(World(iri=Iri(MAP + "map"), bodies=(body,)))}
+    named = {remark.field for remark in untranslatable_fields(World(iri=Iri(MAP + "map"), bodies=(body,)))}
     assert ("facts" in named) == bool(body.facts)
-    assert ("materials" in named) == any(material.colour is not None for material in body.materials)
+    assert ("materials" in named) == any(material.color is not None for material in body.materials)
 
 
 def test_a_bodys_own_tags_are_never_taken_for_those_that_say_its_fields() -> None:
     lookalike = tuple(Tag(type="Mindstage", key=key, value="x") for key in ("Shape", "Size", "Untold"))
     body = replace(MUG, tags=(*lookalike, Tag(type="SemLog", key="Id", value="mug"), *lookalike))
-    assert body_from(model_description(body), namespace=MAP)[0] == body
+    assert body_from_message(model_message(body), namespace=MAP)[0] == body
 
 
 @pytest.mark.parametrize(
@@ -132,24 +132,26 @@ def test_a_bodys_own_tags_are_never_taken_for_those_that_say_its_fields() -> Non
     ],
 )
 def test_unreal_finds_a_mesh_by_its_name_or_by_the_class(mesh: str | None, name: str, path: str) -> None:
-    model = model_description(replace(MUG, mesh=mesh))
+    model = model_message(replace(MUG, mesh=mesh))
     assert (model.name, model.path) == (name, path)
 
 
 def test_what_is_not_told_is_written_as_what_it_is_taken_for() -> None:
-    message = physics_message(Physics())
+    message = physics_message(BodyPhysics())
     assert message == world_control_msgs.PhysicsProperties(
         mobility=world_control_msgs.MobilityCode.STATIC, gravity=True, generate_overlap_events=False, mass=0.0
     )
-    assert physics_from(message) == Physics(mobility=Mobility.STATIC, gravity=True, overlap_events=False, mass_kg=0.0)
+    assert physics_from_message(message) == BodyPhysics(
+        mobility=Mobility.STATIC, gravity=True, overlap_events=False, mass_kg=0.0
+    )
     for mobility in Mobility:
-        assert physics_from(physics_message(Physics(mobility=mobility))).mobility is mobility
+        assert physics_from_message(physics_message(BodyPhysics(mobility=mobility))).mobility is mobility
 
 
 def test_one_model_can_be_asked_for_with_a_parent() -> None:
-    request = model_request(MUG, parent="cupboard", spawn_collision_check=True)
+    request = spawn_model_request(MUG, parent="cupboard", spawn_collision_check=True)
     assert (request.id, request.parent_id, request.spawn_collision_check) == ("mug", "cupboard", True)
-    assert body_from(request, namespace=MAP)[0] == MUG
+    assert body_from_message(request, namespace=MAP)[0] == MUG
 
 
 def test_a_model_of_somebody_elses_is_understood_and_what_is_assumed_is_said() -> None:
@@ -161,13 +163,15 @@ def test_a_model_of_somebody_elses_is_understood_and_what_is_assumed_is_said() -
         material_names=("Steel", "Glass"),
         material_paths=("/Game/M",),
     )
-    body, remarks = body_from(model, namespace=MAP)
+    body, remarks = body_from_message(model, namespace=MAP)
     assert (body.iri, body.cls) == (MAP + "fridge_1", KNOWROB + "Refrigerator")
     assert (body.mesh, body.label, body.size) == ("/Game/Models/IAIFridge", None, None)
     assert body.materials == (Material(name="Steel", path="/Game/M"), Material(name="Glass"))
     assert {remark.field for remark in remarks} == {"size", "class", "materials"}
-    assert body_from(replace(model, tags=()), namespace=MAP)[0].cls == KNOWROB + "IAIFridge"
-    assert body_from(replace(model, id="http://knowrob.org/kb/shop.owl#P_1"), namespace=MAP)[0].iri.endswith("#P_1")
+    assert body_from_message(replace(model, tags=()), namespace=MAP)[0].cls == KNOWROB + "IAIFridge"
+    assert body_from_message(replace(model, id="http://knowrob.org/kb/shop.owl#P_1"), namespace=MAP)[0].iri.endswith(
+        "#P_1"
+    )
 
 
 def test_broken_tags_of_ours_are_refused_with_the_path() -> None:
@@ -175,7 +179,7 @@ def test_broken_tags_of_ours_are_refused_with_the_path() -> None:
     (model,) = request.models
     tags = tuple(replace(tag, value="1 2") if tag.key == "Size" else tag for tag in model.tags)
     broken = replace(request, models=(replace(model, tags=tags),))
-    with pytest.raises(MessageRefused, match="a tag of the type Mindstage is broken") as refused:
+    with pytest.raises(MessageValidationError, match="a tag of the type Mindstage is broken") as refused:
         world_from_request(broken, iri=Iri(MAP + "map"))
     assert refused.value.path == "models[0].tags"
 
@@ -188,12 +192,12 @@ def test_a_box_is_a_body_with_that_size_along_its_axes() -> None:
     assert (body.id, body.size, body.shape, body.pose) == (
         "box_1",
         (0.4, 0.6, 0.8),
-        Shape(kind=ShapeKind.BOX),
+        PrimitiveShape(type=PrimitiveType.BOX),
         ASYMMETRIC,
     )
     assert body.label == "crate"
 
 
 def test_materials_are_two_lists_and_what_one_lacks_is_empty() -> None:
-    assert materials_from((), ("/Game/M",)) == (Material(name="", path="/Game/M"),)
-    assert materials_from((), ()) == ()
+    assert materials_from_lists((), ("/Game/M",)) == (Material(name="", path="/Game/M"),)
+    assert materials_from_lists((), ()) == ()

@@ -17,33 +17,33 @@ from mindstage import errors
 from mindstage.bridge.description import (
     error_from_text,
     error_text,
+    error_to_message,
     from_json,
-    refusal,
+    message_to_error,
     to_json,
-    world_error,
     world_from_json,
     world_to_json,
 )
-from mindstage.engines import Ability, Engine, Failure, Note, NoteKind, SpawnReport
+from mindstage.engines import Capability, Engine, SpawnFailure, SpawnNote, SpawnNoteKind, SpawnReport
 from mindstage.errors import (
-    AttachmentRefused,
-    BodyExists,
-    BodyUnknown,
-    EngineClosed,
+    AttachmentError,
+    BodyExistsError,
+    BodyNotFoundError,
+    EngineClosedError,
     EngineError,
-    EngineTimedOut,
-    EngineUnable,
-    EngineUnavailable,
-    MessageRefused,
-    NothingToUndo,
-    PoseUnreachable,
-    ReturnRefused,
-    SimulationUnstable,
-    SpotMissing,
+    EngineTimeoutError,
+    EngineUnavailableError,
+    MessageValidationError,
+    NoFreePlacementError,
+    NothingToUndoError,
+    PoseUnreachableError,
+    RestoreError,
+    SimulationDivergedError,
+    UnsupportedByEngineError,
     WorldError,
 )
 from mindstage.msgs import decode, encode, mindstage_msgs
-from mindstage.world import Fact, Iri, Literal, Material, Mobility, Physics, World
+from mindstage.world import BodyPhysics, Iri, Literal, Material, Mobility, PropertyAssertion, World
 from tests.kitchenette import KNOWROB, kitchenette
 from tests.worlds import materials, physics, worlds
 
@@ -78,7 +78,7 @@ def test_the_version_is_always_told() -> None:
     ],
 )
 def test_what_is_no_world_is_refused(text: str, cause: str) -> None:
-    with pytest.raises(MessageRefused) as refused:
+    with pytest.raises(MessageValidationError) as refused:
         world_from_json(text)
     assert cause in str(refused.value)
 
@@ -86,7 +86,9 @@ def test_what_is_no_world_is_refused(text: str, cause: str) -> None:
 def test_a_wrong_value_is_refused_with_the_path() -> None:
     told = json.loads(world_to_json(kitchenette()))
     told["bodies"][3]["pose"]["position"][1] = "0"
-    with pytest.raises(MessageRefused, match=r"a world: bodies\[3\]\.pose\.position\[1\]: expected float, got str"):
+    with pytest.raises(
+        MessageValidationError, match=r"a world: bodies\[3\]\.pose\.position\[1\]: expected float, got str"
+    ):
         world_from_json(json.dumps(told))
 
 
@@ -94,7 +96,7 @@ def test_a_wrong_value_is_refused_with_the_path() -> None:
 def test_a_world_with_a_number_that_is_none_is_not_written(number: float) -> None:
     world = kitchenette()
     broken = replace(world, bodies=(replace(world.bodies[0], size=(1.0, number, 1.0)), *world.bodies[1:]))
-    with pytest.raises(MessageRefused, match=r"bodies\[0\]\.size"):
+    with pytest.raises(MessageValidationError, match=r"bodies\[0\]\.size"):
         world_to_json(broken)
 
 
@@ -106,27 +108,27 @@ def test_numbers_of_numpy_are_numbers() -> None:
 
 
 def test_a_text_that_no_json_holds_is_not_written() -> None:
-    fact = Fact(Iri(KNOWROB + "note"), Literal("\ud800"))
-    with pytest.raises(MessageRefused):
+    fact = PropertyAssertion(Iri(KNOWROB + "note"), Literal("\ud800"))
+    with pytest.raises(MessageValidationError):
         world_to_json(replace(kitchenette(), facts=(fact,)))
 
 
 @given(told=physics())
-def test_parts_keep_what_is_not_told(told: Physics) -> None:
-    assert from_json(to_json(told), Physics) == told
+def test_parts_keep_what_is_not_told(told: BodyPhysics) -> None:
+    assert from_json(to_json(told), BodyPhysics) == told
 
 
 @given(told=st.lists(materials(), max_size=3).map(tuple))
-def test_materials_keep_their_colours(told: tuple[Material, ...]) -> None:
+def test_materials_keep_their_colors(told: tuple[Material, ...]) -> None:
     assert from_json(to_json(told, tuple[Material, ...]), tuple[Material, ...]) == told
 
 
 def test_a_part_that_is_none_is_refused_with_the_path() -> None:
-    assert to_json(Physics(mobility=Mobility.DYNAMIC)) == '{"mobility":"dynamic"}'
-    with pytest.raises(MessageRefused, match="Physics: mobility: invalid enum value 'flying'"):
-        from_json('{"mobility":"flying"}', Physics)
-    with pytest.raises(MessageRefused, match="mass_kg"):
-        from_json('{"mass_kg":"heavy"}', Physics)
+    assert to_json(BodyPhysics(mobility=Mobility.DYNAMIC)) == '{"mobility":"dynamic"}'
+    with pytest.raises(MessageValidationError, match="Physics: mobility: invalid enum value 'flying'"):
+        from_json('{"mobility":"flying"}', BodyPhysics)
+    with pytest.raises(MessageValidationError, match="mass_kg"):
+        from_json('{"mass_kg":"heavy"}', BodyPhysics)
 
 
 # -- engines -----------------------------------------------------------------------------------------------------------
@@ -135,11 +137,11 @@ def test_a_part_that_is_none_is_refused_with_the_path() -> None:
 def test_an_engines_report_has_the_very_fields_of_the_message() -> None:
     report = SpawnReport(
         bodies=3,
-        constraints=2,
+        joints=2,
         attachments=1,
-        failed_bodies=(Failure("mug", "the id is taken"),),
-        failed_attachments=(Failure("lid", "no such parent"),),
-        notes=(Note(NoteKind.HOLLOW, ("drawer", "spoon"), "it got an inside"),),
+        failed_bodies=(SpawnFailure("mug", "the id is taken"),),
+        failed_attachments=(SpawnFailure("lid", "no such parent"),),
+        notes=(SpawnNote(SpawnNoteKind.HOLLOW, ("drawer", "spoon"), "it got an inside"),),
     )
     message = msgspec.convert(msgspec.to_builtins(report), mindstage_msgs.SpawnReport)
     sent = decode(mindstage_msgs.SpawnReport, json.loads(json.dumps(encode(message))), strict=True)
@@ -160,34 +162,34 @@ def test_every_method_of_an_engine_has_a_service() -> None:
     assert set(services) == contract
     for name in services.values():
         assert name in mindstage_msgs.__all__
-    assert {ability.value for ability in Ability} - {"statistics"} == {"save", "joints"}
+    assert {ability.value for ability in Capability} - {"statistics"} == {"save", "joints"}
 
 
 # -- errors ------------------------------------------------------------------------------------------------------------
 
 REFUSALS = [
-    BodyUnknown("cupp", known=["cup", "cups", "table"], world="kitchen"),
-    BodyUnknown("x"),
-    BodyExists("cup"),
-    PoseUnreachable("door", reason="its hinge does not let it"),
-    AttachmentRefused("handle", "door", reason="it would close a circle"),
+    BodyNotFoundError("cupp", known=["cup", "cups", "table"], world="kitchen"),
+    BodyNotFoundError("x"),
+    BodyExistsError("cup"),
+    PoseUnreachableError("door", reason="its hinge does not let it"),
+    AttachmentError("handle", "door", reason="it would close a circle"),
 ]
 
 
 @pytest.mark.parametrize("error", REFUSALS, ids=str)
 def test_what_the_world_refused_there_is_the_same_error_here(error: WorldError) -> None:
-    said = refusal(error)
+    said = error_to_message(error)
     sent = decode(mindstage_msgs.Refusal, json.loads(json.dumps(encode(said))), strict=True)
-    back = world_error(sent)
+    back = message_to_error(sent)
     assert type(back) is type(error)
     assert str(back) == str(error) == said.text
     assert vars(back) == vars(error)
 
 
 OF_STAGES = [
-    SpotMissing("cup", "on table", reason="it is full"),
-    ReturnRefused("cup", reason="its id is taken"),
-    NothingToUndo(),
+    NoFreePlacementError("cup", "on table", reason="it is full"),
+    RestoreError("cup", reason="its id is taken"),
+    NothingToUndoError(),
 ]
 """No engine refuses with these, so no engine's reply has fields for them."""
 
@@ -199,23 +201,23 @@ def test_every_refusal_of_an_engines_world_can_travel() -> None:
 
 @pytest.mark.parametrize("error", OF_STAGES, ids=str)
 def test_what_a_stage_refuses_arrives_with_its_sentence(error: WorldError) -> None:
-    back = world_error(refusal(error))
+    back = message_to_error(error_to_message(error))
     assert type(back) is WorldError
     assert str(back) == str(error)
 
 
 def test_a_refusal_of_a_kind_unknown_here_is_still_a_no_of_the_world() -> None:
-    error = world_error(mindstage_msgs.Refusal(kind="GravityOffended", text="not on Sundays"))
+    error = message_to_error(mindstage_msgs.Refusal(kind="GravityOffended", text="not on Sundays"))
     assert type(error) is WorldError
     assert str(error) == "not on Sundays"
 
 
 BREAKS = [
-    SimulationUnstable(time_s=1.25, what="velocities"),
-    EngineClosed("mujoco"),
-    EngineUnavailable("mujoco", cause="not installed", remedy="install it"),
-    EngineTimedOut("ros://127.0.0.1:9090/unreal", call="step", timeout_s=10.0),
-    EngineUnable("ros://127.0.0.1:9090/unreal", what="push bodies", remedy="set their poses"),
+    SimulationDivergedError(time_s=1.25, what="velocities"),
+    EngineClosedError("mujoco"),
+    EngineUnavailableError("mujoco", cause="not installed", remedy="install it"),
+    EngineTimeoutError("ros://127.0.0.1:9090/unreal", call="step", timeout_s=10.0),
+    UnsupportedByEngineError("ros://127.0.0.1:9090/unreal", what="push bodies", remedy="set their poses"),
 ]
 
 

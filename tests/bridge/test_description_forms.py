@@ -9,84 +9,86 @@ import numpy as np
 import pytest
 
 from mindstage.bridge.description import (
-    BodyChange,
-    JointChange,
-    PlanChange,
-    forms_from_json,
-    forms_to_json,
+    BodyModelDelta,
+    JointModelDelta,
+    PhysicsModelDelta,
     from_json,
+    geometry_from_json,
+    geometry_to_json,
     mesh_name,
-    plan_to_json,
+    model_delta_to_json,
 )
-from mindstage.errors import MessageRefused
+from mindstage.errors import MessageValidationError
 from mindstage.world import (
+    AttachedLight,
+    BodyGeometry,
     BodyId,
-    Form,
-    FormSource,
-    Glow,
+    CollisionShape,
+    CollisionShapeType,
+    GeometrySource,
     Mobility,
-    Place,
+    PbrMaterial,
     Pose,
-    Skin,
-    Solid,
-    SolidKind,
-    Surface,
+    SupportSurface,
+    VisualMesh,
 )
 from tests.msgs.golden import cases
 
 KEY = "0123456789abcdef"
-SKIN = Skin(
+SKIN = VisualMesh(
     points=np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]),
     faces=np.array([[0, 1, 2]], dtype=np.uint32),
-    surface=Surface(material="oak", colour=(0.5, 0.3, 0.1)),
+    material=PbrMaterial(name="oak", color=(0.5, 0.3, 0.1)),
 )
 TURNED = Pose((1.0, 2.0, 3.0), (0.9659258262890683, 0.0, 0.0, 0.25881904510252074))
-FORM = Form(
+FORM = BodyGeometry(
     key=KEY,
-    skins=(SKIN,),
-    solids=(
-        Solid(size=(0.1, 0.2, 0.3), pose=TURNED),
-        Solid(kind=SolidKind.HULL, size=(1.0, 1.0, 1.0), points=((0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1))),
+    visuals=(SKIN,),
+    collision_shapes=(
+        CollisionShape(size=(0.1, 0.2, 0.3), pose=TURNED),
+        CollisionShape(
+            type=CollisionShapeType.HULL, size=(1.0, 1.0, 1.0), points=((0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1))
+        ),
     ),
-    source=FormSource.KNOWLEDGE,
-    why="a drawer",
-    kind="drawer",
+    source=GeometrySource.ONTOLOGY,
+    reason="a drawer",
+    shape_name="drawer",
     friction=0.4,
     density=700.0,
-    places=(Place(centre=(0.0, 0.0, 0.1), size=(0.5, 0.4), inside=True),),
-    glows=(Glow(intensity=3.0),),
+    support_surfaces=(SupportSurface(center=(0.0, 0.0, 0.1), size=(0.5, 0.4), is_inside=True),),
+    lights=(AttachedLight(intensity=3.0),),
 )
 CUP, MUG = BodyId("cup"), BodyId("mug")
 
 
 def written(**changes: Any) -> str:
     """A form as JSON, with something else in it."""
-    told = json.loads(forms_to_json({CUP: FORM}))
+    told = json.loads(geometry_to_json({CUP: FORM}))
     told["forms"][KEY] |= changes
     return json.dumps(told)
 
 
 def test_forms_come_back_as_they_were_but_for_their_skins() -> None:
-    back = forms_from_json(forms_to_json({CUP: FORM, MUG: FORM}))
+    back = geometry_from_json(geometry_to_json({CUP: FORM, MUG: FORM}))
     assert set(back) == {CUP, MUG}
     assert back[CUP] is back[MUG]
     told = back[CUP]
     for field in ("key", "solids", "source", "why", "kind", "friction", "restitution", "density", "places", "glows"):
         assert getattr(told, field) == getattr(FORM, field), field
-    assert told.skins == ()
+    assert told.visuals == ()
 
 
 def test_skins_come_from_the_mesh_that_is_named() -> None:
-    text = forms_to_json({CUP: FORM}, mesh=lambda form: mesh_name(form.key))
+    text = geometry_to_json({CUP: FORM}, mesh=lambda form: mesh_name(form.key))
     asked: list[str] = []
-    back = forms_from_json(text, skins=lambda name: asked.append(name) or (SKIN,))  # type: ignore[func-returns-value]
+    back = geometry_from_json(text, load_visuals=lambda name: asked.append(name) or (SKIN,))  # type: ignore[func-returns-value]
     assert asked == [f"{KEY}.glb"]
-    assert back[CUP].skins == (SKIN,)
+    assert back[CUP].visuals == (SKIN,)
 
 
 def test_no_forms_are_an_empty_text_both_ways() -> None:
-    assert forms_to_json({}) == ""
-    assert forms_from_json("") == {}
+    assert geometry_to_json({}) == ""
+    assert geometry_from_json("") == {}
 
 
 @pytest.mark.parametrize("key", ["", "short", "../../etc/passwd", "0123456789ABCDEF", "0" * 65, "0123456789abcde/"])
@@ -111,31 +113,33 @@ BOX = {"size": [1.0, 1.0, 1.0]}
     ],
 )
 def test_what_cannot_be_built_is_refused_with_its_place(changes: dict[str, Any], path: str) -> None:
-    with pytest.raises(MessageRefused) as refused:
-        forms_from_json(written(**changes))
+    with pytest.raises(MessageValidationError) as refused:
+        geometry_from_json(written(**changes))
     assert refused.value.path == path
 
 
 def test_a_body_of_a_form_that_is_not_there_is_refused() -> None:
-    with pytest.raises(MessageRefused, match=r"bodies\.cup.*no form"):
-        forms_from_json('{"bodies": {"cup": "0123456789abcdef"}, "forms": {}}')
+    with pytest.raises(MessageValidationError, match=r"bodies\.cup.*no form"):
+        geometry_from_json('{"bodies": {"cup": "0123456789abcdef"}, "forms": {}}')
 
 
 def test_a_form_that_json_cannot_say_is_refused() -> None:
-    cloud = Form(key=KEY, skins=(), solids=(Solid(size=(float("nan"), 1.0, 1.0)),))
-    with pytest.raises(MessageRefused):
-        forms_to_json({CUP: cloud})
+    cloud = BodyGeometry(key=KEY, visuals=(), collision_shapes=(CollisionShape(size=(float("nan"), 1.0, 1.0)),))
+    with pytest.raises(MessageValidationError):
+        geometry_to_json({CUP: cloud})
 
 
 def test_a_plan_says_only_what_is_not_usual() -> None:
-    change = PlanChange(
-        bodies={CUP: BodyChange(size=(0.1, 0.1, 0.1), top=MUG, hold=TURNED, mobility=Mobility.DYNAMIC, mass_kg=0.3)},
+    change = PhysicsModelDelta(
+        bodies={
+            CUP: BodyModelDelta(size=(0.1, 0.1, 0.1), top=MUG, hold=TURNED, mobility=Mobility.DYNAMIC, mass_kg=0.3)
+        },
         apart=((CUP, MUG),),
-        joints={BodyId("hinge"): JointChange(parent=CUP, child=MUG), BodyId("slide"): None},
+        joints={BodyId("hinge"): JointModelDelta(parent=CUP, child=MUG), BodyId("slide"): None},
         poses={CUP: TURNED},
     )
     turned = {"position": [1.0, 2.0, 3.0], "quaternion": [0.9659258262890683, 0.0, 0.0, 0.25881904510252074]}
-    assert json.loads(plan_to_json(change)) == {
+    assert json.loads(model_delta_to_json(change)) == {
         "bodies": {
             "cup": {"size": [0.1, 0.1, 0.1], "top": "mug", "hold": turned, "mobility": "dynamic", "mass_kg": 0.3}
         },
@@ -143,14 +147,14 @@ def test_a_plan_says_only_what_is_not_usual() -> None:
         "joints": {"hinge": {"parent": "cup", "child": "mug"}, "slide": None},
         "poses": {"cup": turned},
     }
-    assert plan_to_json(PlanChange()) == "{}"
+    assert model_delta_to_json(PhysicsModelDelta()) == "{}"
 
 
 def test_the_golden_forms_and_plans_are_what_is_read_and_written() -> None:
     told = {case.values[0]["name"]: case.values[0]["json"] for case in cases()}
     golden = told["a world with forms and a plan"]
-    assert forms_from_json(golden["forms"])[BodyId("drawer")].kind == "drawer"
+    assert geometry_from_json(golden["forms"])[BodyId("drawer")].shape_name == "drawer"
     for text in (golden["plan"], told["a handle on a drawer, as it was decided"]["plan"]):
-        change = from_json(text, PlanChange)
+        change = from_json(text, PhysicsModelDelta)
         assert change.bodies
-        assert from_json(plan_to_json(change), PlanChange) == change
+        assert from_json(model_delta_to_json(change), PhysicsModelDelta) == change

@@ -8,56 +8,59 @@ from hypothesis import given
 from msgspec.structs import replace
 
 from mindstage.bridge.description import (
-    Remark,
-    constraint_description,
-    constraint_from,
+    ConversionNote,
+    joint_from_message,
+    joint_message,
     spawn_request,
-    unsaid,
+    untranslatable_fields,
     world_from_request,
 )
 from mindstage.msgs import encode, geometry_msgs, world_control_msgs
 from mindstage.world import (
-    AngularMotion,
+    AngularLimits,
+    AxisMotion,
     BodyId,
-    Constraint,
-    Fact,
     Iri,
-    LinearMotion,
+    Joint,
+    LinearLimits,
     Literal,
-    Motion,
-    Soft,
+    PropertyAssertion,
+    SoftLimit,
     World,
 )
-from tests.bridge.wired import ASYMMETRIC, MUG, through_json, without_what_stays_behind
+from tests.bridge.wired import ASYMMETRIC, MUG, json_round_trip, transmittable_part
 from tests.kitchenette import KNOWROB, MAP, kitchenette
-from tests.worlds import constraints, worlds
+from tests.worlds import joints, worlds
 
 # -- constraints -------------------------------------------------------------------------------------------------------
 
-DOOR = Constraint(
+DOOR = Joint(
     id=BodyId("hinge"),
     iri=Iri(MAP + "hinge"),
     parent=BodyId("case"),
     child=BodyId("door"),
     pose=ASYMMETRIC,
-    linear=LinearMotion(
-        x=Motion.FREE, y=Motion.LIMITED, limit=0.3, soft=Soft(enabled=True, stiffness=1.0, damping=2.0)
+    linear=LinearLimits(
+        x=AxisMotion.FREE,
+        y=AxisMotion.LIMITED,
+        limit=0.3,
+        soft_limit=SoftLimit(enabled=True, stiffness=1.0, damping=2.0),
     ),
-    angular=AngularMotion(
-        swing1=Motion.LIMITED,
-        swing2=Motion.FREE,
+    angular=AngularLimits(
+        swing1=AxisMotion.LIMITED,
+        swing2=AxisMotion.FREE,
         swing1_limit=0.1,
         swing2_limit=0.2,
         twist_limit=0.3,
-        swing_soft=Soft(enabled=True, stiffness=3.0, damping=4.0),
-        twist_soft=Soft(stiffness=5.0, damping=6.0),
+        swing_soft_limit=SoftLimit(enabled=True, stiffness=3.0, damping=4.0),
+        twist_soft_limit=SoftLimit(stiffness=5.0, damping=6.0),
     ),
     disable_collision=False,
 )
 
 
 def test_a_constraint_has_each_number_in_its_place() -> None:
-    message = constraint_description(DOOR)
+    message = joint_message(DOOR)
     details = message.constraint_details
     assert (details.id_first_model, details.id_second_model, details.disable_collision) == ("case", "door", False)
     assert encode(details.linear_limits) == {
@@ -71,15 +74,15 @@ def test_a_constraint_has_each_number_in_its_place() -> None:
         "swing_soft_constraint": True, "swing_stiffness": 3.0, "swing_damping": 4.0,
         "twist_soft_constraint": False, "twist_stiffness": 5.0, "twist_damping": 6.0,
     }  # fmt: skip
-    assert constraint_from(message, namespace=MAP) == (DOOR, ())
+    assert joint_from_message(message, namespace=MAP) == (DOOR, ())
 
 
-def with_symmetric_ranges(constraint: Constraint) -> Constraint:
+def with_symmetric_ranges(constraint: Joint) -> Joint:
     linear, angular = constraint.linear, constraint.angular
-    sliding = {axis: getattr(linear, f"{axis}_middle") for axis in "xyz" if getattr(linear, axis) is Motion.LIMITED}
+    sliding = {axis: getattr(linear, f"{axis}_middle") for axis in "xyz" if getattr(linear, axis) is AxisMotion.LIMITED}
     turning = {
         f"{axis}_limit": getattr(angular, f"{axis}_limit")
-        + (abs(getattr(angular, f"{axis}_middle")) if getattr(angular, axis) is Motion.LIMITED else 0.0)
+        + (abs(getattr(angular, f"{axis}_middle")) if getattr(angular, axis) is AxisMotion.LIMITED else 0.0)
         for axis in ("swing1", "swing2", "twist")
     }
     return replace(
@@ -95,27 +98,27 @@ def with_symmetric_ranges(constraint: Constraint) -> Constraint:
     )
 
 
-@given(constraint=constraints(BodyId("hinge"), BodyId("case"), BodyId("door")))
-def test_any_constraint_comes_back_but_for_what_is_named(constraint: Constraint) -> None:
-    back, remarks = constraint_from(constraint_description(constraint), namespace=MAP)
+@given(constraint=joints(BodyId("hinge"), BodyId("case"), BodyId("door")))
+def test_any_constraint_comes_back_but_for_what_is_named(constraint: Joint) -> None:
+    back, remarks = joint_from_message(joint_message(constraint), namespace=MAP)
     assert remarks == ()
     kept = replace(with_symmetric_ranges(constraint), facts=(), tags=())
     assert back == replace(kept, disable_collision=constraint.disable_collision is not False)
-    named = {remark.field for remark in unsaid(World(iri=Iri(MAP + "map"), constraints=(constraint,)))}
+    named = {remark.field for remark in untranslatable_fields(World(iri=Iri(MAP + "map"), joints=(constraint,)))}
     assert ("facts" in named) == bool(constraint.facts)
     assert ("tags" in named) == bool(constraint.tags)
     assert ("disable_collision" in named) == (constraint.disable_collision is None)
 
 
 def test_a_drawer_that_only_opens_one_way_opens_as_far_on_the_wire() -> None:
-    drawer = replace(DOOR, linear=LinearMotion(x=Motion.LIMITED, limit=0.2, x_middle=-0.2))
-    assert constraint_description(drawer).constraint_details.linear_limits.limit == 0.4
-    remarks = unsaid(World(iri=Iri(MAP + "map"), constraints=(drawer,)))
+    drawer = replace(DOOR, linear=LinearLimits(x=AxisMotion.LIMITED, limit=0.2, x_middle=-0.2))
+    assert joint_message(drawer).constraint_details.linear_limits.limit == 0.4
+    remarks = untranslatable_fields(World(iri=Iri(MAP + "map"), joints=(drawer,)))
     assert [remark.field for remark in remarks] == ["middle"]
 
 
 def test_what_of_a_foreign_constraint_is_left_aside_is_said() -> None:
-    message = constraint_description(DOOR)
+    message = joint_message(DOOR)
     limits = message.constraint_details
     foreign = replace(
         message,
@@ -129,15 +132,19 @@ def test_what_of_a_foreign_constraint_is_left_aside_is_said() -> None:
             ),
         ),
     )
-    constraint, remarks = constraint_from(foreign, namespace=MAP)
-    assert not constraint.linear.soft.enabled
-    assert not constraint.angular.swing_soft.enabled
+    constraint, remarks = joint_from_message(foreign, namespace=MAP)
+    assert not constraint.linear.soft_limit.enabled
+    assert not constraint.angular.swing_soft_limit.enabled
     fields = [remark.field for remark in remarks]
     assert fields == ["soft", "soft", "angular_roation_offset", "enable_projection", "parent_dominates"]
 
 
 def test_the_codes_of_motions_are_those_of_maps() -> None:
-    assert [Motion(code) for code in world_control_msgs.MotionCode] == [Motion.FREE, Motion.LIMITED, Motion.LOCKED]
+    assert [AxisMotion(code) for code in world_control_msgs.MotionCode] == [
+        AxisMotion.FREE,
+        AxisMotion.LIMITED,
+        AxisMotion.LOCKED,
+    ]
 
 
 # -- worlds ------------------------------------------------------------------------------------------------------------
@@ -145,20 +152,20 @@ def test_the_codes_of_motions_are_those_of_maps() -> None:
 
 def test_the_kitchenette_comes_back_and_what_does_not_is_named() -> None:
     world = kitchenette()
-    back, remarks = world_from_request(through_json(spawn_request(world)), iri=world.iri, name="map")
+    back, remarks = world_from_request(json_round_trip(spawn_request(world)), iri=world.iri, name="map")
     assert remarks == ()
-    assert {remark.field for remark in unsaid(world)} == {"disable_collision", "facts"}
-    told = tuple(replace(constraint, disable_collision=True) for constraint in world.constraints)
-    assert back == replace(world, constraints=told, resources=())
+    assert {remark.field for remark in untranslatable_fields(world)} == {"disable_collision", "facts"}
+    told = tuple(replace(constraint, disable_collision=True) for constraint in world.joints)
+    assert back == replace(world, joints=told, resources=())
 
 
 @given(world=worlds(wild_tags=True))
 def test_any_world_comes_back_but_for_what_is_named(world: World) -> None:
-    back, remarks = world_from_request(through_json(spawn_request(world)), iri=world.iri, name=world.name)
+    back, remarks = world_from_request(json_round_trip(spawn_request(world)), iri=world.iri, name=world.name)
     assert remarks == ()
     assert back.attachments == world.attachments
-    assert back.bodies == tuple(map(without_what_stays_behind, world.bodies))
-    named = {(remark.field, id) for remark in unsaid(world) for id in remark.ids}
+    assert back.bodies == tuple(map(transmittable_part, world.bodies))
+    named = {(remark.field, id) for remark in untranslatable_fields(world) for id in remark.ids}
     assert {id for field, id in named if field == "lights"} == {light.id for light in world.lights}
     assert (("facts", world.iri) in named) == bool(world.facts or world.resources)
     if not named:
@@ -176,17 +183,17 @@ def test_what_came_without_an_id_gets_one_that_nobody_has() -> None:
     )
     world, remarks = world_from_request(request, iri=Iri(MAP + "map"), taken={"Cup_2"})
     assert [body.id for body in world.bodies] == ["Cup_3", "Cup_4", "Cup_1"]
-    assert world.constraints[0].id == "Constraint_1"
-    assert Remark("id", ("Cup_3", "Cup_4", "Constraint_1"), "it came without an id and got this one") in remarks
+    assert world.joints[0].id == "Constraint_1"
+    assert ConversionNote("id", ("Cup_3", "Cup_4", "Constraint_1"), "it came without an id and got this one") in remarks
 
 
 def test_remarks_of_one_kind_are_one_with_all_the_ids() -> None:
-    fact = Fact(Iri(KNOWROB + "note"), Literal("x"))
+    fact = PropertyAssertion(Iri(KNOWROB + "note"), Literal("x"))
     world = World(
         iri=Iri(MAP + "map"),
         bodies=tuple(replace(MUG, id=BodyId(id), facts=(fact,)) for id in ("a", "b", "c")),
     )
-    assert unsaid(world) == (Remark("facts", ("a", "b", "c"), "a model has no place for facts"),)
+    assert untranslatable_fields(world) == (ConversionNote("facts", ("a", "b", "c"), "a model has no place for facts"),)
 
 
 def test_the_thesis_map_comes_through_with_nothing_lost_but_what_is_named(shared_data: Path) -> None:
@@ -195,18 +202,16 @@ def test_the_thesis_map_comes_through_with_nothing_lost_but_what_is_named(shared
     kb = KnowledgeBase()
     kb.load(shared_data / "maps" / "iai-kitchen-original.owl")
     world = kb.world()
-    request = through_json(spawn_request(world))
+    request = json_round_trip(spawn_request(world))
     assert (len(request.models), len(request.constraints), len(request.relations)) == (114, 22, 33)
     back, remarks = world_from_request(request, iri=world.iri, name=world.name)
     assert remarks == ()
-    assert back.bodies == tuple(map(without_what_stays_behind, world.bodies))
+    assert back.bodies == tuple(map(transmittable_part, world.bodies))
     assert back.attachments == world.attachments
-    for constraint, other in zip(world.constraints, back.constraints, strict=True):
+    for constraint, other in zip(world.joints, back.joints, strict=True):
         assert other == replace(constraint, facts=(), tags=(), iri=other.iri, disable_collision=other.disable_collision)
-    named = {(remark.field, id) for remark in unsaid(world) for id in remark.ids}
+    named = {(remark.field, id) for remark in untranslatable_fields(world) for id in remark.ids}
     assert {("facts", body.id) for body in world.bodies if body.facts} <= named
     assert {
-        ("iri", each.id)
-        for each, other in zip(world.constraints, back.constraints, strict=True)
-        if each.iri != other.iri
+        ("iri", each.id) for each, other in zip(world.joints, back.joints, strict=True) if each.iri != other.iri
     } <= named

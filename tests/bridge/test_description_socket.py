@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from mindstage.bridge import Client, Hub
+from mindstage.bridge import LocalNode, RosbridgeClient
 from mindstage.bridge.description import spawn_request, world_from_json, world_from_request, world_to_json
 from mindstage.msgs import decode_arguments, encode, mindstage_msgs, world_control_msgs
 from mindstage.world import World
 from tests.kitchenette import kitchenette
 
-from .talking import Talker
+from .talking import RawClient
 
 
-def test_a_kitchenette_is_spawned_over_a_socket(hub: Hub, talker: Callable[..., Talker]) -> None:
+def test_a_kitchenette_is_spawned_over_a_socket(hub: LocalNode, talker: Callable[..., RawClient]) -> None:
     came: list[World] = []
 
     def spawn(args: object) -> object:
@@ -21,20 +21,22 @@ def test_a_kitchenette_is_spawned_over_a_socket(hub: Hub, talker: Callable[..., 
         came.append(world_from_request(request, iri=kitchenette().iri, name="map")[0])
         return encode(world_control_msgs.SpawnSemanticMap.Response(success=True))
 
-    hub.offer_service("/unreal/spawn_semantic_map", "world_control_msgs/SpawnSemanticMap", spawn)
+    hub.create_service("/unreal/spawn_semantic_map", "world_control_msgs/SpawnSemanticMap", spawn)
     caller = talker()
-    answer = caller.ask("/unreal/spawn_semantic_map", encode(spawn_request(kitchenette())))
+    answer = caller.call_service("/unreal/spawn_semantic_map", encode(spawn_request(kitchenette())))
     assert answer["values"] == {
         "success": True, "failed_model_ids": [], "failed_constraint_ids": [], "failed_relations": [],
     }  # fmt: skip
     assert came[0].bodies == kitchenette().bodies
-    refused = caller.ask("/unreal/spawn_semantic_map", {"models": [], "constraints": []})
+    refused = caller.call_service("/unreal/spawn_semantic_map", {"models": [], "constraints": []})
     assert refused["result"] is False
     assert "SpawnSemanticMapRequest: relations: it is missing" in refused["values"]
 
 
-def test_a_world_is_logged_over_a_socket_with_nothing_lost(hub: Hub, client: Callable[..., Client]) -> None:
-    hub.offer_service(
+def test_a_world_is_logged_over_a_socket_with_nothing_lost(
+    hub: LocalNode, client: Callable[..., RosbridgeClient]
+) -> None:
+    hub.create_service(
         "/mindstage/log_world",
         "mindstage_msgs/LogWorld",
         lambda _: encode(mindstage_msgs.LogWorld.Response(success=True, world=world_to_json(kitchenette()))),

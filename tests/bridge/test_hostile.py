@@ -13,12 +13,12 @@ from typing import Any
 import msgspec
 import pytest
 
-from mindstage.bridge import Hub, Server
-from mindstage.bridge.protocol import Compression, Outgoing, Publish
+from mindstage.bridge import LocalNode, RosbridgeServer
+from mindstage.bridge.protocol import Compression, MessageEncoder, Publish
 
-from .talking import Talker, bare_subscriber, eventually
+from .talking import RawClient, eventually, raw_subscriber
 
-Talkers = Callable[..., Talker]
+Talkers = Callable[..., RawClient]
 
 MESSAGES = 10_000
 OPS = (
@@ -49,7 +49,7 @@ def harm(dice: random.Random) -> str | bytes:
         return text[:cut] + chr(dice.randrange(32, 300)) + text[cut + dice.randrange(3) :]
     if kind == 4:
         operation = Publish(topic="/a", msg=msgspec.Raw(text.encode()))
-        frame = bytearray(Outgoing(operation).frames(Compression.CBOR)[0])  # type: ignore[arg-type]  # it is bytes
+        frame = bytearray(MessageEncoder(operation).frames(Compression.CBOR)[0])  # type: ignore[arg-type]  # it is bytes
         frame[dice.randrange(len(frame))] = dice.randrange(256)
         return bytes(frame)
     return text
@@ -80,7 +80,7 @@ def attack(talker: Talkers, seed: int, messages: int) -> int:
             client.send(harm(dice))
             continue
         client.socket.send(b"\xff\xfe no UTF-8", text=True)
-        assert client.closed()[0] == 1007  # for it, nothing else is left
+        assert client.wait_closed()[0] == 1007  # for it, nothing else is left
         client = talker(max_queue=None)
         thrown_out += 1
     client.close()
@@ -88,37 +88,37 @@ def attack(talker: Talkers, seed: int, messages: int) -> int:
 
 
 def test_the_hub_survives_and_nobody_else_notices(
-    hub: Hub, server: Server, talker: Talkers, caplog: pytest.LogCaptureFixture
+    hub: LocalNode, server: RosbridgeServer, talker: Talkers, caplog: pytest.LogCaptureFixture
 ) -> None:
-    hub.offer_service("/add", "x/Add", lambda args: {"sum": args["a"] + args["b"]})
+    hub.create_service("/add", "x/Add", lambda args: {"sum": args["a"] + args["b"]})
     good = talker()
-    good.say(op="subscribe", topic="/good", type="x/Good")
-    good.say(op="advertise", topic="/good", type="x/Good")
-    good.ask("/add", {"a": 0, "b": 0})
+    good.send_operation(op="subscribe", topic="/good", type="x/Good")
+    good.send_operation(op="advertise", topic="/good", type="x/Good")
+    good.call_service("/add", {"a": 0, "b": 0})
     expected = hub_at_rest(hub)
     with ThreadPoolExecutor(4) as pool:
         attacks = [pool.submit(attack, talker, seed, MESSAGES // 4) for seed in range(4)]
         rounds = 0
         while rounds < 20 or not all(each.done() for each in attacks):
-            assert good.ask("/add", {"a": rounds, "b": 1})["values"] == {"sum": rounds + 1}
-            good.say(op="publish", topic="/good", msg={"n": rounds})
-            assert good.hear("publish", topic="/good")["msg"] == {"n": rounds}
+            assert good.call_service("/add", {"a": rounds, "b": 1})["values"] == {"sum": rounds + 1}
+            good.send_operation(op="publish", topic="/good", msg={"n": rounds})
+            assert good.receive("publish", topic="/good")["msg"] == {"n": rounds}
             rounds += 1
     assert [each.result() for each in attacks] == [5, 5, 5, 5]
-    eventually(lambda: server.clients == 1)
+    eventually(lambda: server.client_count == 1)
     assert hub_at_rest(hub) == expected
-    assert good.heard == []
+    assert good.received == []
     assert not [each for each in caplog.records if each.levelname == "ERROR"], "a defect, however harmless"
 
 
-def test_harm_leaves_nothing_in_the_memory(hub: Hub, server: Server, talker: Talkers) -> None:
+def test_harm_leaves_nothing_in_the_memory(hub: LocalNode, server: RosbridgeServer, talker: Talkers) -> None:
     attack(talker, 0, 500)  # whatever is made but once is made
-    eventually(lambda: server.clients == 0)
+    eventually(lambda: server.client_count == 0)
     tracemalloc.start()
     try:
         for seed in (1, 2):
             attack(talker, seed, 500)
-            eventually(lambda: server.clients == 0)
+            eventually(lambda: server.client_count == 0)
             gc.collect()
         left, most = tracemalloc.get_traced_memory()
     finally:
@@ -127,26 +127,26 @@ def test_harm_leaves_nothing_in_the_memory(hub: Hub, server: Server, talker: Tal
     assert most < 50_000_000
 
 
-def hub_at_rest(hub: Hub) -> tuple[Any, ...]:
+def hub_at_rest(hub: LocalNode) -> tuple[Any, ...]:
     """What the hub knows; it must know nothing of those who are gone."""
-    told = hub.directory()
-    waiting = hub.switchboard.services.exchange.waiting() + hub.switchboard.actions.exchange.waiting()
+    told = hub.graph_info()
+    waiting = hub.broker.services.providers.pending_count() + hub.broker.actions.providers.pending_count()
     return told.services, told.actions, [each.name for each in told.topics], len(told.peers), waiting
 
 
-def test_a_flood_of_remarks_drops_the_one_who_caused_it_and_does_not_read(server: Server) -> None:
-    flooder = bare_subscriber(server.port)
+def test_a_flood_of_remarks_drops_the_one_who_caused_it_and_does_not_read(server: RosbridgeServer) -> None:
+    flooder = raw_subscriber(server.port)
     wrong = b"\x81\x82" + bytes(4) + b"[]"
     with pytest.raises((ConnectionResetError, BrokenPipeError)):
         flooder.sendall(wrong * 2_000_000)
     flooder.close()
-    eventually(lambda: server.clients == 0)
+    eventually(lambda: server.client_count == 0)
 
 
-def test_noise_before_a_handshake_harms_nobody(hub: Hub, server: Server, talker: Talkers) -> None:
-    hub.offer_service("/settle", "x/X", lambda _: None)
+def test_noise_before_a_handshake_harms_nobody(hub: LocalNode, server: RosbridgeServer, talker: Talkers) -> None:
+    hub.create_service("/settle", "x/X", lambda _: None)
     dice = random.Random(1)
     for _ in range(50):
         with socket.create_connection(("127.0.0.1", server.port)) as stranger:
             stranger.sendall(dice.choice([b"", b"GET / HTTP/1.1\r\n\r\n", dice.randbytes(500)]))
-    assert talker().ask("/settle")["result"]
+    assert talker().call_service("/settle")["result"]

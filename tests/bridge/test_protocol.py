@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mindstage.bridge import protocol
-from mindstage.bridge.protocol import Compression, Level, Limits, Operation, Outgoing, Reader
-from mindstage.errors import MessageRefused
+from mindstage.bridge.protocol import BridgeLimits, Compression, MessageDecoder, MessageEncoder, Operation, StatusLevel
+from mindstage.errors import MessageValidationError
 
 Raw = msgspec.Raw
 
@@ -41,8 +41,8 @@ GOLDEN: list[tuple[str, Operation]] = [
      protocol.ActionFeedback(id="g", action="/go", values=Raw(b'{"left":2.0}'))),
     ('{"op":"action_result","id":"g","action":"/go","values":{},"status":4,"result":true}',
      protocol.ActionResult(id="g", action="/go", values=Raw(b"{}"), status=4, result=True)),
-    ('{"op":"status","id":"x","level":"error","msg":"no"}', protocol.Status(id="x", level=Level.ERROR, msg="no")),
-    ('{"op":"set_level","level":"none"}', protocol.SetLevel(level=Level.NONE)),
+    ('{"op":"status","id":"x","level":"error","msg":"no"}', protocol.Status(id="x", level=StatusLevel.ERROR, msg="no")),
+    ('{"op":"set_level","level":"none"}', protocol.SetLevel(level=StatusLevel.NONE)),
     ('{"op":"auth","mac":"0f","client":"c","dest":"d","rand":"r","t":1,"level":"admin","end":2}',
      protocol.Auth(mac="0f", client="c", dest="d", rand="r", t=1, level="admin", end=2)),
 ]  # fmt: skip
@@ -70,8 +70,8 @@ REFUSED = [
 ]
 
 
-def reader(**limits: float) -> Reader:
-    return Reader(msgspec.structs.replace(Limits(), **limits))
+def reader(**limits: float) -> MessageDecoder:
+    return MessageDecoder(msgspec.structs.replace(BridgeLimits(), **limits))
 
 
 def contents(operation: Operation | None) -> object:
@@ -81,9 +81,9 @@ def contents(operation: Operation | None) -> object:
 
 @pytest.mark.parametrize(("text", "operation"), GOLDEN, ids=lambda value: value[:30] if isinstance(value, str) else "")
 def test_each_operation_is_understood_and_written(text: str, operation: Operation) -> None:
-    assert type(reader().receive(text, 0.0)) is type(operation)
-    assert contents(reader().receive(text, 0.0)) == contents(operation)
-    (frame,) = Outgoing(operation).frames()
+    assert type(reader().decode(text, 0.0)) is type(operation)
+    assert contents(reader().decode(text, 0.0)) == contents(operation)
+    (frame,) = MessageEncoder(operation).frames()
     assert msgspec.json.decode(frame) == msgspec.json.decode(text)
 
 
@@ -94,9 +94,9 @@ def test_every_operation_has_its_golden_text() -> None:
 
 @pytest.mark.parametrize(("frame", "what", "path", "cause"), REFUSED)
 def test_what_is_wrong_is_named(frame: str | bytes, what: str, path: str, cause: str) -> None:
-    with pytest.raises(MessageRefused) as refused:
-        reader().receive(frame, 0.0)
-    assert refused.value.what == what
+    with pytest.raises(MessageValidationError) as refused:
+        reader().decode(frame, 0.0)
+    assert refused.value.subject == what
     assert refused.value.path == path
     assert cause in refused.value.cause
     assert refused.value.id == ("q" if isinstance(frame, str) and '"id":"q"' in frame else None)
@@ -104,20 +104,20 @@ def test_what_is_wrong_is_named(frame: str | bytes, what: str, path: str, cause:
 
 def test_fields_that_nobody_knows_are_ignored() -> None:
     text = '{"op":"advertise","topic":"/a","type":"x/A","latch":false,"queue_size":100,"qos":{"depth":1}}'
-    assert contents(reader().receive(text, 0.0)) == contents(protocol.Advertise(topic="/a", type="x/A"))
+    assert contents(reader().decode(text, 0.0)) == contents(protocol.Advertise(topic="/a", type="x/A"))
 
 
 def test_null_means_that_nothing_was_said() -> None:
     text = '{"op":"subscribe","id":null,"topic":"/a","type":null,"throttle_rate":null,"compression":null}'
-    assert reader().receive(text, 0.0) == protocol.Subscribe(topic="/a")
-    call = reader().receive('{"op":"call_service","service":"/a","args":null}', 0.0)
+    assert reader().decode(text, 0.0) == protocol.Subscribe(topic="/a")
+    call = reader().decode('{"op":"call_service","service":"/a","args":null}', 0.0)
     assert isinstance(call, protocol.CallService)
     assert bytes(protocol.content(call.args)) == b"{}"
 
 
 def test_what_a_message_carries_keeps_its_digits() -> None:
     carried = b'{"a": 1.50, "b": 1e2, "c": 123456789012345678901234567890, "d": "\\u00e9"}'
-    message = reader().receive('{"op":"publish","topic":"/a","msg":' + carried.decode() + "}", 0.0)
+    message = reader().decode('{"op":"publish","topic":"/a","msg":' + carried.decode() + "}", 0.0)
     assert isinstance(message, protocol.Publish)
     assert bytes(message.msg) == carried
 
@@ -126,20 +126,20 @@ def test_a_text_that_nests_too_deep_is_refused_and_one_that_does_not_is_read() -
     def nested(depth: int) -> str:
         return '{"op":"publish","topic":"/a","msg":' + "[" * depth + "]" * depth + "}"
 
-    assert reader(depth=10).receive(nested(9), 0.0)
+    assert reader(depth=10).decode(nested(9), 0.0)
     for depth in (10, 500, 100_000):
-        with pytest.raises(MessageRefused, match="deeper than 10"):
-            reader(depth=10).receive(nested(depth), 0.0)
+        with pytest.raises(MessageValidationError, match="deeper than 10"):
+            reader(depth=10).decode(nested(depth), 0.0)
 
 
 def test_brackets_in_strings_are_no_nesting() -> None:
     carried = msgspec.json.encode(["[[{{" * 50, '"[\\"[' * 50, "\\"]).decode()
-    assert reader(depth=3).receive('{"op":"publish","topic":"/a","msg":' + carried + "}", 0.0)
+    assert reader(depth=3).decode('{"op":"publish","topic":"/a","msg":' + carried + "}", 0.0)
 
 
 def test_a_frame_that_is_too_large_is_refused_before_it_is_read() -> None:
-    with pytest.raises(MessageRefused, match="101 bytes are too many; at most 100"):
-        reader(message_bytes=100).receive("x" * 101, 0.0)
+    with pytest.raises(MessageValidationError, match="101 bytes are too many; at most 100"):
+        reader(message_bytes=100).decode("x" * 101, 0.0)
 
 
 json_values = st.recursive(
@@ -159,9 +159,9 @@ def test_what_is_written_in_any_way_is_read_as_it_was(
     message: dict[str, object], compression: Compression, fragment_size: int | None
 ) -> None:
     operation = protocol.Publish(topic="/ä", msg=Raw(msgspec.json.encode(message)))
-    frames = Outgoing(operation).frames(compression, fragment_size)
+    frames = MessageEncoder(operation).frames(compression, fragment_size)
     reading = reader()
-    *before, last = [reading.receive(frame, 0.0) for frame in frames]
+    *before, last = [reading.decode(frame, 0.0) for frame in frames]
     assert before == [None] * (len(frames) - 1)
     assert isinstance(last, protocol.Publish)
     assert last.topic == "/ä"
@@ -171,13 +171,13 @@ def test_what_is_written_in_any_way_is_read_as_it_was(
 @given(st.text() | st.binary() | json_values.map(lambda value: msgspec.json.encode(value).decode()))
 def test_whatever_comes_is_understood_or_refused(frame: str | bytes) -> None:
     try:
-        operation = reader().receive(frame, 0.0)
-    except MessageRefused:
+        operation = reader().decode(frame, 0.0)
+    except MessageValidationError:
         return
     assert operation is None or isinstance(operation, Operation)
 
 
 def test_one_encoding_serves_everyone_who_wants_it() -> None:
-    outgoing = Outgoing(protocol.Publish(topic="/a", msg=Raw(b"{}")))
+    outgoing = MessageEncoder(protocol.Publish(topic="/a", msg=Raw(b"{}")))
     assert outgoing.frames() is outgoing.frames()
     assert outgoing.frames(Compression.CBOR) is outgoing.frames(Compression.CBOR)

@@ -19,15 +19,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
 
-from mindstage.bridge.protocol import Compression, Limits, Outgoing, Publish, Reader
+from mindstage.bridge.protocol import BridgeLimits, Compression, MessageDecoder, MessageEncoder, Publish
 from mindstage.bridge.protocol.cbor import read_cbor, write_cbor
-from mindstage.bridge.protocol.fragments import Assembly, cut
+from mindstage.bridge.protocol.fragments import FragmentBuffer, split_fragments
 from mindstage.bridge.protocol.png import read_png, write_png
-from mindstage.errors import MessageRefused
+from mindstage.errors import MessageValidationError
 
 
-def assembly(**limits: Any) -> Assembly:
-    return Assembly(msgspec.structs.replace(Limits(), **limits))
+def assembly(**limits: Any) -> FragmentBuffer:
+    return FragmentBuffer(msgspec.structs.replace(BridgeLimits(), **limits))
 
 
 # -- fragments ---------------------------------------------------------------------------------------------------------
@@ -38,7 +38,7 @@ def test_pieces_in_any_order_and_mixed_become_their_texts(texts: list[str], size
     pieces = [
         (key, number, len(cuts), piece)
         for key, text in enumerate(texts)
-        for cuts in [cut(text, size, most=1000)]
+        for cuts in [split_fragments(text, size, max_fragments=1000)]
         for number, piece in enumerate(cuts)
     ]
     order.shuffle(pieces)
@@ -52,8 +52,8 @@ def test_pieces_in_any_order_and_mixed_become_their_texts(texts: list[str], size
 
 
 def test_pieces_grow_rather_than_become_too_many() -> None:
-    assert len(cut("x" * 1000, 1, most=10)) == 10
-    assert cut("", 5, most=10) == [""]
+    assert len(split_fragments("x" * 1000, 1, max_fragments=10)) == 10
+    assert split_fragments("", 5, max_fragments=10) == [""]
 
 
 @pytest.mark.parametrize(
@@ -73,7 +73,7 @@ def test_pieces_that_fit_together_in_no_way_are_refused_and_forgotten(
     *before, (num, total, data) = pieces
     for each in before:
         assert joining.add("m", *each, 0.0) is None
-    with pytest.raises(MessageRefused, match=match):
+    with pytest.raises(MessageValidationError, match=match):
         joining.add("m", num, total, data, 0.0)
     assert len(joining) == 0
 
@@ -89,7 +89,7 @@ def test_only_so_many_messages_may_be_incomplete() -> None:
     joining = assembly(fragmented_messages=2)
     joining.add("a", 0, 2, "", 0.0)
     joining.add("b", 0, 2, "", 0.0)
-    with pytest.raises(MessageRefused, match="2 messages are incomplete already"):
+    with pytest.raises(MessageValidationError, match="2 messages are incomplete already"):
         joining.add("c", 0, 2, "", 0.0)
     assert joining.add("a", 1, 2, "!", 0.0) == "!"
 
@@ -98,16 +98,16 @@ def test_a_message_whose_pieces_stop_coming_is_forgotten() -> None:
     joining = assembly(fragment_age_s=10.0)
     joining.add("old", 0, 2, "a", 0.0)
     joining.add("young", 0, 2, "a", 5.0)
-    assert joining.forget_older(10.0) == []
-    assert joining.forget_older(10.1) == ["old"]
+    assert joining.expire(10.0) == []
+    assert joining.expire(10.1) == ["old"]
     assert joining.add("young", 1, 2, "b", 11.0) == "ab"
 
 
 def test_a_fragment_inside_a_fragment_is_refused() -> None:
     inner = '{"op":"fragment","id":"i","data":"{}","num":0,"total":1}'
     outer = msgspec.json.encode({"op": "fragment", "id": "o", "data": inner, "num": 0, "total": 1}).decode()
-    with pytest.raises(MessageRefused, match="another wrapping") as refused:
-        Reader(Limits()).receive(outer, 0.0)
+    with pytest.raises(MessageValidationError, match="another wrapping") as refused:
+        MessageDecoder(BridgeLimits()).decode(outer, 0.0)
     assert refused.value.id == "i"
 
 
@@ -118,7 +118,7 @@ texts = st.text(st.characters(exclude_categories=["Cs"]))
 
 @given(texts)
 def test_a_text_survives_as_pixels(text: str) -> None:
-    assert read_png(write_png(text), most=10_000).rstrip("\n") == text.rstrip("\n")
+    assert read_png(write_png(text), max_bytes=10_000).rstrip("\n") == text.rstrip("\n")
 
 
 def test_others_can_read_our_images() -> None:
@@ -137,18 +137,20 @@ def test_we_can_read_other_peoples_images(mode: str, channels: int, filter: int)
     height = -(-len(data) // (channels * width))
     image = Image.frombytes(mode, (width, height), data.ljust(channels * width * height, b"\n"))
     packed = filtered(image.tobytes(), width * channels, channels, filter)
-    read = read_png(base64.b64encode(png(width, height, {1: 0, 3: 2, 4: 6}[channels], packed)).decode(), most=20_000)
+    read = read_png(
+        base64.b64encode(png(width, height, {1: 0, 3: 2, 4: 6}[channels], packed)).decode(), max_bytes=20_000
+    )
     assert read.rstrip("\n").encode() == text.rstrip(b"\n")
     saved = io.BytesIO()
     image.save(saved, "png")  # with filters of Pillow's choice
-    assert read_png(base64.b64encode(saved.getvalue()).decode(), most=20_000) == read
+    assert read_png(base64.b64encode(saved.getvalue()).decode(), max_bytes=20_000) == read
 
 
-def png(width: int, height: int, colour: int, rows: bytes, bits: int = 8) -> bytes:
+def png(width: int, height: int, color: int, rows: bytes, bits: int = 8) -> bytes:
     def chunk(kind: bytes, data: bytes) -> bytes:
         return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
 
-    header = chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, bits, colour, 0, 0, 0))
+    header = chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, bits, color, 0, 0, 0))
     return b"\x89PNG\r\n\x1a\n" + header + chunk(b"IDAT", zlib.compress(rows)) + chunk(b"IEND", b"")
 
 
@@ -187,18 +189,18 @@ def filtered(pixels: bytes, row: int, step: int, kind: int) -> bytes:
     ],
 )
 def test_what_is_no_image_of_a_text_is_refused(image: bytes, match: str) -> None:
-    with pytest.raises(MessageRefused, match=match):
-        read_png(base64.b64encode(image).decode(), most=1 << 20)
+    with pytest.raises(MessageValidationError, match=match):
+        read_png(base64.b64encode(image).decode(), max_bytes=1 << 20)
 
 
 def test_an_image_that_would_fill_the_memory_is_not_unpacked() -> None:
     bomb = base64.b64encode(png(1000, 300, 2, b"\0" * 60_000_000)).decode()
-    read_png(write_png(""), most=3)  # loads Pillow
+    read_png(write_png(""), max_bytes=3)  # loads Pillow
     tracemalloc.start()
     try:
-        assert read_png(bomb, most=1 << 20) == "\0" * 900_000, "more pixels than the header says"
-        with pytest.raises(MessageRefused, match="900000 bytes of pixels are too many; at most 899999"):
-            read_png(bomb, most=899_999)
+        assert read_png(bomb, max_bytes=1 << 20) == "\0" * 900_000, "more pixels than the header says"
+        with pytest.raises(MessageValidationError, match="900000 bytes of pixels are too many; at most 899999"):
+            read_png(bomb, max_bytes=899_999)
         assert tracemalloc.get_traced_memory()[1] < 10_000_000
     finally:
         tracemalloc.stop()
@@ -212,8 +214,8 @@ def test_a_compressed_comment_is_not_unpacked_without_limit() -> None:
     comment = chunk(b"zTXt", b"Comment\0\0" + zlib.compress(b"x" * 100_000_000))
     tracemalloc.start()
     try:
-        with pytest.raises(MessageRefused, match="cannot be read"):
-            read_png(base64.b64encode(image[:33] + comment + image[33:]).decode(), most=1 << 20)
+        with pytest.raises(MessageValidationError, match="cannot be read"):
+            read_png(base64.b64encode(image[:33] + comment + image[33:]).decode(), max_bytes=1 << 20)
         assert tracemalloc.get_traced_memory()[1] < 10_000_000
     finally:
         tracemalloc.stop()
@@ -223,20 +225,20 @@ def test_a_compressed_comment_is_not_unpacked_without_limit() -> None:
 def test_a_damaged_image_is_refused_or_read_and_nothing_else(at: int, damage: bytes, cut: bool) -> None:
     image = base64.b64decode(write_png('{"op":"publish"}' * 5))
     broken = image[:at] + damage + (b"" if cut else image[at + len(damage) :])
-    with suppress(MessageRefused):
-        assert isinstance(read_png(base64.b64encode(broken).decode(), most=10_000), str)
+    with suppress(MessageValidationError):
+        assert isinstance(read_png(base64.b64encode(broken).decode(), max_bytes=10_000), str)
 
 
 def test_an_image_may_come_in_pieces_of_both_kinds() -> None:
     operation = Publish(topic="/map", msg=msgspec.Raw(msgspec.json.encode({"data": list(range(500))})))
-    (whole,) = Outgoing(operation).frames(Compression.PNG)
+    (whole,) = MessageEncoder(operation).frames(Compression.PNG)
     data = msgspec.json.decode(whole)["data"]
     pieces = [
         {"op": "png", "id": "p", "num": n, "total": 2, "data": each} for n, each in enumerate((data[:99], data[99:]))
     ]
-    reader = Reader(Limits())
-    assert reader.receive(msgspec.json.encode(pieces[1]).decode(), 0.0) is None
-    read = reader.receive(msgspec.json.encode(pieces[0]).decode(), 0.0)
+    reader = MessageDecoder(BridgeLimits())
+    assert reader.decode(msgspec.json.encode(pieces[1]).decode(), 0.0) is None
+    read = reader.decode(msgspec.json.encode(pieces[0]).decode(), 0.0)
     assert isinstance(read, Publish)
     assert bytes(read.msg) == bytes(operation.msg)
 
@@ -286,7 +288,7 @@ def test_bytes_become_base64_as_rosbridge_writes_them() -> None:
     ],
 )
 def test_cbor_that_json_cannot_say_is_refused(data: bytes) -> None:
-    with pytest.raises(MessageRefused, match="no CBOR that JSON could say"):
+    with pytest.raises(MessageValidationError, match="no CBOR that JSON could say"):
         read_cbor(data, depth=64)
 
 
@@ -295,5 +297,5 @@ def test_a_small_frame_cannot_grow_large_by_sharing() -> None:
     data = b"\xd8\x1c\x82\x00\x00"
     for level in range(40):
         data = b"\xd8\x1c\x83" + data + b"\xd8\x1d" + bytes([40 - level]) + b"\xd8\x1d" + bytes([40 - level])
-    with pytest.raises(MessageRefused):
+    with pytest.raises(MessageValidationError):
         read_cbor(data, depth=64)

@@ -16,17 +16,19 @@ from mindstage.world import (
 )
 from tests.kitchenette import KNOWROB, MAP
 
-__all__ = ["ASYMMETRIC", "MUG", "through_json", "without_what_stays_behind"]
+__all__ = ["ASYMMETRIC", "MUG", "json_round_trip", "transmittable_part"]
 
 ASYMMETRIC = Pose((1.0, 2.0, 3.0), (cos(radians(15.0)), 0.0, 0.0, sin(radians(15.0))))
 MUG = Body(id=BodyId("mug"), iri=Iri(MAP + "mug"), cls=Iri(KNOWROB + "Cup"), pose=ASYMMETRIC)
 
 
-def through_json(request: world_control_msgs.SpawnSemanticMap.Request) -> world_control_msgs.SpawnSemanticMap.Request:
+def json_round_trip(
+    request: world_control_msgs.SpawnSemanticMap.Request,
+) -> world_control_msgs.SpawnSemanticMap.Request:
     return decode(type(request), json.loads(json.dumps(encode(request))), strict=True)
 
 
-def without_what_stays_behind(body: Body) -> Body:
-    """What of a body a model can carry, tags of ours included; `unsaid` is held against this."""
-    materials = tuple(replace(material, colour=None) for material in body.materials)
+def transmittable_part(body: Body) -> Body:
+    """What of a body a model can carry, tags of ours included; `untranslatable_fields` is held against this."""
+    materials = tuple(replace(material, color=None) for material in body.materials)
     return replace(body, facts=(), materials=materials)

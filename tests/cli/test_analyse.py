@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.cli.typed import Run, WriteMap, told
+from tests.cli.typed import Run, WriteMap, json_output
 
 COUNTS = ("classes", "individuals", "objects", "constraints", "relations")
 
@@ -15,20 +15,20 @@ COUNTS = ("classes", "individuals", "objects", "constraints", "relations")
 def test_the_table_of_the_thesis(name: str, run: Run, shared_data: Path) -> None:
     result = run("analyse", shared_data / "maps" / f"iai-kitchen-{name}.owl", "--json")
     assert result.exit_code == 0
-    assert [told(result)[count] for count in COUNTS] == [64, 136, 114, 22, 55]
+    assert [json_output(result)[count] for count in COUNTS] == [64, 136, 114, 22, 55]
 
 
 def test_a_map_of_two_mugs(run: Run, write_map: WriteMap) -> None:
     result = run("analyse", write_map(), "--json")
     assert result.exit_code == 0
-    analysis = told(result)
+    analysis = json_output(result)
     assert analysis["map"] == "http://example.org/room.owl#Room"
     assert [analysis[count] for count in COUNTS] == [1, 2, 2, 0, 0]
 
 
 def test_several_maps_are_a_list(run: Run, write_map: WriteMap) -> None:
     result = run("analyse", write_map(maps=["Kitchen", "Cellar"]), "--json")
-    assert {analysis["map"].split("#")[1]: analysis["objects"] for analysis in told(result)} == {
+    assert {analysis["map"].split("#")[1]: analysis["objects"] for analysis in json_output(result)} == {
         "Kitchen": 2,
         "Cellar": 0,
     }
@@ -36,14 +36,14 @@ def test_several_maps_are_a_list(run: Run, write_map: WriteMap) -> None:
 
 def test_one_of_several_maps_is_an_object(run: Run, write_map: WriteMap) -> None:
     result = run("analyse", write_map(maps=["Kitchen", "Cellar"]), "--map-name", "Cellar", "--json")
-    assert told(result)["objects"] == 0
+    assert json_output(result)["objects"] == 0
 
 
 def test_two_files_in_one_knowledge_base(run: Run, write_map: WriteMap) -> None:
     first = write_map("first.owl", maps=["First"], mugs={"A": "0 0 0"})
     second = write_map("second.owl", maps=["Second"], mugs={"B": "0 0 0", "C": "1 1 1"})
     result = run("analyse", first, second, "--json")
-    assert sorted(analysis["objects"] for analysis in told(result)) == [1, 2]
+    assert sorted(analysis["objects"] for analysis in json_output(result)) == [1, 2]
 
 
 def test_people_get_a_table(run: Run, write_map: WriteMap) -> None:
@@ -62,7 +62,7 @@ def test_a_missing_import_is_a_warning_that_names_it(run: Run, write_map: WriteM
     result = run("analyse", path)
     assert result.exit_code == 0
     assert "no_such_package" in result.stderr
-    assert "no_such_package" in str(told(run("analyse", path, "--json"))["findings"])
+    assert "no_such_package" in str(json_output(run("analyse", path, "--json"))["findings"])
 
 
 def test_packages_are_found_in_the_folders_of_ros(

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from mindstage.knowledge.questions import questions
-from tests.cli.typed import Run, WriteMap, told
+from mindstage.knowledge.questions import list_questions
+from tests.cli.typed import Run, WriteMap, json_output
 
 KITCHEN = ("--map", "bundled:kitchen")
 
@@ -15,7 +15,7 @@ KITCHEN = ("--map", "bundled:kitchen")
 def test_the_json_that_other_programs_read(run: Run) -> None:
     result = run("ask", "storage_place_in_environment", "CowsMilk", *KITCHEN, "--json", "--why")
     assert result.exit_code == 0
-    answer = told(result)
+    answer = json_output(result)
     assert list(answer) == ["question", "args", "answers", "missing", "assumptions", "findings"]
     (place,) = answer["answers"]
     assert place["id"] == "fridge"
@@ -62,14 +62,14 @@ def test_what_was_asked_for_is_shown_with_its_class(run: Run) -> None:
     "args", [("_", "fridge_door_handle"), ("handle=fridge_door_handle",), ("fridge_door",), ("_", "_", "kitchen")]
 )
 def test_arguments_go_by_place_or_by_name(args: tuple[str, ...], run: Run) -> None:
-    answers = told(run("ask", "handle_of", *args, *KITCHEN, "--json"))["answers"]
+    answers = json_output(run("ask", "handle_of", *args, *KITCHEN, "--json"))["answers"]
     assert any(answer["handle"].endswith("#fridge_door_handle") for answer in answers)
 
 
 def test_without_an_answer_it_says_what_is_missing_and_ends_with_1(run: Run) -> None:
     result = run("ask", "storage_place", "Robot", "--json")
     assert result.exit_code == 1
-    (lack,) = told(result)["missing"]
+    (lack,) = json_output(result)["missing"]
     assert list(lack) == ["class", "property", "why"]
     assert lack["why"].startswith("Robot has no container")
     assert "missing: Robot has no container" in run("ask", "storage_place", "Robot").stdout
@@ -83,7 +83,7 @@ def test_what_nobody_can_tell_is_no_answer(run: Run) -> None:
 
 def test_maps_and_ontologies_are_given_as_elsewhere(run: Run, write_map: WriteMap) -> None:
     first, second = write_map("a.owl", maps=["A"], mugs={"X": "0 0 0"}), write_map("b.owl", maps=["B"], mugs={})
-    answers = told(run("ask", "maps", "--map", first, "--map", second, "--json"))["answers"]
+    answers = json_output(run("ask", "maps", "--map", first, "--map", second, "--json"))["answers"]
     assert [(answer["id"], answer["individuals"]) for answer in answers] == [("A", 1), ("B", 0)]
     assert run("ask", "storage_place", "CowsMilk", "--no-bundled-ontology").exit_code == 2
 
@@ -105,14 +105,14 @@ def test_what_cannot_be_asked_ends_with_2_and_says_what_can(args: tuple[str, ...
     result = run("ask", *args)
     assert result.exit_code == 2
     assert message in result.stderr
-    assert message in told(run("ask", *args, "--json"))["error"]["message"]
+    assert message in json_output(run("ask", *args, "--json"))["error"]["message"]
 
 
 def test_the_questions_are_listed(run: Run) -> None:
     table = run("questions")
     assert table.exit_code == 0
-    listed = told(run("questions", "--json"))
-    assert [each["question"] for each in listed] == [asked.name for asked in questions()]
+    listed = json_output(run("questions", "--json"))
+    assert [each["question"] for each in listed] == [asked.name for asked in list_questions()]
     assert all(each["question"] in table.stdout for each in listed)
     (storage,) = [each for each in listed if each["question"] == "storage_place"]
     assert storage["arguments"] == [{"name": "item", "kind": "class"}, {"name": "place", "kind": "class"}]
@@ -121,7 +121,7 @@ def test_the_questions_are_listed(run: Run) -> None:
 def test_a_query_gives_a_table_or_json(run: Run) -> None:
     query = "SELECT ?x ?none WHERE { knowrob:Bread rdfs:subClassOf ?x }"
     assert "knowrob.owl#Baked" in run("sparql", query).stdout
-    answer = told(run("sparql", query, "--json"))
+    answer = json_output(run("sparql", query, "--json"))
     assert answer["columns"] == ["x", "none"]
     assert {"x": {"kind": "iri", "value": "http://knowrob.org/kb/knowrob.owl#Baked"}} in answer["rows"]
 
@@ -134,7 +134,7 @@ def test_a_yes_or_no_question_answers_in_the_exit_code_too(asked: str, said: str
 
 def test_queries_see_the_maps(run: Run, shared_data: Path) -> None:
     query = "SELECT (COUNT(?x) AS ?n) { ?x knowrob:describedInMap ?map }"
-    answer = told(run("sparql", query, "--map", shared_data / "maps" / "iai-kitchen-original.owl", "--json"))
+    answer = json_output(run("sparql", query, "--map", shared_data / "maps" / "iai-kitchen-original.owl", "--json"))
     assert answer["rows"] == [
         {"n": {"kind": "literal", "value": "136", "datatype": answer["rows"][0]["n"]["datatype"]}}
     ]

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.cli.typed import Run, told
+from tests.cli.typed import Run, json_output
 
 _LAIR = """@prefix : <http://example.org/lair#> . @prefix k: <http://knowrob.org/kb/knowrob.owl#> .
 @prefix owl: <http://www.w3.org/2002/07/owl#> .
@@ -37,8 +37,8 @@ def reasoner() -> None:
 
 def test_what_follows_is_an_answer_that_tells_why(reasoner: None, lair: tuple[object, ...], run: Run) -> None:
     cats = ("ask", "individual_of_class", "Cat", *lair, "--why", "--json")
-    assert [answer["id"] for answer in told(run(*cats))["answers"]] == ["puss"]
-    puss, tom = told(run(*cats, "--closure"))["answers"]
+    assert [answer["id"] for answer in json_output(run(*cats))["answers"]] == ["puss"]
+    puss, tom = json_output(run(*cats, "--closure"))["answers"]
     assert (puss["id"], puss["why"]) == ("puss", ["puss type Cat"])
     assert (tom["id"], tom["why"]) == ("tom", ["tom type Cat, by the rules of OWL 2 RL"])
 

@@ -6,14 +6,14 @@ from pathlib import Path
 
 import pytest
 
-from tests.cli.typed import Run, WriteMap, told
+from tests.cli.typed import Run, WriteMap, json_output
 
 
 def test_a_map_is_identical_to_itself(run: Run, write_map: WriteMap) -> None:
     path = write_map()
     result = run("compare", path, path, "--json")
     assert result.exit_code == 0
-    verdict = told(result)
+    verdict = json_output(result)
     assert verdict["identical"] is True
     assert verdict["max_error"] == 0.0
     assert verdict["only_in_a"] == verdict["only_in_b"] == verdict["changed"] == []
@@ -25,7 +25,7 @@ def test_a_mug_that_was_moved(run: Run, write_map: WriteMap) -> None:
     b = write_map("b.owl", mugs={"Mug": "1.0 2.5 0.0"})
     result = run("compare", a, b, "--json")
     assert result.exit_code == 1
-    verdict = told(result)
+    verdict = json_output(result)
     assert verdict["identical"] is False
     assert verdict["delta"] == 0.0
     assert verdict["errors"]["translation_m"] == pytest.approx(0.5)
@@ -40,7 +40,7 @@ def test_a_mug_that_is_missing(run: Run, write_map: WriteMap) -> None:
     b = write_map("b.owl", mugs={"Mug": "1 2 0"})
     there, back = run("compare", a, b, "--json"), run("compare", b, a, "--json", "--delta", "1000")
     assert there.exit_code == back.exit_code == 1
-    assert told(there)["only_in_a"] == told(back)["only_in_b"] == ["Spare"]
+    assert json_output(there)["only_in_a"] == json_output(back)["only_in_b"] == ["Spare"]
 
 
 def test_people_get_tables_and_a_verdict(run: Run, write_map: WriteMap) -> None:
@@ -56,7 +56,7 @@ def test_what_the_thesis_found_and_what_it_missed(run: Run, shared_data: Path) -
     maps = [shared_data / "maps" / f"iai-kitchen-{name}.owl" for name in ("original", "spawned")]
     result = run("compare", *maps, "--delta", "2e-6", "--json")
     assert result.exit_code == 1
-    verdict = told(result)
+    verdict = json_output(result)
     assert verdict["errors"]["translation_m"] == pytest.approx(1e-6, abs=1e-9)
     assert verdict["identical_mechanics"] is True
     assert verdict["only_in_a"] == verdict["only_in_b"] == []

@@ -8,7 +8,7 @@ import mujoco
 import pytest
 
 from mindstage.knowledge.bundled import BUNDLED_KITCHEN
-from tests.cli.typed import Run, WriteMap, told
+from tests.cli.typed import Run, WriteMap, json_output
 
 SAMPLES = ("ameva-task-two", "iai-kitchen-original", "knowrob1-ccrl", "soma-iai-room")
 
@@ -18,9 +18,9 @@ def test_a_converted_map_is_the_same_map(suffix: str, run: Run, tmp_path: Path) 
     out = tmp_path / f"out{suffix}"
     result = run("convert", BUNDLED_KITCHEN, out, "--json")
     assert result.exit_code == 0
-    assert told(result)["out"] == str(out)
-    assert told(result)["bodies"] >= 120
-    assert told(result)["notes"] == []
+    assert json_output(result)["out"] == str(out)
+    assert json_output(result)["bodies"] >= 120
+    assert json_output(result)["notes"] == []
     assert run("compare", BUNDLED_KITCHEN, out).exit_code == 0
 
 
@@ -32,8 +32,8 @@ def test_every_dialect_goes_to_every_other(
     source, out = shared_data / "maps" / f"{name}.owl", tmp_path / "out.owl"
     result = run("convert", source, out, "--dialect", dialect, "--json")
     assert result.exit_code == 0
-    assert told(result)["format"] == "owl"
-    assert told(run("compare", source, out, "--json"))["identical"] is True
+    assert json_output(result)["format"] == "owl"
+    assert json_output(run("compare", source, out, "--json"))["identical"] is True
 
 
 def test_a_map_stays_in_its_dialect_unless_told_otherwise(run: Run, shared_data: Path, tmp_path: Path) -> None:
@@ -46,7 +46,7 @@ def test_a_map_stays_in_its_dialect_unless_told_otherwise(run: Run, shared_data:
 def test_a_converted_map_goes_back_to_what_it_was_converted_from(run: Run, shared_data: Path, tmp_path: Path) -> None:
     source, si, back = shared_data / "maps" / "ameva-task-two.owl", tmp_path / "si.owl", tmp_path / "back.owl"
     assert run("convert", source, si, "--dialect", "semlog").exit_code == 0
-    assert told(run("convert", si, back, "--dialect", "given", "--json"))["dialect"] == "AMEVA"
+    assert json_output(run("convert", si, back, "--dialect", "given", "--json"))["dialect"] == "AMEVA"
     assert ">166.296265 269.170685 23.462967<" in back.read_text(encoding="utf-8")
     assert run("check", si, "--engine", "null").exit_code == 0
     refused = run("convert", source, tmp_path / "out.owl", "--dialect", "given")
@@ -64,7 +64,7 @@ def test_what_a_dialect_has_no_words_for_is_said(run: Run, tmp_path: Path) -> No
 def test_a_map_becomes_a_model_of_mujoco(suffix: str, run: Run, write_map: WriteMap, tmp_path: Path) -> None:
     out = tmp_path / f"out{suffix}"
     result = run("convert", write_map(), out, "--json")
-    assert (result.exit_code, told(result)["dialect"]) == (0, None)
+    assert (result.exit_code, json_output(result)["dialect"]) == (0, None)
     model = mujoco.MjModel.from_xml_path(str(out))
     assert {model.body(number).name for number in range(model.nbody)} == {"world", "Mug1", "Mug2"}
 

@@ -13,7 +13,7 @@ import pytest
 
 from mindstage.engines import RemoteEngine
 from mindstage.knowledge.bundled import BUNDLED_KITCHEN
-from tests.cli.typed import Run, WriteMap, told
+from tests.cli.typed import Run, WriteMap, json_output
 
 
 @pytest.fixture(scope="module")
@@ -43,7 +43,7 @@ def test_the_kitchen_comes_back_whole_from_far_away_and_leaves_nothing_there(far
     for _ in range(2):
         result = run("check", BUNDLED_KITCHEN, "--engine", far, "--json")
         assert result.exit_code == 0, result.output
-        verdict = told(result)
+        verdict = json_output(result)
         assert verdict["identical"] is verdict["identical_before_file"] is True
         assert (verdict["delta"], verdict["max_error"], verdict["lost_facts"]) == (0.0, 0.0, 0)
         assert verdict["engine"] == far
@@ -55,7 +55,7 @@ def test_a_world_that_runs_far_away_is_logged_as_a_map(far: str, run: Run, write
     assert run("spawn", source, "--engine", far, "--no-viewport").exit_code == 0
     result = run("log", "--engine", far, "-o", out, "--json")
     assert result.exit_code == 0, result.output
-    assert (told(result)["bodies"], told(result)["engine"]) == (2, far)
+    assert (json_output(result)["bodies"], json_output(result)["engine"]) == (2, far)
     assert run("compare", source, out).exit_code == 0
 
 
@@ -88,7 +88,7 @@ def test_a_map_that_cannot_be_read_leaves_the_far_world_alone(far: str, run: Run
 def test_a_far_engine_that_cannot_be_reached_is_trouble_in_one_line(
     engine: str, why: str, run: Run, write_map: WriteMap, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("mindstage.engines.remote.link._JOIN_S", 0.5)
+    monkeypatch.setattr("mindstage.engines.remote.link._CONNECT_TIMEOUT_S", 0.5)
     result = run("spawn", write_map(), "--engine", engine, "--no-viewport")
     assert result.exit_code == 2
     assert why in result.stderr

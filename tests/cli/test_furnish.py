@@ -1,9 +1,9 @@
-"""`mindstage furnish`: a list of things, each put where it belongs, and a map that has them."""
+"""`mindstage place_items`: a list of things, each put where it belongs, and a map that has them."""
 
 from pathlib import Path
 
 from mindstage.knowledge import KnowledgeBase
-from tests.cli.typed import Run, told
+from tests.cli.typed import Run, json_output
 
 GUIDE = (Path(__file__).resolve().parents[2] / "docs" / "how-to" / "furnishing.md").read_text(encoding="utf-8")
 ITEMS = GUIDE.split("```turtle\n")[2].split("```")[0]
@@ -14,9 +14,9 @@ def test_things_go_where_they_belong_and_into_the_map(run: Run, tmp_path: Path) 
     items.write_text(ITEMS, encoding="utf-8")
     result = run("furnish", "bundled:kitchen", "--with", items, "-o", out, "--json")
     assert result.exit_code == 0, result.stderr
-    where = {put["id"]: put["holder"] for put in told(result)["put"]}
+    where = {put["id"]: put["holder"] for put in json_output(result)["put"]}
     assert where == {"milk": "fridge", "plates_1": "table", "plates_2": "table", "parcel": "drawer_middle_1"}
-    assert told(result)["unplaced"] == []
+    assert json_output(result)["unplaced"] == []
     knowledge = KnowledgeBase()
     knowledge.load(out)
     milk = knowledge.world().body("milk")
@@ -39,11 +39,11 @@ def test_what_finds_no_place_is_told_and_the_answer_is_no(run: Run, tmp_path: Pa
     )
     result = run("furnish", "bundled:kitchen", "--with", items, "--no-viewport", "--json")
     assert result.exit_code == 1
-    reasons = {each["id"]: each["reason"] for each in told(result)["unplaced"]}
+    reasons = {each["id"]: each["reason"] for each in json_output(result)["unplaced"]}
     assert "there is room for" in reasons["ladder"] or "larger than the place" in reasons["ladder"]
     assert "nobody told how large" in reasons["ghost"]
     assert "no_such_table" in reasons["lost"]
-    assert told(result)["put"] == []
+    assert json_output(result)["put"] == []
 
 
 def test_a_list_that_is_none_is_refused(run: Run, tmp_path: Path) -> None:
@@ -62,7 +62,7 @@ def test_one_thing_needs_no_file(run: Run) -> None:
     things = ("--with", "CowsMilk", "--with", "DinnerPlate:table")
     result = run("furnish", "bundled:kitchen", *things, "--no-viewport", "--json")
     assert result.exit_code == 0, result.stderr
-    assert [(put["id"], put["holder"]) for put in told(result)["put"]] == [
+    assert [(put["id"], put["holder"]) for put in json_output(result)["put"]] == [
         ("CowsMilk_1", "fridge"),
         ("DinnerPlate_1", "table"),
     ]

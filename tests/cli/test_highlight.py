@@ -9,7 +9,7 @@ from urllib.request import urlopen
 
 import pytest
 
-from tests.cli.typed import Run, WriteMap, told
+from tests.cli.typed import Run, WriteMap, json_output
 
 KITCHEN = ("--map", "bundled:kitchen", "--engine", "null")
 MINDSTAGE = [sys.executable, "-m", "mindstage"]
@@ -19,11 +19,13 @@ def test_the_json_says_what_is_lit_and_what_is_not(run: Run) -> None:
     asked = ("ask", "handle_of", "fridge_door", *KITCHEN, "--highlight", "red", "--no-viewport", "--json")
     result = run(*asked)
     assert result.exit_code == 0
-    answer = told(result)
+    answer = json_output(result)
     assert (answer["colour"], answer["lit"], answer["not_lit"]) == ("red", ["fridge_door_handle"], [])
     assert (answer["engine"], answer["spawn"]["ok"]) == ("null", True)
     assert answer["answers"][0]["id"] == "fridge_door_handle"
-    answer = told(run("ask", "storage_place", "CowsMilk", *KITCHEN, "--highlight", "1,0,0", "--no-viewport", "--json"))
+    answer = json_output(
+        run("ask", "storage_place", "CowsMilk", *KITCHEN, "--highlight", "1,0,0", "--no-viewport", "--json")
+    )
     assert (answer["colour"], answer["lit"]) == ("#ff0000", [])
     assert answer["not_lit"] == [{"id": "Refrigerator", "reason": "it is a class, which has no body"}]
 
@@ -37,20 +39,22 @@ def test_people_are_told_what_could_not_be_lit(run: Run) -> None:
 
 def test_the_running_engine_is_asked(run: Run) -> None:
     asked = ("ask", "where_is", "plate_3", "on", "--map", "bundled:kitchen", "--highlight", "green", "--no-viewport")
-    (answer,) = told(run(*asked, "--json", "--why"))["answers"]
+    (answer,) = json_output(run(*asked, "--json", "--why"))["answers"]
     assert (answer["id"], answer["source"]) == ("table", "mujoco")
     assert answer["why"][-1] == "as mujoco has it now"
 
 
-def test_no_colour_lights_nothing(run: Run) -> None:
-    answer = told(run("ask", "handle_of", "fridge_door", *KITCHEN, "--highlight", "none", "--no-viewport", "--json"))
+def test_no_color_lights_nothing(run: Run) -> None:
+    answer = json_output(
+        run("ask", "handle_of", "fridge_door", *KITCHEN, "--highlight", "none", "--no-viewport", "--json")
+    )
     assert (answer["colour"], answer["lit"]) == ("none", [])
 
 
 def test_without_an_answer_there_is_no_page_and_it_ends_with_1(run: Run) -> None:
     result = run("ask", "handle_of", "fridge_door_handle", *KITCHEN, "--highlight", "red", "--json")
     assert result.exit_code == 1
-    answer = told(result)
+    answer = json_output(result)
     assert answer["missing"]
     assert answer["lit"] == []
     assert "url" not in answer
@@ -59,8 +63,8 @@ def test_without_an_answer_there_is_no_page_and_it_ends_with_1(run: Run) -> None
 def test_of_several_maps_the_one_that_is_asked_about_is_spawned(run: Run, write_map: WriteMap) -> None:
     first, second = write_map("a.owl", maps=["A"], mugs={"X": "0 0 0"}), write_map("b.owl", maps=["B"])
     both = ("--map", first, "--map", second, "--engine", "null", "--highlight", "red", "--no-viewport", "--json")
-    assert told(run("ask", "everything_in_map", "map=A", *both))["lit"] == ["X"]
-    assert told(run("ask", "everything_in_map", *both, "--map-name", "B"))["lit"] == ["Mug1", "Mug2"]
+    assert json_output(run("ask", "everything_in_map", "map=A", *both))["lit"] == ["X"]
+    assert json_output(run("ask", "everything_in_map", *both, "--map-name", "B"))["lit"] == ["Mug1", "Mug2"]
     result = run("ask", "everything_in_map", *both)
     assert result.exit_code == 2
     assert "with --map-name" in result.stderr
@@ -83,7 +87,7 @@ def test_what_cannot_be_shown_ends_with_2_before_a_map_is_read(args: tuple[str, 
     result = run("ask", "handle_of", "--map", "nowhere.owl", *args)
     assert result.exit_code == 2
     assert message in result.stderr
-    assert message in told(run("ask", "handle_of", "--map", "nowhere.owl", *args, "--json"))["error"]["message"]
+    assert message in json_output(run("ask", "handle_of", "--map", "nowhere.owl", *args, "--json"))["error"]["message"]
 
 
 def test_the_page_shows_the_answers_as_long_as_it_was_told(write_map: WriteMap) -> None:

@@ -13,9 +13,9 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from mindstage.cli.outcome import Outcome, verb
-from mindstage.errors import BodyUnknown, EngineClosed
-from tests.cli.typed import Run, WriteMap, told
+from mindstage.cli.outcome import ExitCode, command
+from mindstage.errors import BodyNotFoundError, EngineClosedError
+from tests.cli.typed import Run, WriteMap, json_output
 
 MINDSTAGE = [sys.executable, "-m", "mindstage"]
 
@@ -54,21 +54,21 @@ def test_a_file_that_was_cut_off(run: Run, write_map: WriteMap) -> None:
     path.write_text(text[: len(text) * 2 // 3], encoding="utf-8")
     result = run("check", path, "--json")
     assert result.exit_code == 2
-    assert told(result)["error"]["kind"] == "SourceUnreadable"
+    assert json_output(result)["error"]["kind"] == "SourceUnreadable"
     assert "line" in error_line(result.stderr)
 
 
 def test_a_file_without_a_map(run: Run, write_map: WriteMap) -> None:
     result = run("analyse", write_map(maps=[], mugs={}), "--json")
     assert result.exit_code == 2
-    assert told(result)["error"]["kind"] == "MapMissing"
+    assert json_output(result)["error"]["kind"] == "MapMissing"
     assert "no semantic map" in error_line(result.stderr)
 
 
 def test_two_maps_and_nobody_said_which(run: Run, write_map: WriteMap) -> None:
     result = run("check", write_map(maps=["Kitchen", "Cellar"]), "--engine", "null", "--json")
     assert result.exit_code == 2
-    assert told(result)["error"]["kind"] == "MapAmbiguous"
+    assert json_output(result)["error"]["kind"] == "MapAmbiguous"
     line = error_line(result.stderr)
     assert "Kitchen" in line
     assert "Cellar" in line
@@ -78,7 +78,7 @@ def test_two_maps_and_nobody_said_which(run: Run, write_map: WriteMap) -> None:
 def test_a_map_of_another_name(run: Run, write_map: WriteMap) -> None:
     result = run("analyse", write_map(), "--map-name", "Attic", "--json")
     assert result.exit_code == 2
-    assert told(result)["error"]["kind"] == "MapMissing"
+    assert json_output(result)["error"]["kind"] == "MapMissing"
     assert "Room" in error_line(result.stderr)
 
 
@@ -86,7 +86,7 @@ def test_a_map_of_another_name(run: Run, write_map: WriteMap) -> None:
 def test_an_engine_that_is_not_there(engine: str, run: Run, write_map: WriteMap) -> None:
     result = run("check", write_map(), "--engine", engine, "--json")
     assert result.exit_code == 2
-    assert told(result)["error"]["kind"] == "EngineUnavailable"
+    assert json_output(result)["error"]["kind"] == "EngineUnavailable"
     line = error_line(result.stderr)
     assert engine in line
     assert "mujoco" in line
@@ -95,7 +95,7 @@ def test_an_engine_that_is_not_there(engine: str, run: Run, write_map: WriteMap)
 def test_a_place_that_cannot_be_written_to(run: Run, write_map: WriteMap, tmp_path: Path) -> None:
     result = run("convert", write_map(), tmp_path / "no" / "such" / "folder" / "out.owl", "--json")
     assert result.exit_code == 2
-    assert "folder" in told(result)["error"]["message"]
+    assert "folder" in json_output(result)["error"]["message"]
     error_line(result.stderr)
 
 
@@ -123,11 +123,11 @@ def test_a_slip_of_the_pen(args: list[str], run: Run, write_map: WriteMap) -> No
 
 
 def test_a_world_that_says_no_ends_with_one() -> None:
-    assert _end_of(BodyUnknown("cupp", known=["cup"])) == (1, "mindstage: error: no body 'cupp'; near: 'cup'\n")
+    assert _end_of(BodyNotFoundError("cupp", known=["cup"])) == (1, "mindstage: error: no body 'cupp'; near: 'cup'\n")
 
 
 def test_an_engine_that_breaks_ends_with_two() -> None:
-    assert _end_of(EngineClosed("null"))[0] == 2
+    assert _end_of(EngineClosedError("null"))[0] == 2
 
 
 def test_a_full_disk_is_one_line() -> None:
@@ -138,7 +138,7 @@ def test_a_full_disk_is_one_line() -> None:
 
 
 def test_a_line_break_in_a_name_stays_on_one_line() -> None:
-    code, line = _end_of(BodyUnknown("a\nb\x1b[2J", known=[]))
+    code, line = _end_of(BodyNotFoundError("a\nb\x1b[2J", known=[]))
     assert code == 1
     assert line.count("\n") == 1
     assert "\x1b" not in line
@@ -149,11 +149,11 @@ def test_ctrl_c_ends_quietly() -> None:
 
 
 def _end_of(raised: BaseException) -> tuple[int, str]:
-    def act() -> Outcome:
+    def act() -> ExitCode:
         raise raised
 
     single = typer.Typer()
-    single.command()(verb(act))
+    single.command()(command(act))
     result = CliRunner().invoke(single, [])
     return result.exit_code, result.stderr
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from tests.cli.typed import Run, told
-from tests.knowledge.small_robot import KITCHEN
+from tests.cli.typed import Run, json_output
+from tests.knowledge.small_robot import KITCHEN_URDF
 
 LINKED = """
 @prefix : <http://example.org/linked.owl#> .
@@ -16,26 +16,30 @@ LINKED = """
 
 def kitchen(folder: Path) -> str:
     path = folder / "kitchen.urdf"
-    path.write_text(KITCHEN, encoding="utf-8")
+    path.write_text(KITCHEN_URDF, encoding="utf-8")
     return str(path)
 
 
 def test_a_description_is_spawned_and_checked_like_any_map(run: Run, tmp_path: Path) -> None:
     spawned = run("spawn", kitchen(tmp_path), "--no-viewport", "--json")
     assert spawned.exit_code == 0
-    assert (told(spawned)["spawn"]["bodies"], told(spawned)["spawn"]["constraints"]) == (8, 2)
+    assert (json_output(spawned)["spawn"]["bodies"], json_output(spawned)["spawn"]["constraints"]) == (8, 2)
     checked = run("check", kitchen(tmp_path), "--json")
-    assert (checked.exit_code, told(checked)["identical"], told(checked)["lost_facts"]) == (0, True, 0)
+    assert (checked.exit_code, json_output(checked)["identical"], json_output(checked)["lost_facts"]) == (0, True, 0)
 
 
 def test_a_map_takes_its_places_from_the_description_that_is_given_with_it(run: Run, tmp_path: Path) -> None:
     map = tmp_path / "linked.ttl"
     map.write_text(LINKED, encoding="utf-8")
     checked = run("check", str(map), "--urdf", kitchen(tmp_path), "--json")
-    assert (checked.exit_code, told(checked)["identical"], told(checked)["spawn"]["bodies"]) == (0, True, 8)
+    assert (checked.exit_code, json_output(checked)["identical"], json_output(checked)["spawn"]["bodies"]) == (
+        0,
+        True,
+        8,
+    )
     alone = run("check", str(map), "--json")
     assert alone.exit_code == 1
-    assert "--urdf FILE" in str(told(alone)["findings"])
+    assert "--urdf FILE" in str(json_output(alone)["findings"])
 
 
 def test_a_description_that_is_none_ends_with_2(run: Run, tmp_path: Path) -> None:

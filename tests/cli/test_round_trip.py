@@ -9,14 +9,14 @@ import pytest
 
 from mindstage.knowledge.bundled import BUNDLED_KITCHEN
 from mindstage.world import World
-from tests.cli.typed import Run, WriteMap, told
+from tests.cli.typed import Run, WriteMap, json_output
 
 
 @pytest.mark.parametrize("engine", ["null", "mujoco"])
 def test_the_bundled_kitchen_comes_back_whole(engine: str, run: Run) -> None:
     result = run("check", BUNDLED_KITCHEN, "--engine", engine, "--json")
     assert result.exit_code == 0, result.stdout
-    verdict = told(result)
+    verdict = json_output(result)
     assert verdict["identical"] is True
     assert verdict["identical_before_file"] is True
     assert verdict["max_error"] == 0.0
@@ -31,8 +31,8 @@ def test_the_bundled_kitchen_comes_back_whole(engine: str, run: Run) -> None:
 def test_the_kitchen_of_the_thesis_comes_back_whole(run: Run, shared_data: Path) -> None:
     result = run("check", shared_data / "maps" / "iai-kitchen-original.owl", "--json")
     assert result.exit_code == 0, result.stdout
-    assert told(result)["max_error"] == 0.0
-    assert told(result)["lost_facts"] == 0
+    assert json_output(result)["max_error"] == 0.0
+    assert json_output(result)["lost_facts"] == 0
 
 
 def test_check_tells_people_too(run: Run, write_map: WriteMap) -> None:
@@ -45,16 +45,16 @@ def test_check_sees_what_an_engine_loses(run: Run, write_map: WriteMap, monkeypa
     from mindstage.engines import NullEngine
 
     class Forgetful(NullEngine):
-        def log(self):  # type: ignore[no-untyped-def]
+        def snapshot(self):  # type: ignore[no-untyped-def]
             import msgspec
 
-            world = super().log()
+            world = super().snapshot()
             return msgspec.structs.replace(world, bodies=world.bodies[1:])
 
     monkeypatch.setattr("mindstage.engines.NullEngine", Forgetful)
     result = run("check", write_map(), "--engine", "null", "--json")
     assert result.exit_code == 1
-    verdict = told(result)
+    verdict = json_output(result)
     assert verdict["identical"] is verdict["identical_before_file"] is False
     assert len(verdict["only_in_a"]) == 1
 
@@ -71,8 +71,8 @@ def test_check_sees_what_a_file_loses(run: Run, write_map: WriteMap, monkeypatch
     )
     result = run("check", write_map(), "--engine", "null", "--json")
     assert result.exit_code == 1
-    assert told(result)["identical_before_file"] is True
-    assert told(result)["identical"] is False
+    assert json_output(result)["identical_before_file"] is True
+    assert json_output(result)["identical"] is False
 
 
 def test_check_sees_a_statement_that_a_file_does_not_make(
@@ -94,7 +94,7 @@ def test_check_sees_a_statement_that_a_file_does_not_make(
     text = source.read_text(encoding="utf-8")
     ontology = '<owl:Ontology rdf:about="http://example.org/room.owl"/></rdf:RDF>'
     source.write_text(text.replace("</rdf:RDF>", ontology), encoding="utf-8")
-    verdict = told(run("check", source, "--engine", "null", "--json"))
+    verdict = json_output(run("check", source, "--engine", "null", "--json"))
     assert verdict["identical"] is False
     assert verdict["lost_facts"] == len(verdict["lost"]) == 1
     assert "Ontology" in verdict["lost"][0]["said"]
@@ -107,7 +107,7 @@ def test_the_log_of_a_world_that_stood_still_is_its_map(run: Run, tmp_path: Path
     out = tmp_path / "logged.owl"
     result = run("log", BUNDLED_KITCHEN, "-o", out, "--engine", "null", "--for", "1", "--json")
     assert result.exit_code == 0
-    assert told(result)["simulated_s"] == 1.0
+    assert json_output(result)["simulated_s"] == 1.0
     assert run("compare", BUNDLED_KITCHEN, out).exit_code == 0
 
 
@@ -116,6 +116,6 @@ def test_the_log_of_a_world_in_which_something_fell(run: Run, write_map: WriteMa
     text = source.read_text(encoding="utf-8").replace(">static<", ">dynamic<")
     source.write_text(text, encoding="utf-8")
     assert run("log", source, "-o", out, "--for", "0.5").exit_code == 0
-    verdict = told(run("compare", source, out, "--json"))
+    verdict = json_output(run("compare", source, out, "--json"))
     assert verdict["errors"]["translation_m"] == pytest.approx(0.5 * 9.81 * 0.5**2, rel=0.02)
     assert verdict["lost_facts"] == 0

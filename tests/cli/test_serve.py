@@ -14,9 +14,9 @@ from typing import Any
 
 import pytest
 
-from mindstage.bridge import Client
+from mindstage.bridge import RosbridgeClient
 from mindstage.knowledge.bundled import BUNDLED_KITCHEN
-from tests.bridge.talking import PATIENCE_S, eventually
+from tests.bridge.talking import TIMEOUT_S, eventually
 from tests.cli.typed import Run, WriteMap
 
 MINDSTAGE = [sys.executable, "-m", "mindstage"]
@@ -32,25 +32,25 @@ def serving(*args: object) -> Iterator[tuple[subprocess.Popen[str], dict[str, An
         assert process.stdout is not None
         while not lines or lines[-1] != "}\n":
             lines.append(process.stdout.readline())
-            assert lines[-1], process.communicate(timeout=PATIENCE_S)[1]
+            assert lines[-1], process.communicate(timeout=TIMEOUT_S)[1]
         yield process, json.loads("".join(lines))
     finally:
         process.kill()
-        process.communicate(timeout=PATIENCE_S)
+        process.communicate(timeout=TIMEOUT_S)
 
 
 def test_a_map_is_served_and_ctrl_c_ends_it(tmp_path: Path) -> None:
     with serving(BUNDLED_KITCHEN, "--port", 0, "--namespace", "lab") as (process, told):
         assert told["namespace"] == "lab"
         assert told["spawn"]["ok"] is True
-        with Client(told["url"]) as client:
-            client.wait_connected(PATIENCE_S)
+        with RosbridgeClient(told["url"]) as client:
+            client.wait_connected(TIMEOUT_S)
             assert client.call_service("/lab/get_model_pose", {"id": "fridge"})["success"]
             heard: list[Any] = []
             client.subscribe("/clock", heard.append)
             eventually(lambda: len(heard) >= 3)
             process.send_signal(signal.SIGINT)
-            out, error = process.communicate(timeout=PATIENCE_S)
+            out, error = process.communicate(timeout=TIMEOUT_S)
         assert process.returncode == 130
         assert (out, error) == ("", "")
 
@@ -61,14 +61,14 @@ def test_it_joins_a_hub_and_is_ended_by_a_caller() -> None:
         serving("--connect", first["url"], "--engine", "null", "--paused", "--token", "secret") as (second, told),
     ):
         assert told["url"] == first["url"]
-        with Client(first["url"], token="secret") as client:
-            client.wait_connected(PATIENCE_S)
+        with RosbridgeClient(first["url"], token="secret") as client:
+            client.wait_connected(TIMEOUT_S)
             model = {"id": "cup", "name": "Cup"}
             assert client.call_service("/unreal/spawn_model", model)["success"]
             assert client.call_service("/first/get_entities")["entities"] == []
             assert client.call_service("/unreal/get_entities")["entities"] == ["cup"]
             client.call_service("/unreal/set_simulation_state", {"state": {"state": 3}})
-            second.communicate(timeout=PATIENCE_S)
+            second.communicate(timeout=TIMEOUT_S)
         assert second.returncode == 0
 
 
@@ -97,7 +97,7 @@ def test_it_ends_by_itself_and_says_where_it_is(run: Run, write_map: WriteMap) -
 def test_what_cannot_be_served_ends_with_words(
     run: Run, args: list[str], text: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("mindstage.cli.serve._JOIN_S", 0.5)
+    monkeypatch.setattr("mindstage.cli.serve._CONNECT_TIMEOUT_S", 0.5)
     result = run("serve", *args)
     assert result.exit_code == 2
     assert text in result.output.replace("\n", " ")

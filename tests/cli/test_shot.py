@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from tests.cli.typed import Run, WriteMap, told
-from tests.viewport.waiting import PATIENCE_S, wait_until
+from tests.cli.typed import Run, WriteMap, json_output
+from tests.viewport.waiting import TIMEOUT_S, wait_until
 
 
 def test_a_map_is_photographed_with_its_answers_lit(
@@ -33,7 +33,7 @@ def test_a_map_is_photographed_with_its_answers_lit(
     )
     result = run(*typed, "--engine", "null", "--browser", chromium, "--timeout", 300, "--json")
     assert result.exit_code == 0, result.output
-    answer = told(result)
+    answer = json_output(result)
     assert (answer["picture"], answer["size"], answer["spawn"]["ok"]) == (str(picture), [240, 160], True)
     assert [group["lit"] for group in answer["highlights"]] == [["X", "Y"], ["Y"]]
     pixels = np.asarray(Image.open(picture).convert("RGB")).astype(int)
@@ -104,5 +104,5 @@ def test_who_is_told_to_end_leaves_no_browser_behind(write_map: WriteMap, tmp_pa
     ) as process:
         wait_until(lambda: list(folder.glob("mindstage-browser-*/*")), "the browser has started")
         process.send_signal(signal.SIGTERM)
-        assert process.wait(PATIENCE_S) == 128 + signal.SIGTERM
+        assert process.wait(TIMEOUT_S) == 128 + signal.SIGTERM
     assert list(folder.glob("mindstage-browser-*")) == []

@@ -12,7 +12,7 @@ from urllib.request import urlopen
 import pytest
 
 from mindstage.knowledge.bundled import BUNDLED_KITCHEN
-from tests.cli.typed import Run, WriteMap, told
+from tests.cli.typed import Run, WriteMap, json_output
 
 MINDSTAGE = [sys.executable, "-m", "mindstage"]
 
@@ -20,7 +20,7 @@ MINDSTAGE = [sys.executable, "-m", "mindstage"]
 def test_spawning_the_kitchen_reports_everything(run: Run) -> None:
     result = run("spawn", BUNDLED_KITCHEN, "--no-viewport", "--for", "0.1", "--json")
     assert result.exit_code == 0
-    report = told(result)
+    report = json_output(result)
     assert report["engine"] == "mujoco"
     assert report["spawn"]["ok"] is True
     assert report["spawn"]["bodies"] >= 120
@@ -47,7 +47,7 @@ def test_an_individual_without_a_pose_is_left_out_and_named(run: Run, write_map:
     assert result.exit_code == 1
     assert "Lost" in result.stderr
     assert "Traceback" not in result.stderr
-    report = told(run("spawn", write_map(mugs={"Here": "1 2 3", "Lost": None}), "--no-viewport", "--json"))
+    report = json_output(run("spawn", write_map(mugs={"Here": "1 2 3", "Lost": None}), "--no-viewport", "--json"))
     assert report["spawn"]["bodies"] == 1
     assert "Lost" in str(report["findings"])
 
@@ -55,19 +55,19 @@ def test_an_individual_without_a_pose_is_left_out_and_named(run: Run, write_map:
 def test_a_map_of_which_nothing_is_understood_is_not_silently_empty(run: Run, write_map: WriteMap) -> None:
     result = run("spawn", write_map(mugs={}), "--no-viewport", "--engine", "null")
     assert "the world is empty" in result.stderr
-    assert "the world is empty" in str(told(run("check", write_map(mugs={}), "--json"))["findings"])
+    assert "the world is empty" in str(json_output(run("check", write_map(mugs={}), "--json"))["findings"])
 
 
 def test_what_cannot_be_spawned_ends_with_one(run: Run, write_map: WriteMap, monkeypatch: pytest.MonkeyPatch) -> None:
     import msgspec
 
-    from mindstage.engines import Failure, NullEngine, SpawnReport
-    from mindstage.world import NO_FORMS, Forms, World
+    from mindstage.engines import NullEngine, SpawnFailure, SpawnReport
+    from mindstage.world import NO_GEOMETRY, GeometryMap, World
 
     class Picky(NullEngine):
-        def spawn(self, world: World, *, forms: Forms = NO_FORMS) -> SpawnReport:
-            report = super().spawn(world, forms=forms)
-            return msgspec.structs.replace(report, failed_bodies=(Failure("Mug1", "no room left"),))
+        def spawn(self, world: World, *, geometry: GeometryMap = NO_GEOMETRY) -> SpawnReport:
+            report = super().spawn(world, geometry=geometry)
+            return msgspec.structs.replace(report, failed_bodies=(SpawnFailure("Mug1", "no room left"),))
 
     monkeypatch.setattr("mindstage.engines.NullEngine", Picky)
     result = run("spawn", write_map(), "--no-viewport", "--engine", "null")

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.cli.typed import Run, WriteMap, told
+from tests.cli.typed import Run, WriteMap, json_output
 
 CONTAINER_FOR = "typePrimaryFunction-containerFor"
 ENDLESS = "SELECT (COUNT(*) AS ?n) WHERE { ?a ?b ?c . ?d ?e ?f . ?g ?h ?i }"
@@ -34,7 +34,7 @@ def words(tmp_path: Path) -> tuple[object, ...]:
 
 def places(run: Run, *args: object) -> list[str]:
     result = run("ask", "storage_place", "Bread", *args, "--json")
-    return [answer["place"].rpartition("#")[2] for answer in told(result)["answers"]]
+    return [answer["place"].rpartition("#")[2] for answer in json_output(result)["answers"]]
 
 
 @pytest.mark.parametrize(
@@ -64,9 +64,9 @@ def test_bread_goes_into_the_breadbasket_once_somebody_said_so(
 
 def test_a_folder_does_without_its_sources(run: Run, tmp_path: Path, write_map: WriteMap) -> None:
     store, map = tmp_path / "store", write_map(mugs={"Mug1": "1 2 3"})
-    assert told(run("ask", "maps", "--store", store, "--map", map, "--json"))["answers"][0]["individuals"] == 1
+    assert json_output(run("ask", "maps", "--store", store, "--map", map, "--json"))["answers"][0]["individuals"] == 1
     map.unlink()
-    (thing,) = told(run("ask", "what_is", "Mug1", "--store", store, "--json"))["answers"]
+    (thing,) = json_output(run("ask", "what_is", "Mug1", "--store", store, "--json"))["answers"]
     assert thing["pose"]
     assert run("sparql", "ASK { ?mug a knowrob:Mug }", "--store", store).stdout == "yes\n"
 
@@ -76,9 +76,9 @@ def test_a_map_that_has_changed_is_read_anew_and_that_is_said(run: Run, tmp_path
     run("ask", "maps", "--store", store, "--map", map)
     write_map(mugs={"Mug1": "1 2 3", "Mug2": "1 2 3"})
     result = run("ask", "maps", "--store", store, "--json")
-    assert told(result)["answers"][0]["individuals"] == 2
-    assert told(result)["findings"][0]["did"] == "it was read anew"
-    assert not told(run("ask", "maps", "--store", store, "--json"))["findings"]
+    assert json_output(result)["answers"][0]["individuals"] == 2
+    assert json_output(result)["findings"][0]["did"] == "it was read anew"
+    assert not json_output(run("ask", "maps", "--store", store, "--json"))["findings"]
 
 
 def test_what_is_told_can_be_taken_back(run: Run, words: tuple[object, ...], tmp_path: Path) -> None:
@@ -86,7 +86,7 @@ def test_what_is_told_can_be_taken_back(run: Run, words: tuple[object, ...], tmp
     store = ("--store", tmp_path / "store")
     result = run("tell", *statement, *words, *store, "--json")
     assert result.exit_code == 0
-    assert told(result) == {
+    assert json_output(result) == {
         "done": True,
         "statement": {"subject": "Breadbasket", "property": CONTAINER_FOR, "value": "Bread"},
         "where": str(tmp_path / "store"),
@@ -154,4 +154,4 @@ def test_trouble_ends_with_2_and_says_what_to_do(
         assert result.exit_code == 2
         assert message in result.stderr
         assert "Traceback" not in result.stderr
-        assert message in told(run(*args, *(words if args[0] == "tell" else ()), "--json"))["error"]["message"]
+        assert message in json_output(run(*args, *(words if args[0] == "tell" else ()), "--json"))["error"]["message"]

@@ -6,13 +6,13 @@ from pathlib import Path
 
 import pytest
 
-from tests.cli.typed import Run, WriteMap, told
+from tests.cli.typed import Run, WriteMap, json_output
 
 
 def test_a_map_without_oddities_is_clean(run: Run, write_map: WriteMap) -> None:
     result = run("validate", write_map(), "--json")
     assert result.exit_code == 0, result.stdout
-    verdict = told(result)
+    verdict = json_output(result)
     assert verdict["clean"] is True
     assert verdict["counts"] == {"error": 0, "warning": 0}
     assert verdict["findings"] == []
@@ -32,7 +32,7 @@ def test_findings_end_with_1_and_are_listed(run: Run, write_map: WriteMap) -> No
     spoilt = write_map(mugs={"Mug1": "nan 2.0 0.0", "Mug2": "3.0 2.0 0.0", "Mug3": None})
     result = run("validate", spoilt, "--json")
     assert result.exit_code == 1
-    verdict = told(result)
+    verdict = json_output(result)
     assert verdict["clean"] is False
     assert verdict["counts"]["error"] == 2
     left_out = {
@@ -48,7 +48,7 @@ def test_what_cannot_be_read_ends_with_2(content: str, run: Run, tmp_path: Path)
     path.write_text(content, encoding="utf-8")
     result = run("validate", path, "--json")
     assert result.exit_code == 2
-    assert told(result)["error"]["kind"] == "SourceUnreadable"
+    assert json_output(result)["error"]["kind"] == "SourceUnreadable"
     assert run("validate", tmp_path / "nowhere.owl").exit_code == 2
 
 
@@ -62,7 +62,7 @@ def test_people_see_tables(run: Run, write_map: WriteMap) -> None:
 
 def test_several_maps_are_validated_together(run: Run, write_map: WriteMap) -> None:
     maps = write_map("a.owl", maps=["Room"]), write_map("b.owl", maps=["Hall"], mugs={"Jug": "0.0 0.0 0.0"})
-    verdict = told(run("validate", *maps, "--json"))
+    verdict = json_output(run("validate", *maps, "--json"))
     assert [map["map"].split("#")[1] for map in verdict["maps"]] == ["Room", "Hall"]
 
 
@@ -76,7 +76,7 @@ def test_strict_refuses_what_is_odd(verb: str, run: Run, write_map: WriteMap, tm
     more = {"convert": [out], "log": ["-o", out, "--engine", "null"], "spawn": ["--no-viewport", "--engine", "null"]}
     result = run(verb, path, *more.get(verb, []), "--strict", "--json")
     assert result.exit_code == 2
-    error = told(result)["error"]
+    error = json_output(result)["error"]
     assert error["kind"] == "MapRefused"
     assert "1 finding" in error["message"]
     assert "Mug2" in error["message"]
@@ -92,7 +92,7 @@ def test_strict_lets_a_clean_map_pass(run: Run, write_map: WriteMap) -> None:
 
 def test_numbers_are_taken_as_the_user_says(run: Run, write_map: WriteMap) -> None:
     result = run("validate", write_map(), "--units", "cm", "--frame", "unreal", "--quaternion", "xyzw", "--json")
-    (map,) = told(result)["maps"]
+    (map,) = json_output(result)["maps"]
     assert all(each["overridden"] for each in map["assumptions"])
     assert [each["value"] for each in map["assumptions"]] == ["cm", "unreal", "xyzw"]
     assert map["extent"]["low"] == pytest.approx([0.01, -0.02, 0.0])
@@ -100,7 +100,7 @@ def test_numbers_are_taken_as_the_user_says(run: Run, write_map: WriteMap) -> No
 
 def test_numbers_can_be_told_of_one_map_only(run: Run, write_map: WriteMap) -> None:
     maps = write_map("a.owl", maps=["Room"]), write_map("b.owl", maps=["Hall"], mugs={"Jug": "5.0 0.0 0.0"})
-    verdict = told(run("validate", *maps, "--units", "b=cm", "--units", "mm", "--json"))
+    verdict = json_output(run("validate", *maps, "--units", "b=cm", "--units", "mm", "--json"))
     units = {map["map"].split("#")[1]: map["assumptions"][0]["value"] for map in verdict["maps"]}
     assert units == {"Room": "mm", "Hall": "cm"}
 
@@ -111,7 +111,7 @@ def test_numbers_can_be_told_of_one_map_only(run: Run, write_map: WriteMap) -> N
 def test_numbers_that_mean_nothing_are_refused(told_so: str, hint: str, run: Run, write_map: WriteMap) -> None:
     result = run("check", write_map(), "--engine", "null", "--units", told_so, "--json")
     assert result.exit_code == 2
-    assert hint in told(result)["error"]["message"]
+    assert hint in json_output(result)["error"]["message"]
 
 
 @pytest.mark.parametrize("verb", ["spawn", "check"])
@@ -120,7 +120,7 @@ def test_a_wrong_guess_can_be_seen(verb: str, run: Run, write_map: WriteMap) -> 
     result = run(verb, write_map(), "--engine", "null", *more, "--units", "mm")
     assert "Extent: 0.002 x 0 x 0 m" in result.stdout
     assert "the user says so" in result.stdout
-    verdict = told(run(verb, write_map(), "--engine", "null", *more, "--json"))
+    verdict = json_output(run(verb, write_map(), "--engine", "null", *more, "--json"))
     assert verdict["extent"]["height_m"] == 0.0
     assert len(verdict["assumptions"]) == 3
 
@@ -128,7 +128,7 @@ def test_a_wrong_guess_can_be_seen(verb: str, run: Run, write_map: WriteMap) -> 
 def test_a_map_of_ameva_comes_back_whole(run: Run, shared_data: Path) -> None:
     result = run("check", shared_data / "maps" / "ameva-task-two.owl", "--json")
     assert result.exit_code == 0, result.stdout
-    verdict = told(result)
+    verdict = json_output(result)
     assert verdict["identical"] is True
     assert (verdict["max_error"], verdict["lost_facts"]) == (0.0, 0)
     assert [each["value"] for each in verdict["assumptions"]][:3] == ["cm", "unreal", "xyzw"]

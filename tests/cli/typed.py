@@ -9,13 +9,13 @@ from typing import Any
 
 from typer.testing import Result
 
-__all__ = ["Run", "WriteMap", "map_text", "told"]
+__all__ = ["Run", "WriteMap", "json_output", "map_text"]
 
 Run = Callable[..., Result]
 WriteMap = Callable[..., Path]
 
 
-def told(result: Result) -> Any:
+def json_output(result: Result) -> Any:
     """The JSON on stdout."""
     return json.loads(result.stdout)
 

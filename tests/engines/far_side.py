@@ -6,16 +6,16 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from typing import Any
 
-from mindstage.bridge import Hub, Server
+from mindstage.bridge import LocalNode, RosbridgeServer
 from mindstage.engines import Engine, MujocoEngine
 from mindstage.knowledge import KnowledgeBase
-from mindstage.ros import RosFace
-from mindstage.stage import Stage
+from mindstage.ros import RosInterface
+from mindstage.stage import Simulation
 
-__all__ = ["FarSide"]
+__all__ = ["ServedSimulation"]
 
 
-class FarSide:
+class ServedSimulation:
     """A stage that is served, as `mindstage serve` does it."""
 
     def __init__(self, make: Callable[[], Engine] = MujocoEngine, **server: Any) -> None:
@@ -23,9 +23,9 @@ class FarSide:
 
         Args:
             make: the engine, anew at each start.
-            server: options of `Server`.
+            server: options of `RosbridgeServer`.
         """
-        self._make = make
+        self._make_engine = make
         self._options = {"port": 0, **server}
         self._open = ExitStack()
 
@@ -33,19 +33,19 @@ class FarSide:
     def address(self) -> str:
         return f"ros://127.0.0.1:{self._options['port']}/unreal"
 
-    def start(self) -> FarSide:
+    def start(self) -> ServedSimulation:
         self.knowledge = self._open.enter_context(KnowledgeBase())
-        self.stage = self._open.enter_context(Stage(self.knowledge, self._make()))
-        self.hub = self._open.enter_context(Hub())
-        self._open.enter_context(RosFace(self.stage, self.hub))
-        self.server = self._open.enter_context(Server(self.hub, **self._options))
+        self.stage = self._open.enter_context(Simulation(self.knowledge, self._make_engine()))
+        self.hub = self._open.enter_context(LocalNode())
+        self._open.enter_context(RosInterface(self.stage, self.hub))
+        self.server = self._open.enter_context(RosbridgeServer(self.hub, **self._options))
         self._options["port"] = self.server.port
         return self
 
     def stop(self) -> None:
         self._open.close()
 
-    def __enter__(self) -> FarSide:
+    def __enter__(self) -> ServedSimulation:
         return self.start()
 
     def __exit__(self, *_: object) -> None:

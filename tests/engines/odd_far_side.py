@@ -9,13 +9,13 @@ from typing import Any
 
 from websockets.sync.server import ServerConnection, serve
 
-__all__ = ["DESCRIBED", "OddFarSide", "answer", "failed"]
+__all__ = ["DESCRIBE_VALUES", "FakeRemote", "failed", "ok_response"]
 
 Frames = list[str | bytes]
-Behave = Callable[[dict[str, Any]], Frames]
+Responder = Callable[[dict[str, Any]], Frames]
 
-FINE = {"kind": "", "text": "", "body": "", "parent": "", "child": "", "reason": "", "world": "", "near": []}
-DESCRIBED = {
+NO_REFUSAL = {"kind": "", "text": "", "body": "", "parent": "", "child": "", "reason": "", "world": "", "near": []}
+DESCRIBE_VALUES = {
     "engine": "odd",
     "abilities": ["telepathy"],
     "time_s": 1.5,
@@ -28,13 +28,13 @@ REPORT = dict.fromkeys(("bodies", "constraints", "attachments"), 0) | {
 }
 
 
-def answer(**values: Any) -> Behave:
+def ok_response(**values: Any) -> Responder:
     """Answers with these values, and says that all went well."""
-    told = {"success": True, "refusal": FINE, **values}
+    told = {"success": True, "refusal": NO_REFUSAL, **values}
     return lambda call: [response(call, told)]
 
 
-def failed(text: Any) -> Behave:
+def failed(text: Any) -> Responder:
     return lambda call: [response(call, text, result=False)]
 
 
@@ -45,15 +45,15 @@ def response(call: dict[str, Any], values: Any, *, result: bool = True) -> str:
     )
 
 
-class OddFarSide:
-    """Serves as a context; `behave` may be changed at any time."""
+class FakeRemote:
+    """Serves as a context; `respond` may be changed at any time."""
 
     def __init__(self) -> None:
-        self.behave: dict[str, Behave] = {
-            "describe": lambda call: [response(call, DESCRIBED)],
-            "set_speed": answer(before=0.0),
-            "get_poses": answer(time_s=1.5, ids=[], poses=[], revision=0, rows=""),
-            "spawn_world": answer(report=REPORT),
+        self.respond: dict[str, Responder] = {
+            "describe": lambda call: [response(call, DESCRIBE_VALUES)],
+            "set_speed": ok_response(before=0.0),
+            "get_poses": ok_response(time_s=1.5, ids=[], poses=[], revision=0, rows=""),
+            "spawn_world": ok_response(report=REPORT),
         }
         self.calls: list[str] = []
         self._server = serve(self._serve, "127.0.0.1", 0)
@@ -65,10 +65,10 @@ class OddFarSide:
             name = call["service"].rpartition("/")[2]
             self.calls.append(name)
             unknown = failed(f"Service {call['service']} does not exist")
-            for reply in self.behave.get(name, unknown)(call):
+            for reply in self.respond.get(name, unknown)(call):
                 connection.send(reply)
 
-    def __enter__(self) -> OddFarSide:
+    def __enter__(self) -> FakeRemote:
         self._thread = threading.Thread(target=self._server.serve_forever, daemon=True)
         self._thread.start()
         return self

@@ -5,16 +5,16 @@ from __future__ import annotations
 from typing import Any
 
 from mindstage.world import (
-    AngularMotion,
+    AngularLimits,
     Attachment,
+    AxisMotion,
     Body,
     BodyId,
-    Constraint,
+    BodyPhysics,
     Iri,
-    LinearMotion,
+    Joint,
+    LinearLimits,
     Mobility,
-    Motion,
-    Physics,
     Pose,
     Vector,
     World,
@@ -28,56 +28,56 @@ LIMIT_RAD = 0.7853981633974483
 def body(
     id: str, position: Vector, size: Vector, mobility: str = "static", mass: float | None = None, **more: Any
 ) -> Body:
-    """A box; `more` goes to `Body`, `quaternion` to its pose, `gravity` to its physics."""
+    """A box; `more` goes to `Body`, `guess_quaternion_order` to its pose, `gravity` to its physics."""
     pose = Pose(position, more.pop("quaternion", (1.0, 0.0, 0.0, 0.0)))
-    physics = Physics(mobility=Mobility(mobility), mass_kg=mass, gravity=more.pop("gravity", True))
+    physics = BodyPhysics(mobility=Mobility(mobility), mass_kg=mass, gravity=more.pop("gravity", True))
     return Body(
         id=BodyId(id), iri=Iri(BASE + id), cls=Iri(BASE + "Thing"), pose=pose, size=size, physics=physics, **more
     )
 
 
-def slide(id: str, parent: str, child: str, at: Vector, limit: float = LIMIT_M, **more: Any) -> Constraint:
+def prismatic_joint(id: str, parent: str, child: str, at: Vector, limit: float = LIMIT_M, **more: Any) -> Joint:
     """A drawer's constraint: along x, either way."""
     pose = Pose(at, more.pop("quaternion", (1.0, 0.0, 0.0, 0.0)))
-    return Constraint(
+    return Joint(
         id=BodyId(id),
         iri=Iri(BASE + id),
         parent=BodyId(parent),
         child=BodyId(child),
         pose=pose,
-        linear=LinearMotion(x=Motion.LIMITED, limit=limit),
+        linear=LinearLimits(x=AxisMotion.LIMITED, limit=limit),
         **more,
     )
 
 
-def hinge(id: str, parent: str, child: str, at: Vector, limit: float = LIMIT_RAD, **more: Any) -> Constraint:
+def revolute_joint(id: str, parent: str, child: str, at: Vector, limit: float = LIMIT_RAD, **more: Any) -> Joint:
     """A door's constraint: about z, either way."""
-    return Constraint(
+    return Joint(
         id=BodyId(id),
         iri=Iri(BASE + id),
         parent=BodyId(parent),
         child=BodyId(child),
         pose=Pose(at),
-        angular=AngularMotion(swing1=Motion.LIMITED, swing1_limit=limit),
+        angular=AngularLimits(swing1=AxisMotion.LIMITED, swing1_limit=limit),
         **more,
     )
 
 
-def weld(id: str, parent: str, child: str, at: Vector) -> Constraint:
+def fixed_joint(id: str, parent: str, child: str, at: Vector) -> Joint:
     """Everything locked."""
-    return Constraint(id=BodyId(id), iri=Iri(BASE + id), parent=BodyId(parent), child=BodyId(child), pose=Pose(at))
+    return Joint(id=BodyId(id), iri=Iri(BASE + id), parent=BodyId(parent), child=BodyId(child), pose=Pose(at))
 
 
-def hold(parent: str, child: str) -> Attachment:
+def attachment(parent: str, child: str) -> Attachment:
     return Attachment(parent=BodyId(parent), child=BodyId(child))
 
 
-def world(*parts: Body | Constraint | Attachment) -> World:
+def world(*parts: Body | Joint | Attachment) -> World:
     return World(
         iri=Iri(BASE + "scene"),
         name="scene",
         bodies=tuple(part for part in parts if isinstance(part, Body)),
-        constraints=tuple(part for part in parts if isinstance(part, Constraint)),
+        joints=tuple(part for part in parts if isinstance(part, Joint)),
         attachments=tuple(part for part in parts if isinstance(part, Attachment)),
     )
 
@@ -97,8 +97,8 @@ def room() -> World:
         body("door", (0.322, 2, 0.9), (0.04, 0.6, 1.8), "dynamic", 8.0),
         body("door_handle", (0.362, 1.75, 0.9), (0.04, 0.03, 0.4), "kinematic", 0.3),
         body("crate", (2, 0, 1), (0.3, 0.3, 0.3), "dynamic", 2.0),
-        slide("drawer_slide", "cabinet", "drawer", (0.29, 0, 0.3)),
-        hinge("door_hinge", "fridge", "door", (0.302, 2.3, 0.9)),
-        hold("drawer", "drawer_handle"),
-        hold("door", "door_handle"),
+        prismatic_joint("drawer_slide", "cabinet", "drawer", (0.29, 0, 0.3)),
+        revolute_joint("door_hinge", "fridge", "door", (0.302, 2.3, 0.9)),
+        attachment("drawer", "drawer_handle"),
+        attachment("door", "door_handle"),
     )

@@ -9,23 +9,23 @@ import sys
 import threading
 
 from mindstage.engines import NullEngine, SpawnReport
-from mindstage.world import NO_FORMS, Forms, World
-from tests.engines.far_side import FarSide
+from mindstage.world import NO_GEOMETRY, GeometryMap, World
+from tests.engines.far_side import ServedSimulation
 
 
 class StuckEngine(NullEngine):
     """Does not get further than the beginning."""
 
-    def spawn(self, world: World, *, forms: Forms = NO_FORMS) -> SpawnReport:
+    def spawn(self, world: World, *, geometry: GeometryMap = NO_GEOMETRY) -> SpawnReport:
         print("spawning", flush=True)
         threading.Event().wait()
-        return super().spawn(world, forms=forms)
+        return super().spawn(world, geometry=geometry)
 
 
 def main() -> None:
     stuck = "--stuck" in sys.argv
     ports = [int(each) for each in sys.argv[1:] if each.isdigit()]
-    with FarSide(StuckEngine if stuck else NullEngine, port=ports[0] if ports else 0) as far_side:
+    with ServedSimulation(StuckEngine if stuck else NullEngine, port=ports[0] if ports else 0) as far_side:
         print(far_side.address, flush=True)
         sys.stdin.read()  # until whoever started it is gone
 

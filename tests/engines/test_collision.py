@@ -7,22 +7,22 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mindstage.engines.collision import Collisions, Scene, decide
-from mindstage.engines.hollow import hollow_out
+from mindstage.engines.collision import CollisionFilter, CollisionFilterInput, compute_collision_filter
+from mindstage.engines.hollow import hollow_box
 from mindstage.world import BodyId
-from mindstage.world.boxes import Boxes, contains, depths, neighbours
-from mindstage.world.geometry import compose, unit
+from mindstage.world.boxes import OrientedBoxes, contains, overlapping_pairs, penetration_depths
+from mindstage.world.geometry import normalize, pose_multiply
 
 
-def boxes_of(*rows: tuple[float, ...]) -> Boxes:
+def boxes_of(*rows: tuple[float, ...]) -> OrientedBoxes:
     """Each row: x y z, w x y z, three sizes."""
     table = np.array(rows, dtype=float)
-    table[:, 3:7] = unit(table[:, 3:7])
-    return Boxes.of(table[:, :7], table[:, 7:])
+    table[:, 3:7] = normalize(table[:, 3:7])
+    return OrientedBoxes.from_poses(table[:, :7], table[:, 7:])
 
 
 def depth(*rows: tuple[float, ...]) -> float:
-    return float(depths(boxes_of(*rows), np.array([0]), np.array([1]))[0])
+    return float(penetration_depths(boxes_of(*rows), np.array([0]), np.array([1]))[0])
 
 
 UPRIGHT = (1.0, 0.0, 0.0, 0.0)
@@ -53,7 +53,9 @@ def test_the_sweep_finds_each_meeting_pair_once(table: list[tuple[float, ...]]) 
     boxes = boxes_of(*table)
     everything = np.ones(len(table), dtype=bool)
     found = [
-        tuple(sorted(pair)) for a, b in neighbours(boxes, everything, everything) for pair in zip(a, b, strict=True)
+        tuple(sorted(pair))
+        for a, b in overlapping_pairs(boxes, everything, everything)
+        for pair in zip(a, b, strict=True)
     ]
     low, high = boxes.bounds()
     expected = {
@@ -91,32 +93,32 @@ def test_contents_get_walls_around_and_a_floor_under_each_level(turn: tuple[floa
     fridge, size = np.array([3.0, 2.0, 0.9, *turn]), np.array([0.6, 0.6, 1.8])
     local = [np.array([0.1, 0.1, -0.7, 1, 0, 0, 0]), np.array([0.0, -0.1, 0.2, 1, 0, 0, 0])]
     sizes = [np.array([0.1, 0.1, 0.2]), np.array([0.08, 0.08, 0.3])]
-    placed = [compose(fridge, place) for place in local]
-    boxes = Boxes.of(np.array([fridge, *placed]), np.array([size, *sizes]))
-    front = compose(fridge, np.array([0.32, 0, 0, 1, 0, 0, 0]))[:3]
-    hollow = hollow_out(boxes, 0, [1, 2], [front])
-    plates = [(np.array(plate.centre), np.array(plate.size)) for plate in hollow.plates]
+    placed = [pose_multiply(fridge, place) for place in local]
+    boxes = OrientedBoxes.from_poses(np.array([fridge, *placed]), np.array([size, *sizes]))
+    front = pose_multiply(fridge, np.array([0.32, 0, 0, 1, 0, 0, 0]))[:3]
+    hollow = hollow_box(boxes, 0, [1, 2], [front])
+    plates = [(np.array(plate.center), np.array(plate.size)) for plate in hollow.panels]
     assert hollow.opening == "to the front"
     for place, extent in zip(local, sizes, strict=True):
         low, high = place[:3] - extent / 2, place[:3] + extent / 2
         assert not inside(plates, low, high)
         tops = [c[2] + s[2] / 2 for c, s in plates if s[0] > 0.5 and s[1] > 0.5]
         assert min(abs(top - low[2]) for top in tops) < 1e-9
-    for centre, extent in plates:
-        assert (np.abs(centre) + extent / 2 <= size / 2 + 1e-9).all()
-    assert not any(centre[0] - extent[0] / 2 > 0.2 for centre, extent in plates), "the front is not open"
+    for center, extent in plates:
+        assert (np.abs(center) + extent / 2 <= size / 2 + 1e-9).all()
+    assert not any(center[0] - extent[0] / 2 > 0.2 for center, extent in plates), "the front is not open"
 
 
 def test_without_a_door_the_top_is_open() -> None:
     bowl_and_apple = boxes_of((0, 0, 0.05, *UPRIGHT, 0.3, 0.3, 0.1), (0, 0, 0.05, *UPRIGHT, 0.07, 0.07, 0.07))
-    assert hollow_out(bowl_and_apple, 0, [1], []).opening == "to the top"
+    assert hollow_box(bowl_and_apple, 0, [1], []).opening == "to the top"
 
 
 def test_what_stands_on_other_contents_gets_no_floor_of_its_own() -> None:
     drawer, plate = (0, 0, 0, *UPRIGHT, 0.5, 0.5, 0.2), (0, 0, -0.06, *UPRIGHT, 0.2, 0.2, 0.02)
     cup = (0, 0, 0.0, *UPRIGHT, 0.08, 0.08, 0.1)
-    hollow = hollow_out(boxes_of(drawer, plate, cup), 0, [1, 2], [])
-    floors = [p for p in hollow.plates if p.size[0] > 0.4 and p.size[1] > 0.4]
+    hollow = hollow_box(boxes_of(drawer, plate, cup), 0, [1, 2], [])
+    floors = [p for p in hollow.panels if p.size[0] > 0.4 and p.size[1] > 0.4]
     assert len(floors) == 1
 
 
@@ -126,18 +128,18 @@ def test_in_a_throng_everything_collides_with_nothing_and_says_so() -> None:
     table[:, 3] = 1.0
     poses, sizes = table, np.full((count, 3), 0.1)
     moves = np.ones(count, dtype=bool)
-    scene = Scene(
+    scene = CollisionFilterInput(
         ids=tuple(BodyId(f"mug{i}") for i in range(count)),
         poses=poses,
         sizes=sizes,
-        assembly=np.arange(count),
-        simulates=moves,
-        loose=moves,
-        fresh=moves,
-        joined=frozenset(),
-        cores=Boxes.of(poses, sizes),
+        group=np.arange(count),
+        is_dynamic=moves,
+        is_free=moves,
+        is_new=moves,
+        jointed_pairs=frozenset(),
+        overlap_boxes=OrientedBoxes.from_poses(poses, sizes),
     )
-    collisions, notes = decide(scene, Collisions())
-    assert collisions.ghosts == set(scene.ids)
-    assert not collisions.apart
+    collisions, notes = compute_collision_filter(scene, CollisionFilter())
+    assert collisions.non_colliding == set(scene.ids)
+    assert not collisions.excluded_pairs
     assert {id for note in notes for id in note.ids} == set(scene.ids)

@@ -10,15 +10,15 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from mindstage.engines import MujocoEngine
-from mindstage.engines.mujoco import mjcf
-from mindstage.errors import SimulationUnstable
-from mindstage.world import BodyId, Form, Pose, Solid, SolidKind, World, difference
-from mindstage.world.geometry import rotate
+from mindstage.engines.mujoco import world_to_mjcf
+from mindstage.errors import SimulationDivergedError
+from mindstage.world import BodyGeometry, BodyId, CollisionShape, CollisionShapeType, Pose, World, diff
+from mindstage.world.geometry import quat_rotate
 from tests.worlds import worlds
 
-from .contract import pose_of, pull
-from .formed import as_vector, bin_form, case_form, form
-from .scenes import FLOOR, LIMIT_M, body, slide, world
+from .contract import apply_force_for, current_pose
+from .formed import as_vector, bin_geometry, cabinet_geometry, geometry
+from .scenes import FLOOR, LIMIT_M, body, prismatic_joint, world
 
 lengths = st.floats(0.0, 2.0)
 places = st.floats(-1.0, 1.0)
@@ -29,10 +29,10 @@ quaternions = st.tuples(*[st.floats(0.1, 1.0)] * 4).map(
 
 
 @st.composite
-def solids(draw: st.DrawFn) -> Solid:
+def solids(draw: st.DrawFn) -> CollisionShape:
     """Solids of every kind, flat, thin and crooked ones among them."""
-    return Solid(
-        kind=draw(st.sampled_from(SolidKind)),
+    return CollisionShape(
+        type=draw(st.sampled_from(CollisionShapeType)),
         size=(draw(lengths), draw(lengths), draw(lengths)),
         pose=Pose(draw(points), draw(quaternions)),
         points=tuple(draw(st.lists(points, max_size=10))),
@@ -40,32 +40,32 @@ def solids(draw: st.DrawFn) -> Solid:
 
 
 @st.composite
-def forms(draw: st.DrawFn) -> Form:
+def forms(draw: st.DrawFn) -> BodyGeometry:
     more = {
         name: draw(st.none() | st.floats(0.0, most))
         for name, most in (("friction", 2.0), ("restitution", 1.0), ("density", 8000.0))
     }
-    return form(*draw(st.lists(solids(), max_size=5)), **more)
+    return geometry(*draw(st.lists(solids(), max_size=5)), **more)
 
 
 @settings(max_examples=40, suppress_health_check=[HealthCheck.too_slow])
 @given(described=worlds(max_bodies=5), made=st.lists(forms(), min_size=5, max_size=5))
-def test_any_world_with_any_forms_comes_back_identical_and_runs(described: World, made: list[Form]) -> None:
+def test_any_world_with_any_forms_comes_back_identical_and_runs(described: World, made: list[BodyGeometry]) -> None:
     worn = {body.id: form for body, form in zip(described.bodies, made, strict=False)}
     engine = MujocoEngine()
-    assert engine.spawn(described, forms=worn).ok
-    assert difference(described, engine.log()).identical(0.0)
-    with contextlib.suppress(SimulationUnstable):  # a body put a kilometre into another may well break
+    assert engine.spawn(described, geometry=worn).ok
+    assert diff(described, engine.snapshot()).identical(0.0)
+    with contextlib.suppress(SimulationDivergedError):  # a body put a kilometre into another may well break
         engine.step(0.02)
         assert np.isfinite(engine.poses()[1]).all()
-    mujoco.MjModel.from_xml_string(mjcf(described, forms=worn).text)
+    mujoco.MjModel.from_xml_string(world_to_mjcf(described, geometry=worn).text)
 
 
 def test_a_crowd_of_forms_in_one_place_is_spawned_and_does_not_explode() -> None:
-    crate = bin_form((0.3, 0.3, 0.2))
+    crate = bin_geometry((0.3, 0.3, 0.2))
     bodies = [body(f"b{i}", (0, 0, 1), (0.3, 0.3, 0.2), "dynamic", 1.0, gravity=False) for i in range(270)]
     engine = MujocoEngine()
-    assert engine.spawn(world(*bodies), forms={BodyId(f"b{i}"): crate for i in range(270)}).ok
+    assert engine.spawn(world(*bodies), geometry={BodyId(f"b{i}"): crate for i in range(270)}).ok
     engine.step(0.02)
     assert np.abs(engine.poses()[1][:, :3] - (0, 0, 1)).max() < 1e-6
 
@@ -88,7 +88,7 @@ def test_drawers_open_however_badly_the_map_was_measured(
     quaternion = (float(np.cos(turn / 2)), 0.0, 0.0, float(np.sin(turn / 2)))
 
     def at(x: float, y: float, z: float) -> tuple[float, float, float]:
-        return as_vector(rotate(quaternion, (x, y, z)))
+        return as_vector(quat_rotate(quaternion, (x, y, z)))
 
     size, case, cupboard = (0.5, wide, high), (0.52, wide + 0.04, 3 * high + 0.1), (0.52, 0.4, 3 * high + 0.1)
     heights = np.cumsum([0.1 + high / 2, high + between[0], high + between[1]]).tolist()
@@ -96,7 +96,8 @@ def test_drawers_open_however_badly_the_map_was_measured(
         body(f"drawer{i}", at(0.01, 0, z), size, "dynamic", 3.0, quaternion=quaternion) for i, z in enumerate(heights)
     ]
     slides = [
-        slide(f"slide{i}", "case", f"drawer{i}", at(0, 0, z), quaternion=quaternion) for i, z in enumerate(heights)
+        prismatic_joint(f"slide{i}", "case", f"drawer{i}", at(0, 0, z), quaternion=quaternion)
+        for i, z in enumerate(heights)
     ]
     middle = case[2] / 2 + 0.05
     engine = MujocoEngine()
@@ -108,14 +109,14 @@ def test_drawers_open_however_badly_the_map_was_measured(
             *drawers,
             *slides,
         ),
-        forms={
-            BodyId("case"): case_form(case),
-            BodyId("cupboard"): case_form(cupboard),
-            **{BodyId(f"drawer{i}"): bin_form(size) for i in range(3)},
+        geometry={
+            BodyId("case"): cabinet_geometry(case),
+            BodyId("cupboard"): cabinet_geometry(cupboard),
+            **{BodyId(f"drawer{i}"): bin_geometry(size) for i in range(3)},
         },
     )
     engine.step(0.5)
     for i in range(3):
-        pull(engine, f"drawer{i}", at(20.0, 0, 0), 1.2)
-        way = rotate((quaternion[0], 0, 0, -quaternion[3]), pose_of(engine, f"drawer{i}")[:3])
+        apply_force_for(engine, f"drawer{i}", at(20.0, 0, 0), 1.2)
+        way = quat_rotate((quaternion[0], 0, 0, -quaternion[3]), current_pose(engine, f"drawer{i}")[:3])
         assert abs(way[0] - 0.01 - LIMIT_M) < 0.001, (i, way)

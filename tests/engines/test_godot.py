@@ -11,28 +11,33 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mindstage.bridge import Hub, Server
+from mindstage.bridge import LocalNode, RosbridgeServer
 from mindstage.engines import GodotEngine, RemoteEngine
 from mindstage.engines.godot.process import GodotProcess
 from mindstage.engines.godot.program import find_godot
-from mindstage.engines.godot.project import ready_project
-from mindstage.engines.remote.planned import PlannedEngine
-from mindstage.errors import EngineUnavailable, WorldError
-from mindstage.exports import shelf_folder
-from mindstage.world import BodyId, Form, Pose, Skin, Solid, Surface, difference
+from mindstage.engines.godot.project import prepare_project
+from mindstage.engines.remote.planned import CompiledRemoteEngine
+from mindstage.errors import EngineUnavailableError, WorldError
+from mindstage.exports import geometry_cache_dir
+from mindstage.world import BodyGeometry, BodyId, CollisionShape, PbrMaterial, Pose, VisualMesh, diff
 
-from .contract import pose_of
-from .formed import bin_form
+from .contract import current_pose
+from .formed import bin_geometry
 from .scenes import FLOOR, body, room, world
 
 TURNED = (0.9659258262890683, 0.0, 0.0, 0.25881904510252074)
 MUG = BodyId("mug")
-SKIN = Skin(
+SKIN = VisualMesh(
     points=np.array([[0.0, 0, 0], [0.1, 0, 0], [0, 0.2, 0], [0, 0, 0.3]]),
     faces=np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]], dtype=np.uint32),
-    surface=Surface(colour=(1.0, 0.0, 0.0)),
+    material=PbrMaterial(color=(1.0, 0.0, 0.0)),
 )
-FORM = Form(key="feedfacecafebeef", skins=(SKIN,), solids=(Solid(size=(0.1, 0.2, 0.3)),), kind="wedge")
+FORM = BodyGeometry(
+    key="feedfacecafebeef",
+    visuals=(SKIN,),
+    collision_shapes=(CollisionShape(size=(0.1, 0.2, 0.3)),),
+    shape_name="wedge",
+)
 
 
 @pytest.fixture(scope="module")
@@ -50,17 +55,17 @@ def engine(running: GodotEngine) -> Iterator[GodotEngine]:
 def test_an_asymmetric_pose_goes_there_and_back(engine: GodotEngine) -> None:
     box = body("box", (1, 2, 3), (0.1, 0.2, 0.3), "dynamic", 1.0, quaternion=TURNED, gravity=False)
     engine.spawn(world(FLOOR, box))
-    engine.push(BodyId("box"), (0.0, 0.0, 1e-9))  # so that the pose is Godot's, and not the one that was given
+    engine.apply_force(BodyId("box"), (0.0, 0.0, 1e-9))  # so that the pose is Godot's, and not the one that was given
     engine.step(0.1)
     _, poses = engine.poses()
     np.testing.assert_allclose(poses[1], (1, 2, 3, *TURNED), atol=3 * engine.precision)
 
 
 def test_what_a_body_looks_like_is_read_from_the_shelf(engine: GodotEngine, tmp_path: Path) -> None:
-    report = engine.spawn(world(FLOOR, body("mug", (0, 0, 1), (0.1, 0.2, 0.3))), forms={MUG: FORM})
+    report = engine.spawn(world(FLOOR, body("mug", (0, 0, 1), (0.1, 0.2, 0.3))), geometry={MUG: FORM})
     assert report.ok
     assert not [note for note in report.notes if "mesh" in note.text]
-    assert (shelf_folder() / f"{FORM.key}.glb").is_file()
+    assert (geometry_cache_dir() / f"{FORM.key}.glb").is_file()
     engine.save_scene(tmp_path / "wedge.tscn")
     scene = (tmp_path / "wedge.tscn").read_text(encoding="utf-8")
     assert scene.count('mesh = SubResource("ArrayMesh') == 1  # the mug; the floor is a box
@@ -68,8 +73,8 @@ def test_what_a_body_looks_like_is_read_from_the_shelf(engine: GodotEngine, tmp_
 
 def test_a_mesh_that_is_broken_is_told_and_its_solids_stand_for_it(engine: GodotEngine) -> None:
     form = replace(FORM, key="00000000deadbeef")
-    (shelf_folder() / f"{form.key}.glb").write_bytes(b"glTF, or so it says")
-    report = engine.spawn(world(FLOOR, body("mug", (0, 0, 1), (0.1, 0.2, 0.3))), forms={MUG: form})
+    (geometry_cache_dir() / f"{form.key}.glb").write_bytes(b"glTF, or so it says")
+    report = engine.spawn(world(FLOOR, body("mug", (0, 0, 1), (0.1, 0.2, 0.3))), geometry={MUG: form})
     assert report.ok
     assert [note.ids for note in report.notes if form.key in note.text or "mug" in note.ids] == [("mug",)]
 
@@ -81,27 +86,32 @@ def test_a_scene_cannot_be_saved_where_there_is_no_folder(engine: GodotEngine, t
 
 def test_without_a_window_there_is_no_photograph_and_it_is_said(engine: GodotEngine, tmp_path: Path) -> None:
     with pytest.raises(WorldError, match="window"):
-        engine.photograph(tmp_path / "picture.png", eye=(3, 3, 3), target=(0, 0, 0))
+        engine.screenshot(tmp_path / "picture.png", eye=(3, 3, 3), target=(0, 0, 0))
     assert not (tmp_path / "picture.png").exists()
 
 
 def test_a_godot_at_somebody_elses_bridge_is_driven_from_afar(godot: Path) -> None:
-    with Hub() as hub, Server(hub, port=0, token="secret") as server:
+    with LocalNode() as hub, RosbridgeServer(hub, port=0, token="secret") as server:
         found = find_godot(godot)
         process = GodotProcess(
-            found, ready_project(found), url=server.url, token="secret", namespace="lab/place", forms=shelf_folder()
+            found,
+            prepare_project(found),
+            url=server.url,
+            token="secret",
+            namespace="lab/place",
+            mesh_dir=geometry_cache_dir(),
         )
         try:
             engine = _met(f"ros://127.0.0.1:{server.port}/lab/place?token=secret", process)
             with closing(engine):
-                assert isinstance(engine, PlannedEngine)
+                assert isinstance(engine, CompiledRemoteEngine)
                 assert engine.spawn(room()).ok
                 engine.set_pose(BodyId("drawer"), Pose((0.2, 0, 0.3)))
-                assert difference(room(), engine.log()).lost == ()
-            assert process.runs  # it is somebody else's
+                assert diff(room(), engine.snapshot()).lost == ()
+            assert process.is_running  # it is somebody else's
         finally:
-            process.end()
-        assert not process.runs
+            process.terminate()
+        assert not process.is_running
 
 
 def _met(address: str, process: GodotProcess) -> RemoteEngine:
@@ -110,8 +120,8 @@ def _met(address: str, process: GodotProcess) -> RemoteEngine:
     while True:
         try:
             return RemoteEngine.connect(address)
-        except EngineUnavailable:
-            if time.monotonic() > until_s or not process.runs:
+        except EngineUnavailableError:
+            if time.monotonic() > until_s or not process.is_running:
                 raise
             time.sleep(0.1)
 
@@ -121,9 +131,9 @@ def test_what_has_thin_walls_stands_still_and_thin_things_do_not_fall_through_ea
     shelf = body("shelf", (0, 0, 0.5), (1.5, 1.5, 0.003))
     cups = [body("standing", (1, 0, 0.05), size, "dynamic", 0.3), body("falling", (0, 0, 3.0), size, "dynamic", 0.3)]
     tray = body("tray", (0.4, 0.4, 4.0), thin, "dynamic", 0.3)
-    cup = bin_form(size, wall=0.003)
-    assert engine.spawn(world(FLOOR, shelf, *cups, tray), forms={each.id: cup for each in cups}).ok
+    cup = bin_geometry(size, wall=0.003)
+    assert engine.spawn(world(FLOOR, shelf, *cups, tray), geometry={each.id: cup for each in cups}).ok
     engine.step(5.0)
-    assert pose_of(engine, "standing") == pytest.approx((1, 0, 0.05, 1, 0, 0, 0), abs=1e-4)
+    assert current_pose(engine, "standing") == pytest.approx((1, 0, 0.05, 1, 0, 0, 0), abs=1e-4)
     for fallen in ("falling", "tray"):
-        assert pose_of(engine, fallen)[2] > 0.5
+        assert current_pose(engine, fallen)[2] > 0.5

@@ -15,7 +15,7 @@ import pytest
 from mindstage.engines import GodotEngine
 
 from .contract import PhysicsContract
-from .forms_contract import FormsContract
+from .forms_contract import GeometryContract
 
 
 @pytest.fixture(scope="module")
@@ -24,11 +24,11 @@ def running(godot: Path) -> Iterator[GodotEngine]:
         yield engine
 
 
-class TestGodotEngine(PhysicsContract, FormsContract):
-    put = 1e-5
-    held = 1e-5
-    limit_m = 0.002
-    limit_rad = np.radians(0.5)
+class TestGodotEngine(PhysicsContract, GeometryContract):
+    placement_tolerance = 1e-5
+    attachment_tolerance = 1e-5
+    limit_tolerance_m = 0.002
+    limit_tolerance_rad = np.radians(0.5)
 
     @pytest.fixture
     def engine(self, request: pytest.FixtureRequest, godot: Path) -> Iterator[GodotEngine]:

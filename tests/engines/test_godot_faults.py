@@ -15,10 +15,16 @@ from pathlib import Path
 
 import pytest
 
-from mindstage.bridge import Client
+from mindstage.bridge import RosbridgeClient
 from mindstage.engines import GodotEngine
-from mindstage.engines.godot import Godot, find_godot, program, project
-from mindstage.errors import AccessRefused, BodyUnknown, EngineClosed, EngineTimedOut, EngineUnavailable
+from mindstage.engines.godot import GodotExecutable, find_godot, program, project
+from mindstage.errors import (
+    AuthenticationError,
+    BodyNotFoundError,
+    EngineClosedError,
+    EngineTimeoutError,
+    EngineUnavailableError,
+)
 from mindstage.world import BodyId
 
 from .scenes import FLOOR, body, room, world
@@ -59,19 +65,19 @@ def is_gone(pid: int, *, within_s: float = 30.0) -> bool:
 
 
 def test_a_program_that_is_not_there_is_named_and_how_to_get_one() -> None:
-    with pytest.raises(EngineUnavailable, match=r"no program '/nowhere/godot'.*install Godot 4\.4 or later"):
+    with pytest.raises(EngineUnavailableError, match=r"no program '/nowhere/godot'.*install Godot 4\.4 or later"):
         GodotEngine("/nowhere/godot")
 
 
 def test_no_godot_anywhere_says_how_to_get_one(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(program, "_candidates", lambda: iter(()))
-    with pytest.raises(EngineUnavailable, match=r"no Godot on this machine.*GODOT"):
+    with pytest.raises(EngineUnavailableError, match=r"no Godot on this machine.*GODOT"):
         find_godot()
 
 
 @pytest.mark.parametrize("version", ["3.5.2.stable", "4.3.stable.official"])
 def test_a_godot_that_is_too_old_is_refused(version: str, make_program: Make) -> None:
-    with pytest.raises(EngineUnavailable, match=rf"Godot {version}, and 4\.4 or later"):
+    with pytest.raises(EngineUnavailableError, match=rf"Godot {version}, and 4\.4 or later"):
         find_godot(make_program(version=version))
 
 
@@ -81,13 +87,13 @@ def test_a_godot_that_is_new_enough_is_taken(version: str, make_program: Make) -
 
 
 def test_a_program_that_is_no_godot_is_refused_with_what_it_said(make_program: Make) -> None:
-    with pytest.raises(EngineUnavailable, match="does not say its version: no display today"):
+    with pytest.raises(EngineUnavailableError, match="does not say its version: no display today"):
         find_godot(make_program(asked="echo no display today >&2; exit 1"))
 
 
 def test_a_program_that_never_answers_is_given_up(make_program: Make, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(program, "_ASKING_S", 0.3)
-    with pytest.raises(EngineUnavailable, match=r"does not say its version within 0\.3 s"):
+    monkeypatch.setattr(program, "_VERSION_TIMEOUT_S", 0.3)
+    with pytest.raises(EngineUnavailableError, match=r"does not say its version within 0\.3 s"):
         find_godot(make_program(asked="exec sleep 60"))
 
 
@@ -95,7 +101,7 @@ def test_a_file_that_is_no_program_does_not_run(tmp_path: Path) -> None:
     path = tmp_path / "godot"
     path.write_bytes(b"\x7fELF and nothing more")
     path.chmod(0o755)
-    with pytest.raises(EngineUnavailable, match="does not run"):
+    with pytest.raises(EngineUnavailableError, match="does not run"):
         find_godot(path)
 
 
@@ -105,30 +111,30 @@ def test_the_project_is_copied_once_and_anew_when_it_or_godot_changes(
     shipped = tmp_path / "shipped"
     (shipped / "addons").mkdir(parents=True)
     (shipped / "project.godot").write_text("one")
-    monkeypatch.setattr(project, "shipped_project", lambda: shipped)
+    monkeypatch.setattr(project, "bundled_project", lambda: shipped)
     path = make_program()
-    first = project.ready_project(Godot(path, "4.6.3"))
+    first = project.prepare_project(GodotExecutable(path, "4.6.3"))
     assert (first / "project.godot").read_text() == "one"
-    assert project.ready_project(Godot(path, "4.6.3")) == first
-    assert project.ready_project(Godot(path, "4.7")) != first
+    assert project.prepare_project(GodotExecutable(path, "4.6.3")) == first
+    assert project.prepare_project(GodotExecutable(path, "4.7")) != first
     (shipped / "project.godot").write_text("two")
-    second = project.ready_project(Godot(path, "4.6.3"))
+    second = project.prepare_project(GodotExecutable(path, "4.6.3"))
     assert (second / "project.godot").read_text() == "two"
     assert first.is_dir()
 
 
 def test_copies_of_the_project_that_nobody_starts_any_more_are_removed(make_program: Make, tmp_path: Path) -> None:
     path = make_program()
-    copies = [project.ready_project(Godot(path, f"4.4.{number}")) for number in range(5)]
+    copies = [project.prepare_project(GodotExecutable(path, f"4.4.{number}")) for number in range(5)]
     long_ago_s = time.time() - 30 * 24 * 3600
     for age, copy in enumerate(copies):
         os.utime(copy, (long_ago_s - age, long_ago_s - age))
     abandoned = copies[0].parent / ".making-by-somebody-who-was-killed"
     abandoned.mkdir()
     os.utime(abandoned, (0, 0))
-    project.homes()
-    assert project.ready_project(Godot(path, "4.4.3")) == copies[3]  # it is used, and so it is young
-    newest = project.ready_project(Godot(path, "4.5"))
+    project.isolated_environment()
+    assert project.prepare_project(GodotExecutable(path, "4.4.3")) == copies[3]  # it is used, and so it is young
+    newest = project.prepare_project(GodotExecutable(path, "4.5"))
     left = {each.name for each in newest.parent.iterdir()}
     assert left == {newest.name, copies[3].name, copies[0].name, "home"}
 
@@ -140,7 +146,7 @@ def test_a_project_that_cannot_be_prepared_leaves_nothing_half_done(
     path = tmp_path / "broken"
     path.write_text('#!/bin/sh\ncase "$*" in *--version*) echo 4.6;; *) echo no room; exit 3;; esac\n')
     path.chmod(0o755)
-    with pytest.raises(EngineUnavailable, match=r"exit code 3\): no room"):
+    with pytest.raises(EngineUnavailableError, match=r"exit code 3\): no room"):
         GodotEngine(path)
     assert [each.name for each in (tmp_path / "mindstage" / "godot").iterdir() if each.name != "home"] == []
 
@@ -149,23 +155,23 @@ def test_a_project_that_cannot_be_prepared_leaves_nothing_half_done(
 
 
 def test_a_godot_that_ends_at_once_is_told_with_its_last_words(make_program: Make) -> None:
-    with pytest.raises(EngineUnavailable, match=r"did not start: it ended with exit code 7.*my last words"):
+    with pytest.raises(EngineUnavailableError, match=r"did not start: it ended with exit code 7.*my last words"):
         GodotEngine(make_program(runs="echo my last words; exit 7"))
 
 
 def test_a_godot_that_never_offers_anything_is_given_up_and_ended(make_program: Make, tmp_path: Path) -> None:
     pid = tmp_path / "pid"
     runs = f"echo $$ >{pid}; echo thinking; exec sleep 600"
-    with pytest.raises(EngineUnavailable, match=r"after 1 s it offers no service; it said: thinking"):
-        GodotEngine(make_program(runs=runs), start_s=1.0)
+    with pytest.raises(EngineUnavailableError, match=r"after 1 s it offers no service; it said: thinking"):
+        GodotEngine(make_program(runs=runs), start_timeout_s=1.0)
     assert is_gone(int(pid.read_text()))
 
 
 def test_a_godot_that_does_not_want_to_end_is_ended(make_program: Make, tmp_path: Path) -> None:
     pid = tmp_path / "pid"
     runs = f"trap '' TERM; echo $$ >{pid}; while :; do sleep 0.1; done"
-    with pytest.raises(EngineUnavailable):
-        GodotEngine(make_program(runs=runs), start_s=0.5)
+    with pytest.raises(EngineUnavailableError):
+        GodotEngine(make_program(runs=runs), start_timeout_s=0.5)
     assert is_gone(int(pid.read_text()))
 
 
@@ -186,7 +192,7 @@ def test_a_godot_killed_while_it_spawns_is_told_at_once_and_another_can_be_start
     def spawn() -> None:
         try:
             engine.spawn(room())
-        except EngineUnavailable as error:
+        except EngineUnavailableError as error:
             errors.append(error)
 
     os.kill(engine.pid, signal.SIGSTOP)  # so that the spawning has begun and has not ended
@@ -197,10 +203,10 @@ def test_a_godot_killed_while_it_spawns_is_told_at_once_and_another_can_be_start
     thread.join(20.0)
     assert not thread.is_alive()
     assert "SIGKILL" in str(errors[0])
-    with pytest.raises(EngineUnavailable, match="SIGKILL"):
+    with pytest.raises(EngineUnavailableError, match="SIGKILL"):
         engine.poses()
     engine.close()
-    with pytest.raises(EngineClosed):
+    with pytest.raises(EngineClosedError):
         engine.poses()
     with closing(GodotEngine(godot)) as other:
         assert other.spawn(room()).ok
@@ -209,8 +215,8 @@ def test_a_godot_killed_while_it_spawns_is_told_at_once_and_another_can_be_start
 def test_a_godot_that_hangs_is_given_up_in_time_and_ended(godot: Path) -> None:
     with closing(GodotEngine(godot, timeout_s=1.0)) as engine:
         os.kill(engine.pid, signal.SIGSTOP)
-        with pytest.raises(EngineTimedOut, match="did not answer"):
-            engine.log()
+        with pytest.raises(EngineTimeoutError, match="did not answer"):
+            engine.snapshot()
     assert is_gone(engine.pid)
 
 
@@ -228,8 +234,8 @@ def test_two_run_side_by_side_and_neither_knows_of_the_other(engine: GodotEngine
 
 
 def test_nobody_else_can_join_its_bridge(engine: GodotEngine) -> None:
-    client = Client(engine._link.address.url, longest_delay_s=0.2)
-    with closing(client), pytest.raises(AccessRefused):
+    client = RosbridgeClient(engine._client.address.url, max_reconnect_delay_s=0.2)
+    with closing(client), pytest.raises(AuthenticationError):
         client.wait_connected(10.0)
 
 
@@ -261,7 +267,7 @@ def test_an_unknown_body_is_refused_without_asking_godot(engine: GodotEngine) ->
     engine.spawn(world(FLOOR))
     os.kill(engine.pid, signal.SIGSTOP)
     try:
-        with pytest.raises(BodyUnknown):
-            engine.push(BodyId("flor"), (1.0, 0.0, 0.0))
+        with pytest.raises(BodyNotFoundError):
+            engine.apply_force(BodyId("flor"), (1.0, 0.0, 0.0))
     finally:
         os.kill(engine.pid, signal.SIGCONT)

@@ -13,13 +13,13 @@ import pytest
 from mindstage.engines import Engine, GodotEngine, MujocoEngine, SpawnReport
 from mindstage.knowledge import KnowledgeBase, bundled_kitchen
 from mindstage.knowledge.bundled import BUNDLED_KITCHEN
-from mindstage.shapes import forms_for
-from mindstage.world import BodyId, Constraint, Forms, Motion, World, difference
-from mindstage.world.geometry import invert, rotate, rotation_angle, unit
+from mindstage.shapes import fit_geometry
+from mindstage.world import AxisMotion, BodyId, GeometryMap, Joint, World, diff
+from mindstage.world.geometry import normalize, pose_inverse, quat_angle, quat_rotate
 from tests.cli.conftest import run  # noqa: F401 - a fixture
-from tests.cli.typed import Run, told
+from tests.cli.typed import Run, json_output
 
-from .contract import pose_of
+from .contract import current_pose
 
 SAME_M, SAME_RAD = 0.002, np.radians(0.5)
 SAMPLES = ("iai-kitchen-original", "iai-kitchen-spawned", "ameva-task-two", "knowrob1-ccrl", "soma-iai-room")
@@ -41,18 +41,18 @@ class Kitchen(NamedTuple):
     """A map, and what its bodies are made of."""
 
     world: World
-    forms: Forms
+    forms: GeometryMap
 
     def spawn(self, engine: Engine) -> SpawnReport:
         """As a stage does."""
-        return engine.spawn(self.world, forms=self.forms)
+        return engine.spawn(self.world, geometry=self.forms)
 
 
 def read(path: Path) -> Kitchen:
     with KnowledgeBase() as knowledge:
         knowledge.load([path])
         world = knowledge.world()
-        return Kitchen(world, forms_for(world, knowledge).forms)
+        return Kitchen(world, fit_geometry(world, knowledge).geometry)
 
 
 @pytest.fixture(scope="module")
@@ -66,29 +66,29 @@ def test_a_map_of_any_dialect_comes_back_with_every_fact_and_tag(
 ) -> None:
     kitchen = read(shared_data / "maps" / f"{name}.owl")
     assert kitchen.spawn(engine).ok
-    assert difference(kitchen.world, engine.log()).identical(0.0)
+    assert diff(kitchen.world, engine.snapshot()).identical(0.0)
 
 
 def test_the_bundled_kitchen_comes_back_and_stays_as_it_is_when_left_alone(
     engine: GodotEngine, bundled: Kitchen
 ) -> None:
     assert bundled.spawn(engine).ok
-    assert difference(bundled.world, engine.log()).identical(0.0)
+    assert diff(bundled.world, engine.snapshot()).identical(0.0)
     ids, before = engine.poses()
     engine.step(10.0)
     after = engine.poses()[1]
     moved = np.linalg.norm(after[:, :3] - before[:, :3], axis=1)
     assert moved.max() < 0.001, ids[int(moved.argmax())]
-    logged = engine.log()
-    assert difference(bundled.world, logged).lost == ()
-    assert logged.constraints == bundled.world.constraints
+    logged = engine.snapshot()
+    assert diff(bundled.world, logged).lost == ()
+    assert logged.joints == bundled.world.joints
 
 
 def test_check_finds_nothing_lost_in_godot(run: Run, godot: Path, monkeypatch: pytest.MonkeyPatch) -> None:  # noqa: F811
     monkeypatch.setenv("GODOT", str(godot))
     result = run("check", BUNDLED_KITCHEN, "--engine", "godot", "--json")
     assert result.exit_code == 0
-    found = told(result)
+    found = json_output(result)
     assert (found["engine"], found["identical"], found["lost_facts"]) == ("godot", True, 0)
     assert found["spawn"]["ok"]
 
@@ -103,7 +103,7 @@ def test_a_map_becomes_a_scene_of_godots(
     out = tmp_path / "kitchen.tscn"
     result = run("convert", BUNDLED_KITCHEN, out, "--json")
     assert result.exit_code == 0
-    assert told(result)["format"] == "tscn"
+    assert json_output(result)["format"] == "tscn"
     scene = out.read_text(encoding="utf-8")
     assert scene.startswith("[gd_scene")
     assert scene.count("[node ") > 120
@@ -118,8 +118,8 @@ def test_without_godot_there_is_no_scene_and_it_is_said_how_to_get_one(
     monkeypatch.setenv("GODOT", str(tmp_path / "nowhere"))
     result = run("convert", BUNDLED_KITCHEN, tmp_path / "kitchen.tscn", "--json")
     assert result.exit_code == 2
-    assert told(result)["error"]["kind"] == "EngineUnavailable"
-    assert "install Godot" in told(result)["error"]["message"]
+    assert json_output(result)["error"]["kind"] == "EngineUnavailable"
+    assert "install Godot" in json_output(result)["error"]["message"]
     assert not (tmp_path / "kitchen.tscn").exists()
 
 
@@ -138,38 +138,40 @@ def handle_of(kitchen: World, moving: BodyId) -> BodyId:
     return moving
 
 
-def opened(engine: Engine, constraint: Constraint, handle: BodyId, way: int) -> float:
+def opened(engine: Engine, constraint: Joint, handle: BodyId, way: int) -> float:
     """How far a joint gets when its handle is pulled for three seconds [m or rad]."""
-    slides = constraint.linear.x is not Motion.LOCKED
-    axis = (1.0, 0, 0) if slides else ((0, 0, 1.0) if constraint.angular.swing1 is not Motion.LOCKED else (0, 1.0, 0))
-    direction = rotate(unit(constraint.pose.quaternion), axis)
-    start = pose_of(engine, handle)
+    slides = constraint.linear.x is not AxisMotion.LOCKED
+    axis = (
+        (1.0, 0, 0) if slides else ((0, 0, 1.0) if constraint.angular.swing1 is not AxisMotion.LOCKED else (0, 1.0, 0))
+    )
+    direction = quat_rotate(normalize(constraint.pose.quaternion), axis)
+    start = current_pose(engine, handle)
     for _ in range(30):
-        place = pose_of(engine, handle)[:3]
+        place = current_pose(engine, handle)[:3]
         force = direction if slides else np.cross(direction, place - constraint.pose.position)
-        engine.push(handle, tuple((way * 35.0 * force / np.linalg.norm(force)).tolist()), tuple(place.tolist()))
+        engine.apply_force(handle, tuple((way * 35.0 * force / np.linalg.norm(force)).tolist()), tuple(place.tolist()))
         engine.step(0.1)
-    end = pose_of(engine, handle)
+    end = current_pose(engine, handle)
     if slides:
         return float(np.linalg.norm(end[:3] - start[:3]))
-    return float(rotation_angle(start[3:], end[3:]))
+    return float(quat_angle(start[3:], end[3:]))
 
 
-def doors_and_drawers(kitchen: World, engine: Engine) -> Iterator[tuple[Constraint, BodyId]]:
+def doors_and_drawers(kitchen: World, engine: Engine) -> Iterator[tuple[Joint, BodyId]]:
     """Each constraint that can move, and the handle on what moves."""
     movable = engine.joint_positions()
-    moves = {body.id for body in kitchen.bodies if body.physics.simulates}
-    for constraint in kitchen.constraints:
+    moves = {body.id for body in kitchen.bodies if body.physics.is_dynamic}
+    for constraint in kitchen.joints:
         if constraint.id in movable:
             yield constraint, handle_of(kitchen, next(e for e in (constraint.child, constraint.parent) if e in moves))
 
 
-def limit_of(constraint: Constraint) -> float:
+def limit_of(constraint: Joint) -> float:
     angular = constraint.angular
     return constraint.linear.limit or max(angular.swing1_limit, angular.swing2_limit)
 
 
-def opened_either_way(engine: Engine, kitchen: Kitchen, constraint: Constraint, handle: BodyId) -> float:
+def opened_either_way(engine: Engine, kitchen: Kitchen, constraint: Joint, handle: BodyId) -> float:
     """How far it gets the way that is not into the furniture."""
     reached = []
     for way in (1, -1):
@@ -197,7 +199,7 @@ def test_doors_and_drawers_open_to_their_limits_by_their_handles(engine: GodotEn
     bundled.spawn(engine)
     tried = 0
     for constraint, handle in list(doors_and_drawers(bundled.world, engine))[::5]:
-        slides = constraint.linear.x is not Motion.LOCKED
+        slides = constraint.linear.x is not AxisMotion.LOCKED
         reached = opened_either_way(engine, bundled, constraint, handle)
         assert reached == pytest.approx(limit_of(constraint), abs=SAME_M if slides else SAME_RAD), constraint.id
         tried += 1
@@ -215,8 +217,8 @@ def test_what_is_inside_stays_inside_while_it_is_opened(
     joints = doors_and_drawers(bundled.world, engine)
     constraint, handle = next(each for each in joints if moving in (each[0].parent, each[0].child))
     assert opened_either_way(engine, bundled, constraint, handle) > 0.4
-    room, thing = pose_of(engine, holder), pose_of(engine, inside)
-    away = rotate(invert(room)[3:], thing[:3] - room[:3])
+    room, thing = current_pose(engine, holder), current_pose(engine, inside)
+    away = quat_rotate(pose_inverse(room)[3:], thing[:3] - room[:3])
     size = bundled.world.body(BodyId(holder)).size
     assert size is not None
     assert (np.abs(away) < np.array(size) / 2).all()

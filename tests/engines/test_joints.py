@@ -7,16 +7,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mindstage.engines.joints import Axis, place_from, place_of
-from mindstage.world import Soft
+from mindstage.engines.joints import JointAxis, joint_coordinates, pose_from_joint_coordinates
+from mindstage.world import SoftLimit
 
-SIX = tuple(Axis(index, None, Soft()) for index in (0, 1, 2, 5, 4, 3))
+SIX = tuple(JointAxis(index, None, SoftLimit()) for index in (0, 1, 2, 5, 4, 3))
 lengths, wide, narrow = st.floats(-3, 3), st.floats(-3.1, 3.1), st.floats(-1.5, 1.5)
 
 
 @given(st.tuples(lengths, lengths, lengths, wide, narrow, wide))
 def test_coordinates_of_six_axes_come_back(place: tuple[float, ...]) -> None:
-    np.testing.assert_allclose(place_of(place_from(place), SIX), place, atol=1e-6)
+    np.testing.assert_allclose(joint_coordinates(pose_from_joint_coordinates(place), SIX), place, atol=1e-6)
 
 
 @pytest.mark.parametrize("index", [3, 4, 5])
@@ -24,4 +24,8 @@ def test_coordinates_of_six_axes_come_back(place: tuple[float, ...]) -> None:
 def test_one_hinge_turns_all_the_way(index: int, angle: float) -> None:
     place = np.zeros(6)
     place[index] = angle
-    np.testing.assert_allclose(place_of(place_from(place.tolist()), (Axis(index, None, Soft()),)), place, atol=1e-9)
+    np.testing.assert_allclose(
+        joint_coordinates(pose_from_joint_coordinates(place.tolist()), (JointAxis(index, None, SoftLimit()),)),
+        place,
+        atol=1e-9,
+    )

@@ -9,15 +9,15 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from mindstage.engines import MujocoEngine, NoteKind, SpawnReport
+from mindstage.engines import MujocoEngine, SpawnNoteKind, SpawnReport
 from mindstage.knowledge import KnowledgeBase, bundled_kitchen
-from mindstage.shapes.fitting import forms_for
-from mindstage.world import Body, BodyId, Constraint, Forms, Iri, Mobility, Motion, Physics, Pose, World
-from mindstage.world.boxes import Boxes
-from mindstage.world.geometry import pose_array, rotate, rotation_angle, unit
-from mindstage.world.travel import reaches
+from mindstage.shapes.fitting import fit_geometry
+from mindstage.world import AxisMotion, Body, BodyId, BodyPhysics, GeometryMap, Iri, Joint, Mobility, Pose, World
+from mindstage.world.boxes import OrientedBoxes
+from mindstage.world.geometry import normalize, pose_array, quat_angle, quat_rotate
+from mindstage.world.travel import joint_reach
 
-from .contract import pose_of
+from .contract import current_pose
 from .test_kitchens import doors_and_drawers, opened
 
 
@@ -25,16 +25,16 @@ class Kitchen(NamedTuple):
     """A map, and what its bodies are made of."""
 
     world: World
-    forms: Forms
+    forms: GeometryMap
     knowledge: KnowledgeBase
 
     def spawned(self, *more: Body) -> tuple[MujocoEngine, SpawnReport]:
         """An engine in which it stands, with something more."""
         engine = MujocoEngine()
-        report = engine.spawn(self.world, forms=self.forms)
+        report = engine.spawn(self.world, geometry=self.forms)
         if more:
             extra = World(iri=Iri("http://example.org/more.owl#map"), bodies=more)
-            assert engine.spawn(extra, forms=forms_for(extra, self.knowledge).forms).ok
+            assert engine.spawn(extra, geometry=fit_geometry(extra, self.knowledge).geometry).ok
         return engine, report
 
 
@@ -42,7 +42,7 @@ def read(path: Path) -> Kitchen:
     knowledge = KnowledgeBase()
     knowledge.load([path])
     world = knowledge.world()
-    return Kitchen(world, forms_for(world, knowledge).forms, knowledge)
+    return Kitchen(world, fit_geometry(world, knowledge).geometry, knowledge)
 
 
 @pytest.fixture(scope="module")
@@ -62,7 +62,7 @@ def kitchen(request: pytest.FixtureRequest) -> Kitchen:
 
 def overlapping(report: SpawnReport) -> int:
     """How many pairs stand in one another, told or not."""
-    return sum(len(note.ids) - 1 for note in report.notes if note.kind is NoteKind.OVERLAP)
+    return sum(len(note.ids) - 1 for note in report.notes if note.kind is SpawnNoteKind.OVERLAP)
 
 
 def test_a_kitchen_of_forms_left_alone_for_ten_seconds_stays_and_falls_asleep(kitchen: Kitchen) -> None:
@@ -72,33 +72,33 @@ def test_a_kitchen_of_forms_left_alone_for_ten_seconds_stays_and_falls_asleep(ki
     engine.step(10.0)
     moved = np.linalg.norm(engine.poses()[1][:, :3] - before[:, :3], axis=1)
     assert moved.max() < 0.01, ids[int(moved.argmax())]
-    assert (engine._keeper.live().data.tree_asleep >= 0).all(), "something never comes to rest"
+    assert (engine._cache.model().data.tree_asleep >= 0).all(), "something never comes to rest"
 
 
 def test_fewer_pairs_are_kept_apart_than_of_boxes(kitchen: Kitchen) -> None:
     boxes = MujocoEngine().spawn(kitchen.world)
     formed = kitchen.spawned()[1]
     assert overlapping(formed) < overlapping(boxes)
-    assert not [note for note in formed.notes if note.kind is NoteKind.HOLLOW]
+    assert not [note for note in formed.notes if note.kind is SpawnNoteKind.HOLLOW]
 
 
 def test_nothing_loose_stands_in_anything_solid(bundled: Kitchen) -> None:
     """So everything in the kitchen is held up by what it stands on or in."""
     report = bundled.spawned()[1]
-    assert [note.text for note in report.notes if note.kind is NoteKind.OVERLAP] == []
+    assert [note.text for note in report.notes if note.kind is SpawnNoteKind.OVERLAP] == []
 
 
 def test_every_door_and_drawer_of_forms_opens_to_its_limit_by_its_handle(kitchen: Kitchen) -> None:
     engine, _ = kitchen.spawned()
     engine.step(1.0)
-    closed = engine.save()
+    closed = engine.save_state()
     tried = 0
     for constraint, handle in doors_and_drawers(kitchen.world, engine):
-        limit = max(reach or 0.0 for reach in reaches(constraint))
-        tolerance = 0.001 if constraint.linear.x is not Motion.LOCKED else np.radians(0.5)
+        limit = max(reach or 0.0 for reach in joint_reach(constraint))
+        tolerance = 0.001 if constraint.linear.x is not AxisMotion.LOCKED else np.radians(0.5)
         reached = []
         for way in (1, -1):
-            engine.restore(closed)
+            engine.restore_state(closed)
             reached.append(opened(engine, constraint, handle, way))
             if abs(reached[-1] - limit) < tolerance:
                 break
@@ -114,21 +114,21 @@ def thing(world: World, like: str, position: np.ndarray) -> Body:
     """One more of something, upright."""
     model = world.body(like)
     x, y, z = position.tolist()
-    physics = Physics(mobility=Mobility.DYNAMIC, mass_kg=0.4, gravity=True)
+    physics = BodyPhysics(mobility=Mobility.DYNAMIC, mass_kg=0.4, gravity=True)
     return Body(
         id=BodyId("brought"), iri=Iri("http://example.org/more.owl#brought"), cls=model.cls,
         pose=Pose((x, y, z)), size=model.size, physics=physics,
     )  # fmt: skip
 
 
-def pulled(engine: MujocoEngine, constraint: Constraint, handle: BodyId) -> Iterator[float]:
+def pulled(engine: MujocoEngine, constraint: Joint, handle: BodyId) -> Iterator[float]:
     """Opens, then closes again by the same handle; tells how far it is open each time [m or rad]."""
-    closed = engine.save()
+    closed = engine.save_state()
     far = {}
     for way in (1, -1):
-        engine.restore(closed)
+        engine.restore_state(closed)
         far[way] = opened(engine, constraint, handle, way)
-    engine.restore(closed)
+    engine.restore_state(closed)
     way = max(far, key=far.__getitem__)
     yield opened(engine, constraint, handle, way)
     opened(engine, constraint, handle, -way)
@@ -137,7 +137,7 @@ def pulled(engine: MujocoEngine, constraint: Constraint, handle: BodyId) -> Iter
     yield max(positions, key=abs) * np.sign(far[way])
 
 
-def joint_of(kitchen: Kitchen, engine: MujocoEngine, name: str) -> tuple[Constraint, BodyId]:
+def joint_of(kitchen: Kitchen, engine: MujocoEngine, name: str) -> tuple[Joint, BodyId]:
     return next((c, h) for c, h in doors_and_drawers(kitchen.world, engine) if name in (c.parent, c.child))
 
 
@@ -149,33 +149,33 @@ def test_a_mug_put_into_a_drawer_stays_in_it_through_opening_and_closing(bundled
     engine.step(1.0)
     constraint, handle = joint_of(bundled, engine, "drawer_left_4")
     for _ in pulled(engine, constraint, handle):
-        away = pose_of(engine, "brought")[:3] - pose_of(engine, "drawer_left_4")[:3]
+        away = current_pose(engine, "brought")[:3] - current_pose(engine, "drawer_left_4")[:3]
         assert (np.abs(away) < np.array(drawer.size) / 2).all(), away
 
 
 def test_milk_stands_in_the_fridge_with_the_door_closed_and_open(bundled: Kitchen) -> None:
     engine, _ = bundled.spawned()
     milk = next(body.id for body in bundled.world.bodies if "milk" in body.id)
-    before = pose_of(engine, milk)
+    before = current_pose(engine, milk)
     engine.step(2.0)
     constraint, handle = joint_of(bundled, engine, "fridge_door")
     assert next(pulled(engine, constraint, handle)) > 0.7
-    after = pose_of(engine, milk)
+    after = current_pose(engine, milk)
     assert np.linalg.norm(after[:3] - before[:3]) < 0.01
-    assert rotation_angle(after[3:], before[3:]) < 0.05
+    assert quat_angle(after[3:], before[3:]) < 0.05
 
 
 def free_spot(kitchen: Kitchen, host: Body, size: tuple[float, float, float]) -> np.ndarray:
     """The middle of something of a size on a host, where nothing stands near."""
-    place = max(kitchen.forms[host.id].places, key=lambda place: place.size[0] * place.size[1])
+    place = max(kitchen.forms[host.id].support_surfaces, key=lambda place: place.size[0] * place.size[1])
     others = [body for body in kitchen.world.bodies if body.size and body is not host]
     poses = pose_array(body.pose for body in others)
-    poses[:, 3:] = unit(poses[:, 3:])
-    low, high = Boxes.of(poses, np.array([body.size for body in others])).bounds()
+    poses[:, 3:] = normalize(poses[:, 3:])
+    low, high = OrientedBoxes.from_poses(poses, np.array([body.size for body in others])).bounds()
     x, y = np.array(place.size) / 2 - np.array(size[:2])
     for dx, dy in np.stack(np.meshgrid(np.linspace(-x, x, 7), np.linspace(-y, y, 15)), axis=-1).reshape(-1, 2):
-        local = np.add(place.centre, (dx, dy, size[2] / 2 + 0.002))
-        spot = host.pose.position + rotate(unit(host.pose.quaternion), local)
+        local = np.add(place.center, (dx, dy, size[2] / 2 + 0.002))
+        spot = host.pose.position + quat_rotate(normalize(host.pose.quaternion), local)
         reach = np.array(size) / 2 + (0.05, 0.05, 0.0)
         if not ((low < spot + reach) & (high > spot - reach)).all(axis=1).any():
             return np.asarray(spot)
@@ -190,6 +190,6 @@ def test_what_is_put_on_the_counter_rests_there(bundled: Kitchen, kind: str) -> 
     spot = free_spot(bundled, counter, size)
     engine, _ = bundled.spawned(thing(bundled.world, kind, spot))
     engine.step(3.0)
-    brought = pose_of(engine, "brought")
+    brought = current_pose(engine, "brought")
     assert np.linalg.norm(brought[:3] - spot) < 0.01
-    assert rotation_angle(brought[3:], [1, 0, 0, 0]) < 0.02
+    assert quat_angle(brought[3:], [1, 0, 0, 0]) < 0.02

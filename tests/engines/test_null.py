@@ -5,10 +5,10 @@ import pytest
 from mindstage.engines import NullEngine
 
 from .contract import DescriptionContract
-from .forms_contract import FormsDescriptionContract
+from .forms_contract import GeometryDescriptionContract
 
 
-class TestNullEngine(DescriptionContract, FormsDescriptionContract):
+class TestNullEngine(DescriptionContract, GeometryDescriptionContract):
     @pytest.fixture
     def engine(self) -> NullEngine:
         return NullEngine()

@@ -7,33 +7,37 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mindstage.engines.parts import Parts
-from mindstage.engines.solids import Prepared, prepare
-from mindstage.world import Pose, Solid, SolidKind
-from mindstage.world.boxes import Boxes, depths
-from mindstage.world.geometry import compose, rotate, unit
+from mindstage.engines.parts import CollisionShapeBatch
+from mindstage.engines.solids import CompiledGeometry, compile_geometry
+from mindstage.world import CollisionShape, CollisionShapeType, Pose
+from mindstage.world.boxes import OrientedBoxes, penetration_depths
+from mindstage.world.geometry import normalize, pose_multiply, quat_rotate
 
-from .formed import bin_form, plank, wedge_form
+from .formed import bin_geometry, box_shape, wedge_geometry
 
 HERE = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
 numbers = st.floats(-0.6, 0.6)
 sizes = st.tuples(*[st.floats(0.1, 1.0)] * 3)
 poses = st.tuples(numbers, numbers, numbers, *[st.floats(0.1, 1)] * 4)
-kinds = st.sampled_from(SolidKind)
+kinds = st.sampled_from(CollisionShapeType)
 
 
-def of(kind: SolidKind, size: tuple[float, float, float]) -> Solid:
+def of(kind: CollisionShapeType, size: tuple[float, float, float]) -> CollisionShape:
     """A solid of a size; as a hull it is the box's corners."""
     corners = tuple(
         (i * size[0] / 2, j * size[1] / 2, k * size[2] / 2) for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)
     )
-    return Solid(kind=kind, size=size, points=corners if kind is SolidKind.HULL else ())
+    return CollisionShape(type=kind, size=size, points=corners if kind is CollisionShapeType.HULL else ())
 
 
-def depth(one: Prepared, other: Prepared, where: tuple[float, ...]) -> float:
+def depth(one: CompiledGeometry, other: CompiledGeometry, where: tuple[float, ...]) -> float:
     placed = np.array([HERE, where])
-    placed[:, 3:] = unit(placed[:, 3:])
-    return float(Parts.of(placed, [one, other]).depths(np.array([0]), np.array([1]), np.array([9.0]))[0])
+    placed[:, 3:] = normalize(placed[:, 3:])
+    return float(
+        CollisionShapeBatch.from_compiled(placed, [one, other]).penetration_depths(
+            np.array([0]), np.array([1]), np.array([9.0])
+        )[0]
+    )
 
 
 def at(x: float, y: float = 0.0, z: float = 0.0) -> tuple[float, ...]:
@@ -43,59 +47,59 @@ def at(x: float, y: float = 0.0, z: float = 0.0) -> tuple[float, ...]:
 @pytest.mark.parametrize(
     ("one", "other", "where", "expected"),
     [
-        (SolidKind.BOX, SolidKind.BOX, at(0.9), 0.1),
-        (SolidKind.SPHERE, SolidKind.SPHERE, at(0.6, 0.6), 1.0 - 0.72**0.5),
-        (SolidKind.CYLINDER, SolidKind.CYLINDER, at(0.6, 0.6), 1.0 - 0.72**0.5),
-        (SolidKind.CYLINDER, SolidKind.CYLINDER, at(0.0, 0.0, 0.95), 0.05),
-        (SolidKind.SPHERE, SolidKind.BOX, at(0.0, 0.0, 0.98), 0.02),
-        (SolidKind.HULL, SolidKind.HULL, at(0.95, 0.2), 0.05),
-        (SolidKind.HULL, SolidKind.SPHERE, at(0.0, 0.97), 0.03),
+        (CollisionShapeType.BOX, CollisionShapeType.BOX, at(0.9), 0.1),
+        (CollisionShapeType.SPHERE, CollisionShapeType.SPHERE, at(0.6, 0.6), 1.0 - 0.72**0.5),
+        (CollisionShapeType.CYLINDER, CollisionShapeType.CYLINDER, at(0.6, 0.6), 1.0 - 0.72**0.5),
+        (CollisionShapeType.CYLINDER, CollisionShapeType.CYLINDER, at(0.0, 0.0, 0.95), 0.05),
+        (CollisionShapeType.SPHERE, CollisionShapeType.BOX, at(0.0, 0.0, 0.98), 0.02),
+        (CollisionShapeType.HULL, CollisionShapeType.HULL, at(0.95, 0.2), 0.05),
+        (CollisionShapeType.HULL, CollisionShapeType.SPHERE, at(0.0, 0.97), 0.03),
     ],
 )
 def test_the_depth_is_that_of_the_real_shapes(
-    one: SolidKind, other: SolidKind, where: tuple[float, ...], expected: float
+    one: CollisionShapeType, other: CollisionShapeType, where: tuple[float, ...], expected: float
 ) -> None:
-    pair = prepare((of(one, (1, 1, 1)),)), prepare((of(other, (1, 1, 1)),))
+    pair = compile_geometry((of(one, (1, 1, 1)),)), compile_geometry((of(other, (1, 1, 1)),))
     assert depth(*pair, where) == pytest.approx(expected, abs=1e-9)
 
 
 def test_round_things_in_the_corners_of_each_others_boxes_are_apart() -> None:
-    for kind in (SolidKind.SPHERE, SolidKind.CYLINDER):
-        ball = prepare((of(kind, (1, 1, 1)),))
+    for kind in (CollisionShapeType.SPHERE, CollisionShapeType.CYLINDER):
+        ball = compile_geometry((of(kind, (1, 1, 1)),))
         assert depth(ball, ball, at(0.8, 0.8)) < 0.0
 
 
 @given(kinds, sizes, kinds, sizes, poses)
 def test_what_shares_a_point_is_never_told_to_be_apart(
-    kind: SolidKind,
+    kind: CollisionShapeType,
     size: tuple[float, float, float],
-    other: SolidKind,
+    other: CollisionShapeType,
     other_size: tuple[float, float, float],
     where: tuple[float, ...],
 ) -> None:
     place = np.array(where)
-    place[3:] = unit(place[3:])
+    place[3:] = normalize(place[3:])
     random = np.random.default_rng(1)
     points = inside(kind, size, random.uniform(-0.5, 0.5, (2000, 3)) * size)
     back = compose_points(place, points)
     if len(inside(other, other_size, back)):
-        assert depth(prepare((of(kind, size),)), prepare((of(other, other_size),)), where) >= 0.0
+        assert depth(compile_geometry((of(kind, size),)), compile_geometry((of(other, other_size),)), where) >= 0.0
 
 
-def inside(kind: SolidKind, size: tuple[float, float, float], points: np.ndarray) -> np.ndarray:
+def inside(kind: CollisionShapeType, size: tuple[float, float, float], points: np.ndarray) -> np.ndarray:
     """Those points that lie in a solid round the origin; cylinders count as round as their narrower side."""
     part = points / np.array(size) * 2
     within = np.abs(part).max(axis=1, initial=0.0) <= 1.0
-    if kind is SolidKind.SPHERE:
+    if kind is CollisionShapeType.SPHERE:
         within = np.linalg.norm(part, axis=1) <= 1.0
-    if kind is SolidKind.CYLINDER:
+    if kind is CollisionShapeType.CYLINDER:
         within &= np.linalg.norm(part[:, :2], axis=1) <= 1.0
     return points[within]
 
 
 def compose_points(place: np.ndarray, points: np.ndarray) -> np.ndarray:
     """Points as seen from a pose."""
-    return rotate(place[3:] * (1, -1, -1, -1), points - place[:3])
+    return quat_rotate(place[3:] * (1, -1, -1, -1), points - place[:3])
 
 
 @given(sizes, sizes, poses)
@@ -103,33 +107,42 @@ def test_boxes_are_as_deep_in_one_another_as_boxes_alone(
     size: tuple[float, float, float], other: tuple[float, float, float], where: tuple[float, ...]
 ) -> None:
     placed = np.array([HERE, where])
-    placed[:, 3:] = unit(placed[:, 3:])
-    exact = depths(Boxes.of(placed, np.array([size, other])), np.array([0]), np.array([1]))[0]
-    found = depth(prepare((of(SolidKind.BOX, size),)), prepare((of(SolidKind.BOX, other),)), where)
+    placed[:, 3:] = normalize(placed[:, 3:])
+    exact = penetration_depths(OrientedBoxes.from_poses(placed, np.array([size, other])), np.array([0]), np.array([1]))[
+        0
+    ]
+    found = depth(
+        compile_geometry((of(CollisionShapeType.BOX, size),)),
+        compile_geometry((of(CollisionShapeType.BOX, other),)),
+        where,
+    )
     assert found == pytest.approx(exact) if found > -np.inf else exact <= 0.0
 
 
 def test_something_in_a_bin_touches_its_floor_and_walls_only() -> None:
-    crate, mug = prepare(bin_form((0.5, 0.5, 0.3)).solids), prepare((of(SolidKind.BOX, (0.1, 0.1, 0.1)),))
+    crate, mug = (
+        compile_geometry(bin_geometry((0.5, 0.5, 0.3)).collision_shapes),
+        compile_geometry((of(CollisionShapeType.BOX, (0.1, 0.1, 0.1)),)),
+    )
     assert depth(crate, mug, at(0.0, 0.0, 0.0)) < 0.0
     assert depth(crate, mug, at(0.0, 0.0, -0.085)) == pytest.approx(0.005)
     assert depth(crate, mug, at(0.23, 0.0, 0.0)) == pytest.approx(0.05, abs=1e-9)
 
 
 def test_pairs_of_too_many_solids_are_as_deep_as_was_said() -> None:
-    comb = prepare(tuple(plank((0.01 * i, 0, 0), (0.01 * i + 0.005, 1, 1)) for i in range(600)))
+    comb = compile_geometry(tuple(box_shape((0.01 * i, 0, 0), (0.01 * i + 0.005, 1, 1)) for i in range(600)))
     assert depth(comb, comb, at(0.0, 0.0, 5.0)) == 9.0
 
 
 def test_the_mass_of_a_compound_lies_where_its_parts_are() -> None:
-    two = prepare(
+    two = compile_geometry(
         (
-            of(SolidKind.BOX, (1, 1, 1)),
-            Solid(size=(1, 1, 1), pose=Pose((4.0, 0, 0))),
+            of(CollisionShapeType.BOX, (1, 1, 1)),
+            CollisionShape(size=(1, 1, 1), pose=Pose((4.0, 0, 0))),
         )
     )
     assert two.volume == pytest.approx(2.0)
-    np.testing.assert_allclose(two.middle, (2, 0, 0), atol=1e-12)
+    np.testing.assert_allclose(two.center_of_mass, (2, 0, 0), atol=1e-12)
     np.testing.assert_allclose(np.diag(two.inertia), (1 / 6, 1 / 6 + 4, 1 / 6 + 4), atol=1e-12)
 
 
@@ -137,40 +150,46 @@ def test_the_mass_of_a_compound_lies_where_its_parts_are() -> None:
 def test_a_turned_solid_has_turned_moments(turn: tuple[float, float, float, float]) -> None:
     size = (0.2, 0.3, 0.5)
     ways = {}
-    for kind in (SolidKind.BOX, SolidKind.HULL):
-        ways[kind] = prepare((Solid(kind=kind, size=size, pose=Pose((1, 2, 3), turn), points=of(kind, size).points),))
+    for kind in (CollisionShapeType.BOX, CollisionShapeType.HULL):
+        ways[kind] = compile_geometry(
+            (CollisionShape(type=kind, size=size, pose=Pose((1, 2, 3), turn), points=of(kind, size).points),)
+        )
     box, hull = ways.values()
-    np.testing.assert_allclose(box.middle, (1, 2, 3))
-    np.testing.assert_allclose(hull.middle, box.middle, atol=1e-9)
+    np.testing.assert_allclose(box.center_of_mass, (1, 2, 3))
+    np.testing.assert_allclose(hull.center_of_mass, box.center_of_mass, atol=1e-9)
     np.testing.assert_allclose(hull.inertia, box.inertia, atol=1e-9)
     assert np.linalg.eigvalsh(box.inertia)[0] == pytest.approx((0.2**2 + 0.3**2) / 12)
 
 
 def test_what_is_too_thin_gets_thick_enough_and_a_flat_hull_is_a_box() -> None:
-    flat = Solid(kind=SolidKind.HULL, size=(1, 1, 0), points=((0, 0, 0), (1, 0, 0), (0, 1, 0), (1, 1, 0)))
-    made = prepare((flat, Solid(size=(1, 0.0, 1))))
-    assert [solid.kind for solid in made.solids] == [SolidKind.BOX, SolidKind.BOX]
+    flat = CollisionShape(
+        type=CollisionShapeType.HULL, size=(1, 1, 0), points=((0, 0, 0), (1, 0, 0), (0, 1, 0), (1, 1, 0))
+    )
+    made = compile_geometry((flat, CollisionShape(size=(1, 0.0, 1))))
+    assert [solid.type for solid in made.shapes] == [CollisionShapeType.BOX, CollisionShapeType.BOX]
     assert made.sizes.min() == pytest.approx(0.001)
     np.testing.assert_allclose(made.poses[0, :3], (0.5, 0.5, 0.0))
 
 
 def test_a_hull_beside_its_origin_stands_where_its_points_are() -> None:
-    wedge = wedge_form((0.6, 0.4, 0.3)).solids[0]
+    wedge = wedge_geometry((0.6, 0.4, 0.3)).collision_shapes[0]
     shifted = tuple((x + 5, y, z) for x, y, z in wedge.points)
-    made = prepare((Solid(kind=SolidKind.HULL, size=wedge.size, points=shifted, pose=Pose((-5, 0, 0))),))
-    np.testing.assert_allclose(made.poses[0], compose(HERE, HERE), atol=1e-12)
-    np.testing.assert_allclose(made.middle, (0.1, 0, -0.05), atol=1e-9)
+    made = compile_geometry(
+        (CollisionShape(type=CollisionShapeType.HULL, size=wedge.size, points=shifted, pose=Pose((-5, 0, 0))),)
+    )
+    np.testing.assert_allclose(made.poses[0], pose_multiply(HERE, HERE), atol=1e-12)
+    np.testing.assert_allclose(made.center_of_mass, (0.1, 0, -0.05), atol=1e-9)
 
 
 @pytest.mark.parametrize(
     "broken",
     [
-        Solid(size=(float("inf"), 1, 1)),
-        Solid(size=(-1.0, 1, 1)),
-        Solid(size=(1, 1, 1), pose=Pose((0, 0, 0), (0.0, 0, 0, 0))),
-        Solid(kind=SolidKind.HULL, size=(1, 1, 1), points=((0, 0, float("nan")),)),
+        CollisionShape(size=(float("inf"), 1, 1)),
+        CollisionShape(size=(-1.0, 1, 1)),
+        CollisionShape(size=(1, 1, 1), pose=Pose((0, 0, 0), (0.0, 0, 0, 0))),
+        CollisionShape(type=CollisionShapeType.HULL, size=(1, 1, 1), points=((0, 0, float("nan")),)),
     ],
 )
-def test_numbers_of_no_meaning_are_left_out_and_counted(broken: Solid) -> None:
-    made = prepare((broken, of(SolidKind.BOX, (1, 1, 1))))
-    assert (len(made.solids), made.left_out) == (1, 1)
+def test_numbers_of_no_meaning_are_left_out_and_counted(broken: CollisionShape) -> None:
+    made = compile_geometry((broken, of(CollisionShapeType.BOX, (1, 1, 1))))
+    assert (len(made.shapes), made.invalid_count) == (1, 1)

@@ -4,51 +4,51 @@ from __future__ import annotations
 
 import numpy as np
 
-from mindstage.engines.planning import Planner
-from mindstage.world import NO_FORMS, BodyId, Form, Mobility, Physics, World
-from mindstage.world.geometry import Array, pose_array, rotate, unit_pose
+from mindstage.engines.planning import PhysicsModelBuilder
+from mindstage.world import NO_GEOMETRY, BodyGeometry, BodyId, BodyPhysics, Mobility, World
+from mindstage.world.geometry import Array, normalized_pose_array, pose_array, quat_rotate
 
-from .forms_contract import furnished
-from .scenes import FLOOR, body, hold, room, world
+from .forms_contract import room_geometry
+from .scenes import FLOOR, attachment, body, room, world
 
 NOBODY = np.zeros((0, 7))
 
 
-def planner_of(world: World, forms: dict[BodyId, Form] | None = None) -> tuple[Planner, Array]:
+def planner_of(world: World, forms: dict[BodyId, BodyGeometry] | None = None) -> tuple[PhysicsModelBuilder, Array]:
     """A planner, and where everything stands."""
-    planner = Planner()
-    planner.add(world, NOBODY, forms=forms or NO_FORMS)
+    planner = PhysicsModelBuilder()
+    planner.add(world, NOBODY, geometry=forms or NO_GEOMETRY)
     return planner, pose_array(body.pose for body in world.bodies)
 
 
 def test_a_plan_names_every_body_with_what_of_it_can_be_touched() -> None:
-    planner, _ = planner_of(room(), furnished())
-    plan = planner.plan()
+    planner, _ = planner_of(room(), room_geometry())
+    plan = planner.build_model()
     assert set(plan.bodies) == {body.id for body in room().bodies}
-    assert len(plan.bodies[BodyId("drawer")].solids) == 5
-    assert len(plan.bodies[BodyId("mug")].solids) == 1
+    assert len(plan.bodies[BodyId("drawer")].collision_shapes) == 5
+    assert len(plan.bodies[BodyId("mug")].collision_shapes) == 1
     assert plan.bodies[BodyId("mug")].mass_kg == 0.3
 
 
 def test_a_plain_box_with_contents_is_planned_as_its_plates() -> None:
     planner, _ = planner_of(room())
-    drawer = planner.plan().bodies[BodyId("drawer")]
-    assert len(drawer.solids) == 5
-    assert all(max(abs(c) for c in solid.pose.position) > 0 for solid in drawer.solids)
+    drawer = planner.build_model().bodies[BodyId("drawer")]
+    assert len(drawer.collision_shapes) == 5
+    assert all(max(abs(c) for c in solid.pose.position) > 0 for solid in drawer.collision_shapes)
 
 
 def test_what_hangs_on_something_is_told_by_its_top_and_where_it_is_there() -> None:
     knob = body("knob", (0.35, 0.1, 0.3), (0.02, 0.02, 0.02), "kinematic", 0.01)
-    described = world(*room().bodies, knob, *room().constraints, *room().attachments, hold("drawer_handle", "knob"))
+    described = world(*room().bodies, knob, *room().joints, *room().attachments, attachment("drawer_handle", "knob"))
     planner, _ = planner_of(described)
-    plan = planner.plan().bodies[BodyId("knob")]
-    assert (plan.top, plan.mobility) == ("drawer", Mobility.DYNAMIC)
-    np.testing.assert_allclose(plan.hold.position, (0.35, 0.1, 0.0), atol=1e-12)
+    plan = planner.build_model().bodies[BodyId("knob")]
+    assert (plan.root, plan.mobility) == ("drawer", Mobility.DYNAMIC)
+    np.testing.assert_allclose(plan.pose_in_root.position, (0.35, 0.1, 0.0), atol=1e-12)
 
 
 def test_the_ends_of_a_constraint_and_all_that_hangs_there_are_apart() -> None:
     joined = {("cabinet", "drawer"), ("cabinet", "drawer_handle"), ("door", "fridge"), ("door_handle", "fridge")}
-    plain, formed = (planner_of(room(), forms)[0].plan().apart for forms in ({}, furnished()))
+    plain, formed = (planner_of(room(), forms)[0].build_model().excluded_pairs for forms in ({}, room_geometry()))
     assert formed == joined
     assert plain == joined | {("cabinet", "mug")}, "the mug stands in the cabinet's box"
 
@@ -56,40 +56,40 @@ def test_the_ends_of_a_constraint_and_all_that_hangs_there_are_apart() -> None:
 def test_a_joints_frames_lie_on_each_other() -> None:
     planner, where = planner_of(room())
     rows = {body.id: row for row, body in enumerate(room().bodies)}
-    joint = planner.plan().joints[BodyId("door_hinge")]
-    assert (joint.parent, joint.child, joint.loop) == ("fridge", "door", False)
-    for id, frame in ((joint.parent, joint.of_parent), (joint.child, joint.of_child)):
+    joint = planner.build_model().joints[BodyId("door_hinge")]
+    assert (joint.parent, joint.child, joint.closes_loop) == ("fridge", "door", False)
+    for id, frame in ((joint.parent, joint.parent_from_joint), (joint.child, joint.child_from_joint)):
         pose = where[rows[id]]
-        seen = pose[:3] + rotate(pose[3:], unit_pose(frame)[:3])
+        seen = pose[:3] + quat_rotate(pose[3:], normalized_pose_array(frame)[:3])
         np.testing.assert_allclose(seen, (0.302, 2.3, 0.9), atol=1e-12)
 
 
 def test_two_plans_of_the_same_are_equal_and_an_edit_changes_only_what_it_is_about() -> None:
-    planner, where = planner_of(room(), furnished())
-    before = planner.plan()
-    assert planner.plan() == before
-    planner.set_physics(BodyId("crate"), Physics(mobility=Mobility.DYNAMIC, mass_kg=9.0))
-    planner.settle(where)
-    after = planner.plan()
+    planner, where = planner_of(room(), room_geometry())
+    before = planner.build_model()
+    assert planner.build_model() == before
+    planner.set_physics(BodyId("crate"), BodyPhysics(mobility=Mobility.DYNAMIC, mass_kg=9.0))
+    planner.update_collisions(where)
+    after = planner.build_model()
     changed = {id for id in after.bodies if after.bodies[id] != before.bodies[id]}
     assert changed == {"crate"}
-    assert (after.apart, after.joints) == (before.apart, before.joints)
+    assert (after.excluded_pairs, after.joints) == (before.excluded_pairs, before.joints)
 
 
 def test_a_copy_decides_on_its_own() -> None:
-    planner, where = planner_of(room(), furnished())
-    before, twin = planner.plan(), planner.copy()
+    planner, where = planner_of(room(), room_geometry())
+    before, twin = planner.build_model(), planner.copy()
     twin.remove([BodyId("fridge")])
-    twin.settle(np.delete(where, [body.id for body in room().bodies].index(BodyId("fridge")), axis=0))
-    assert BodyId("fridge") not in twin.plan().bodies
-    assert planner.plan() == before
+    twin.update_collisions(np.delete(where, [body.id for body in room().bodies].index(BodyId("fridge")), axis=0))
+    assert BodyId("fridge") not in twin.build_model().bodies
+    assert planner.build_model() == before
 
 
 def test_what_was_removed_leaves_nothing_behind() -> None:
-    planner, where = planner_of(room(), furnished())
-    planner.remove(list(planner.inventory.ids))
-    planner.settle(where[:0])
-    plan = planner.plan()
-    assert (dict(plan.bodies), plan.apart, dict(plan.joints)) == ({}, frozenset(), {})
+    planner, where = planner_of(room(), room_geometry())
+    planner.remove(list(planner.registry.ids))
+    planner.update_collisions(where[:0])
+    plan = planner.build_model()
+    assert (dict(plan.bodies), plan.excluded_pairs, dict(plan.joints)) == ({}, frozenset(), {})
     assert planner.add(world(FLOOR), NOBODY).ok
-    assert not planner.forms
+    assert not planner.geometry

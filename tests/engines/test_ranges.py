@@ -10,10 +10,10 @@ import pytest
 from msgspec.structs import replace
 
 from mindstage.engines.mujoco import MujocoEngine
-from mindstage.errors import PoseUnreachable
-from mindstage.world import AngularMotion, BodyId, Constraint, LinearMotion, Motion, Pose, World
-from mindstage.world.geometry import rotate
-from tests.engines.scenes import FLOOR, body, hinge, slide, world
+from mindstage.errors import PoseUnreachableError
+from mindstage.world import AngularLimits, AxisMotion, BodyId, Joint, LinearLimits, Pose, World
+from mindstage.world.geometry import quat_rotate
+from tests.engines.scenes import FLOOR, body, prismatic_joint, revolute_joint, world
 
 CASE = body("case", (0, 0, 0.5), (0.6, 0.6, 1.0))
 DRAWER = body("drawer", (0, 0, 0.5), (0.58, 0.5, 0.2), "dynamic", 5.0)
@@ -26,14 +26,14 @@ def engine() -> Iterator[MujocoEngine]:
     made.close()
 
 
-def drawer(constraint: Constraint) -> World:
-    opening = LinearMotion(x=Motion.LIMITED, limit=0.2, x_middle=0.2)
+def drawer(constraint: Joint) -> World:
+    opening = LinearLimits(x=AxisMotion.LIMITED, limit=0.2, x_middle=0.2)
     return world(FLOOR, CASE, DRAWER, replace(constraint, linear=opening))
 
 
 def where_it_ends(engine: MujocoEngine, force: float) -> float:
     for _ in range(300):
-        engine.push(BodyId("drawer"), (force, 0.0, 0.0))
+        engine.apply_force(BodyId("drawer"), (force, 0.0, 0.0))
         engine.step(0.01)
     ids, poses = engine.poses()
     return float(poses[ids.index(BodyId("drawer"))][0])
@@ -41,35 +41,39 @@ def where_it_ends(engine: MujocoEngine, force: float) -> float:
 
 @pytest.mark.parametrize(("force", "end"), [(40.0, 0.4), (-40.0, 0.0)])
 def test_a_shut_drawer_opens_one_way_only(engine: MujocoEngine, force: float, end: float) -> None:
-    assert engine.spawn(drawer(slide("slide", "case", "drawer", (0.3, 0, 0.5)))).ok
+    assert engine.spawn(drawer(prismatic_joint("slide", "case", "drawer", (0.3, 0, 0.5)))).ok
     assert where_it_ends(engine, force) == pytest.approx(end, abs=0.002)
 
 
 @pytest.mark.parametrize(("force", "end"), [(40.0, 0.0), (-40.0, -0.4)])
 def test_upside_down_the_same_range_goes_the_other_way(engine: MujocoEngine, force: float, end: float) -> None:
-    assert engine.spawn(drawer(slide("slide", "drawer", "case", (0.3, 0, 0.5)))).ok
+    assert engine.spawn(drawer(prismatic_joint("slide", "drawer", "case", (0.3, 0, 0.5)))).ok
     assert where_it_ends(engine, force) == pytest.approx(end, abs=0.002)
 
 
 def test_a_door_can_be_put_where_its_range_reaches_and_nowhere_else(engine: MujocoEngine) -> None:
-    swing = AngularMotion(swing1=Motion.LIMITED, swing1_limit=0.8, swing1_middle=0.7)  # from -0.1 to 1.5
+    swing = AngularLimits(swing1=AxisMotion.LIMITED, swing1_limit=0.8, swing1_middle=0.7)  # from -0.1 to 1.5
     door = body("door", (0, 0.3, 0.5), (0.04, 0.6, 1.0), "dynamic", 8.0)
     frame = body("frame", (0, -0.1, 0.5), (0.1, 0.1, 1.0))
-    engine.spawn(world(FLOOR, frame, door, replace(hinge("hinge", "frame", "door", (0, 0, 0.5)), angular=swing)))
+    engine.spawn(
+        world(FLOOR, frame, door, replace(revolute_joint("hinge", "frame", "door", (0, 0, 0.5)), angular=swing))
+    )
 
     def turned(angle: float) -> Pose:
         quaternion = (np.cos(angle / 2), 0.0, 0.0, np.sin(angle / 2))
-        x, y, z = rotate(quaternion, (0, 0.3, 0)).tolist()
+        x, y, z = quat_rotate(quaternion, (0, 0.3, 0)).tolist()
         return Pose((x, y, z + 0.5), quaternion)
 
     for angle in (-0.1, 1.5, 0.0):
         engine.set_pose(BodyId("door"), turned(angle))
     for angle, end in ((-0.2, "-0.1"), (pi / 2, "1.5")):
-        with pytest.raises(PoseUnreachable, match=f"ends at {end}"):
+        with pytest.raises(PoseUnreachableError, match=f"ends at {end}"):
             engine.set_pose(BodyId("door"), turned(angle))
 
 
 def test_a_middle_that_is_no_number_is_refused(engine: MujocoEngine) -> None:
-    nowhere = LinearMotion(x=Motion.LIMITED, limit=0.2, x_middle=float("nan"))
-    report = engine.spawn(world(CASE, DRAWER, replace(slide("slide", "case", "drawer", (0, 0, 0)), linear=nowhere)))
-    assert "not all finite" in report.failed_constraints[0].reason
+    nowhere = LinearLimits(x=AxisMotion.LIMITED, limit=0.2, x_middle=float("nan"))
+    report = engine.spawn(
+        world(CASE, DRAWER, replace(prismatic_joint("slide", "case", "drawer", (0, 0, 0)), linear=nowhere))
+    )
+    assert "not all finite" in report.failed_joints[0].reason

@@ -6,15 +6,15 @@ import mujoco
 import pytest
 
 from mindstage.engines import MujocoEngine
-from mindstage.engines.joints import axes_of
-from mindstage.engines.mujoco.reach import beyond_reach
-from mindstage.engines.mujoco.scene import SceneKeeper
+from mindstage.engines.joints import movable_axes
+from mindstage.engines.mujoco.reach import cull_static_contacts
+from mindstage.engines.mujoco.scene import ModelCache
 from mindstage.world import BodyId, Pose, World
-from mindstage.world.boxes import Boxes
+from mindstage.world.boxes import OrientedBoxes
 from mindstage.world.geometry import pose_array
 
-from .contract import pose_of, pull
-from .scenes import FLOOR, body, hinge, slide, world
+from .contract import apply_force_for, current_pose
+from .scenes import FLOOR, body, prismatic_joint, revolute_joint, world
 
 
 def with_wall(x: float, *, y: float = 0.0) -> World:
@@ -24,22 +24,24 @@ def with_wall(x: float, *, y: float = 0.0) -> World:
         body("wall", (x, y, 1.0), (0.1, 0.5, 2.0)),
         body("cabinet", (0, 0, 0.5), (0.6, 0.6, 1.0)),
         body("drawer", (0, 0, 0.3), (0.6, 0.55, 0.2), "dynamic", 5.0),
-        slide("drawer_slide", "cabinet", "drawer", (0, 0, 0.3)),
+        prismatic_joint("drawer_slide", "cabinet", "drawer", (0, 0, 0.3)),
         body("fridge", (0, 2, 0.9), (0.6, 0.6, 1.7)),
         body("door", (0.322, 2, 0.9), (0.04, 0.6, 1.7), "dynamic", 8.0),
-        hinge("door_hinge", "fridge", "door", (0.302, 2.3, 0.9)),
+        revolute_joint("door_hinge", "fridge", "door", (0.302, 2.3, 0.9)),
     )
 
 
 def unreached(place: World) -> set[str]:
     """The bodies that get to no scenery, asked of the very plan that a model is built from."""
-    keeper = SceneKeeper(0.002)
+    keeper = ModelCache(0.002)
     keeper.add(place)
-    plan = keeper.blueprint()
+    plan = keeper.model_input()
     fixed = [found for found in place.bodies if found.id in {"floor", "wall"}]
-    scenery = Boxes.of(pose_array(found.pose for found in fixed), plan.sizes[[plan.rows[found.id] for found in fixed]])
-    axes = {constraint.id: axes_of(constraint) for constraint in place.constraints}
-    return set(beyond_reach(plan, axes, scenery))
+    scenery = OrientedBoxes.from_poses(
+        pose_array(found.pose for found in fixed), plan.sizes[[plan.rows[found.id] for found in fixed]]
+    )
+    axes = {constraint.id: movable_axes(constraint) for constraint in place.joints}
+    return set(cull_static_contacts(plan, axes, scenery))
 
 
 @pytest.mark.parametrize(("x", "far"), [(2.0, True), (0.9, True), (0.79, False), (0.6, False), (-0.9, True)])
@@ -57,15 +59,15 @@ def test_a_drawer_that_is_open_has_all_of_its_way_back_before_it() -> None:
     engine.spawn(with_wall(-0.65))
     engine.set_pose(BodyId("drawer"), Pose((0.3, 0, 0.3)))
     engine.spawn(world(body("lamp", (5, 5, 1), (0.1, 0.1, 0.1))))  # so that there is a new model
-    pull(engine, "drawer", (-20.0, 0.0, 0.0), 2.0)
-    assert pose_of(engine, "drawer")[0] == pytest.approx(-0.3, abs=0.005)
+    apply_force_for(engine, "drawer", (-20.0, 0.0, 0.0), 2.0)
+    assert current_pose(engine, "drawer")[0] == pytest.approx(-0.3, abs=0.005)
 
 
 def test_a_wall_in_the_way_still_stops_a_drawer() -> None:
     engine = MujocoEngine()
     engine.spawn(with_wall(0.6))
-    pull(engine, "drawer", (20.0, 0.0, 0.0), 2.0)
-    assert pose_of(engine, "drawer")[0] == pytest.approx(0.6 - 0.05 - 0.3, abs=0.005)
+    apply_force_for(engine, "drawer", (20.0, 0.0, 0.0), 2.0)
+    assert current_pose(engine, "drawer")[0] == pytest.approx(0.6 - 0.05 - 0.3, abs=0.005)
 
 
 def test_a_wall_that_is_put_in_the_way_later_stops_a_drawer() -> None:
@@ -73,8 +75,8 @@ def test_a_wall_that_is_put_in_the_way_later_stops_a_drawer() -> None:
     engine.spawn(with_wall(2.0))
     engine.step(0.01)
     engine.set_pose(BodyId("wall"), Pose((0.6, 0, 1.0)))
-    pull(engine, "drawer", (20.0, 0.0, 0.0), 2.0)
-    assert pose_of(engine, "drawer")[0] == pytest.approx(0.25, abs=0.005)
+    apply_force_for(engine, "drawer", (20.0, 0.0, 0.0), 2.0)
+    assert current_pose(engine, "drawer")[0] == pytest.approx(0.25, abs=0.005)
 
 
 def test_a_kinematic_body_is_part_of_the_scenery_until_it_is_moved_and_then_moves_without_a_new_model() -> None:
@@ -83,14 +85,14 @@ def test_a_kinematic_body_is_part_of_the_scenery_until_it_is_moved_and_then_move
         world(FLOOR, body("one", (0, 0, 1), (1, 1, 0.1), "kinematic"), body("two", (3, 0, 1), (1, 1, 1), "kinematic"))
     )
     engine.step(0.01)
-    assert not engine._keeper.live().mocap
+    assert not engine._cache.model().mocap_ids
     engine.set_pose(BodyId("one"), Pose((0, 0, 2)))
-    model = engine._keeper.live().model
+    model = engine._cache.model().model
     engine.set_pose(BodyId("two"), Pose((3, 0, 2)))
     engine.set_pose(BodyId("one"), Pose((0, 0, 3)))
-    assert engine._keeper.live().model is model
+    assert engine._cache.model().model is model
     assert model.nmocap == 2
-    assert [pose_of(engine, id)[2] for id in ("one", "two")] == [3.0, 2.0]
+    assert [current_pose(engine, id)[2] for id in ("one", "two")] == [3.0, 2.0]
 
 
 def test_what_stands_on_a_kinematic_body_is_carried_off_by_its_first_move() -> None:
@@ -105,14 +107,14 @@ def test_what_stands_on_a_kinematic_body_is_carried_off_by_its_first_move() -> N
     engine.step(2.0)  # the cup sleeps
     engine.set_pose(BodyId("tray"), Pose((5, 0, 1)))
     engine.step(1.5)
-    assert pose_of(engine, "cup")[2] == pytest.approx(0.05, abs=0.01)
+    assert current_pose(engine, "cup")[2] == pytest.approx(0.05, abs=0.01)
 
 
 def test_scenery_beyond_reach_is_told_to_mujoco() -> None:
     engine = MujocoEngine()
     engine.spawn(with_wall(2.0))
-    live = engine._keeper.live()
+    live = engine._cache.model()
     pairs = {(int(each) >> 16, int(each) & 0xFFFF) for each in live.model.exclude_signature}
-    assert (0, live.numbers[BodyId("drawer")]) in pairs
+    assert (0, live.body_ids[BodyId("drawer")]) in pairs
     mujoco.mj_forward(live.model, live.data)
     assert live.data.ncon == 0

@@ -10,12 +10,12 @@ import pytest
 from mindstage.engines import RemoteEngine
 
 from .contract import PhysicsContract
-from .far_side import FarSide
-from .forms_contract import FormsContract
+from .far_side import ServedSimulation
+from .forms_contract import GeometryContract
 
 
-class TestRemoteEngine(PhysicsContract, FormsContract):
+class TestRemoteEngine(PhysicsContract, GeometryContract):
     @pytest.fixture
     def engine(self) -> Iterator[RemoteEngine]:
-        with FarSide() as far_side, closing(RemoteEngine.connect(far_side.address)) as engine:
+        with ServedSimulation() as far_side, closing(RemoteEngine.connect(far_side.address)) as engine:
             yield engine

@@ -15,23 +15,23 @@ from typing import Any
 import pytest
 
 from mindstage.engines import Engine, NullEngine, RemoteEngine
-from mindstage.engines.remote.link import Link
+from mindstage.engines.remote.link import ServiceClient
 from mindstage.errors import (
-    EngineClosed,
+    EngineClosedError,
     EngineError,
-    EngineTimedOut,
-    EngineUnavailable,
-    SimulationUnstable,
-    StageTimedOut,
+    EngineTimeoutError,
+    EngineUnavailableError,
+    SimulationDivergedError,
+    SimulationTimeoutError,
     WorldError,
 )
 from mindstage.knowledge import KnowledgeBase
-from mindstage.stage import Stage
-from mindstage.world import BodyId, difference
-from tests.bridge.talking import PATIENCE_S, eventually
+from mindstage.stage import Simulation
+from mindstage.world import BodyId, diff
+from tests.bridge.talking import TIMEOUT_S, eventually
 
-from .far_side import FarSide
-from .odd_far_side import DESCRIBED, FINE, REPORT, OddFarSide, answer, failed, poses, response
+from .far_side import ServedSimulation
+from .odd_far_side import DESCRIBE_VALUES, NO_REFUSAL, REPORT, FakeRemote, failed, ok_response, poses, response
 from .scenes import FLOOR, room, world
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -48,18 +48,18 @@ def far_process(*args: object) -> Iterator[tuple[subprocess.Popen[str], str]]:
         yield process, address
     finally:
         process.kill()
-        process.communicate(timeout=PATIENCE_S)
+        process.communicate(timeout=TIMEOUT_S)
 
 
 @pytest.fixture
-def odd() -> Iterator[OddFarSide]:
-    with OddFarSide() as odd:
+def odd() -> Iterator[FakeRemote]:
+    with FakeRemote() as odd:
         yield odd
 
 
 @pytest.fixture
-def odd_engine(odd: OddFarSide) -> Iterator[RemoteEngine]:
-    with closing(RemoteEngine.connect(odd.address, timeout_s=PATIENCE_S)) as engine:
+def odd_engine(odd: FakeRemote) -> Iterator[RemoteEngine]:
+    with closing(RemoteEngine.connect(odd.address, timeout_s=TIMEOUT_S)) as engine:
         yield engine
 
 
@@ -73,46 +73,46 @@ def test_a_far_engine_that_is_killed_in_the_middle_of_a_spawn_is_lost_at_once_an
         assert process.stdout is not None
         assert process.stdout.readline() == "spawning\n"
         process.kill()
-        with pytest.raises(EngineUnavailable, match="no connection"):
-            spawning.result(PATIENCE_S)
-        with pytest.raises(EngineUnavailable):
+        with pytest.raises(EngineUnavailableError, match="no connection"):
+            spawning.result(TIMEOUT_S)
+        with pytest.raises(EngineUnavailableError):
             engine.ping()
     with closing(engine), far_process(address.rpartition(":")[2].partition("/")[0]):
         eventually(lambda: answers(engine))
-        with pytest.raises(EngineUnavailable, match="started anew since, and the world that it ran is gone"):
-            engine.log()
+        with pytest.raises(EngineUnavailableError, match="started anew since, and the world that it ran is gone"):
+            engine.snapshot()
         assert engine.spawn(room()).ok
-        assert difference(room(), engine.log()).identical(0.0)
+        assert diff(room(), engine.snapshot()).identical(0.0)
 
 
 def answers(engine: RemoteEngine) -> bool:
     try:
         return engine.ping() >= 0.0
-    except EngineUnavailable:
+    except EngineUnavailableError:
         return False
 
 
-def cut(far_side: FarSide) -> None:
+def cut(far_side: ServedSimulation) -> None:
     """Cuts every socket without a word."""
     for client in list(far_side.server._clients):
-        far_side.hub._loop.do(client.connection.abort, "it was cut")
+        far_side.hub._loop.call(client.connection.abort, "it was cut")
 
 
-def is_noticed(link: Link, meetings: int) -> bool:
+def is_noticed(link: ServiceClient, meetings: int) -> bool:
     """Whether a loss is, or was, since so many meetings."""
-    return link.meetings > meetings or not link._client.connected
+    return link.connection_count > meetings or not link._transport.connected
 
 
 def test_a_cut_socket_is_mended_before_the_next_call_and_the_world_is_still_there() -> None:
-    with FarSide(NullEngine) as far_side, closing(RemoteEngine.connect(far_side.address)) as engine:
+    with ServedSimulation(NullEngine) as far_side, closing(RemoteEngine.connect(far_side.address)) as engine:
         engine.spawn(room())
-        state = engine.save()
+        state = engine.save_state()
         for meetings in (1, 2, 3):
             cut(far_side)
-            eventually(partial(is_noticed, engine._link, meetings))
-            assert difference(room(), engine.log()).identical(0.0)
+            eventually(partial(is_noticed, engine._client, meetings))
+            assert diff(room(), engine.snapshot()).identical(0.0)
         engine.delete([BodyId("mug")])
-        engine.restore(state)
+        engine.restore_state(state)
         assert "mug" in engine.poses()[0]
 
 
@@ -125,58 +125,58 @@ class Blocked(NullEngine):
 
     def step(self, duration_s: float) -> None:
         self.stepping.set()
-        assert self.go.wait(PATIENCE_S)
+        assert self.go.wait(TIMEOUT_S)
         super().step(duration_s)
 
 
 def test_a_socket_that_is_cut_during_a_call_ends_that_call_and_no_other() -> None:
     blocked = Blocked()
     with (
-        FarSide(lambda: blocked) as far_side,
+        ServedSimulation(lambda: blocked) as far_side,
         closing(RemoteEngine.connect(far_side.address, timeout_s=600.0)) as engine,
         ThreadPoolExecutor(1) as other,
     ):
         stepping = other.submit(engine.step, 1.0)
-        assert blocked.stepping.wait(PATIENCE_S)
+        assert blocked.stepping.wait(TIMEOUT_S)
         cut(far_side)
-        with pytest.raises(EngineUnavailable):
-            stepping.result(PATIENCE_S)
+        with pytest.raises(EngineUnavailableError):
+            stepping.result(TIMEOUT_S)
         blocked.go.set()
         assert engine.poses()[0] == ()
         assert engine.time_s == 1.0  # it was done all the same, and the next call tells
 
 
 def test_saved_states_go_with_the_world_they_were_of() -> None:
-    with FarSide(NullEngine) as far_side, closing(RemoteEngine.connect(far_side.address)) as engine:
+    with ServedSimulation(NullEngine) as far_side, closing(RemoteEngine.connect(far_side.address)) as engine:
         engine.spawn(room())
-        state = engine.save()
+        state = engine.save_state()
         far_side.stop()
         far_side.start()
         eventually(lambda: answers(engine))
         engine.clear()
-        with pytest.raises(EngineUnavailable, match="the state went with its world"):
-            engine.restore(state)
-        engine.save()
+        with pytest.raises(EngineUnavailableError, match="the state went with its world"):
+            engine.restore_state(state)
+        engine.save_state()
         assert engine.spawn(room()).ok
 
 
 def test_a_stage_on_a_far_engine_tells_of_its_loss_and_goes_on_when_it_is_back() -> None:
-    with FarSide(NullEngine) as far_side, KnowledgeBase() as knowledge:
+    with ServedSimulation(NullEngine) as far_side, KnowledgeBase() as knowledge:
         engine = RemoteEngine.connect(far_side.address)
-        with Stage(knowledge, engine, timeout_s=PATIENCE_S) as stage:
+        with Simulation(knowledge, engine, timeout_s=TIMEOUT_S) as stage:
             assert stage.spawn(room()).ok
             stage.play()
-            eventually(lambda: stage.frame.time_s > 0.05)
+            eventually(lambda: stage.state.time_s > 0.05)
             far_side.stop()
-            eventually(lambda: stage.lost is not None)
-            assert "no connection" in stage.frame.fault
+            eventually(lambda: stage.engine_error is not None)
+            assert "no connection" in stage.state.error
             with pytest.raises(EngineError):
                 stage.ping()
             far_side.start()
             eventually(lambda: answers(engine))
             assert stage.spawn(room()).ok
-            assert stage.lost is None
-            assert difference(room(), stage.log()).identical(0.0)
+            assert stage.engine_error is None
+            assert diff(room(), stage.snapshot()).identical(0.0)
 
 
 # -- it is slow --------------------------------------------------------------------------------------------------------
@@ -185,18 +185,18 @@ def test_a_stage_on_a_far_engine_tells_of_its_loss_and_goes_on_when_it_is_back()
 @contextmanager
 def in_a_hurry(engine: RemoteEngine) -> Iterator[None]:
     """Calls have but a moment meanwhile; to meet has taken as long as it took."""
-    usual_s, engine._link.timeout_s = engine._link.timeout_s, 0.2
+    usual_s, engine._client.timeout_s = engine._client.timeout_s, 0.2
     try:
         yield
     finally:
-        engine._link.timeout_s = usual_s
+        engine._client.timeout_s = usual_s
 
 
 def test_a_late_answer_is_a_timeout_and_the_next_call_gets_its_own() -> None:
     blocked = Blocked()
-    with FarSide(lambda: blocked) as far_side, closing(RemoteEngine.connect(far_side.address)) as engine:
+    with ServedSimulation(lambda: blocked) as far_side, closing(RemoteEngine.connect(far_side.address)) as engine:
         late = r"did not answer .*/step within 0\.2 s; it may have been executed"
-        with in_a_hurry(engine), pytest.raises(EngineTimedOut, match=late):
+        with in_a_hurry(engine), pytest.raises(EngineTimeoutError, match=late):
             engine.step(0.0)
         blocked.go.set()
         assert engine.spawn(room()).ok
@@ -205,13 +205,13 @@ def test_a_late_answer_is_a_timeout_and_the_next_call_gets_its_own() -> None:
 
 def test_a_far_stage_that_is_busy_says_so_as_an_error_of_the_engine() -> None:
     blocked = Blocked()
-    with FarSide(lambda: blocked) as far_side, closing(RemoteEngine.connect(far_side.address)) as engine:
+    with ServedSimulation(lambda: blocked) as far_side, closing(RemoteEngine.connect(far_side.address)) as engine:
         far_side.stage.timeout_s = 0.1
         with pytest.raises(EngineError, match=r"ros://.* failed: step did not finish within 0\.1 s") as told:
             engine.step(0.0)
-        assert not isinstance(told.value, EngineTimedOut)
+        assert not isinstance(told.value, EngineTimeoutError)
         blocked.go.set()
-        far_side.stage.timeout_s = PATIENCE_S
+        far_side.stage.timeout_s = TIMEOUT_S
         engine.step(0.5)
         assert engine.time_s == 0.5
 
@@ -219,18 +219,18 @@ def test_a_far_stage_that_is_busy_says_so_as_an_error_of_the_engine() -> None:
 # -- it answers twice, or nonsense -------------------------------------------------------------------------------------
 
 
-def test_the_second_of_two_answers_does_no_harm(odd: OddFarSide, odd_engine: RemoteEngine) -> None:
+def test_the_second_of_two_answers_does_no_harm(odd: FakeRemote, odd_engine: RemoteEngine) -> None:
     for name in ("a", "b", "c"):
         told = {
             "success": True,
-            "refusal": FINE,
+            "refusal": NO_REFUSAL,
             "time_s": 0.0,
             "ids": [name],
             "poses": list(poses(name)),
             "revision": 1,
             "rows": "",
         }
-        odd.behave["get_poses"] = lambda call, told=told: [response(call, told), response(call, {"ids": ["never"]})]
+        odd.respond["get_poses"] = lambda call, told=told: [response(call, told), response(call, {"ids": ["never"]})]
         assert odd_engine.poses()[0] == (name,)
 
 
@@ -240,67 +240,75 @@ NONSENSE: dict[str, tuple[str, Callable[[RemoteEngine], object], Any]] = {
     "more ids than poses": (
         "get_poses",
         lambda engine: engine.poses(),
-        answer(time_s=0.0, ids=["a"], poses=[], revision=1, rows=""),
+        ok_response(time_s=0.0, ids=["a"], poses=[], revision=1, rows=""),
     ),
     "ids that are none": (
         "get_poses",
         lambda engine: engine.poses(),
-        answer(time_s=0.0, ids=7, poses=[], revision=1, rows=""),
+        ok_response(time_s=0.0, ids=7, poses=[], revision=1, rows=""),
     ),
-    "no world": ("log_world", lambda engine: engine.log(), answer(world="no JSON")),
-    "another world": ("log_world", lambda engine: engine.log(), answer(world='{"format_version": 99}')),
+    "no world": ("log_world", lambda engine: engine.snapshot(), ok_response(world="no JSON")),
+    "another world": ("log_world", lambda engine: engine.snapshot(), ok_response(world='{"format_version": 99}')),
     "a note of no kind": (
         "spawn_world",
         lambda engine: engine.spawn(world(FLOOR)),
-        answer(report={**REPORT, "notes": [{"kind": "mood", "ids": [], "text": ""}]}),
+        ok_response(report={**REPORT, "notes": [{"kind": "mood", "ids": [], "text": ""}]}),
     ),
-    "more colours than bodies": ("get_highlights", lambda engine: engine.highlights(), answer(ids=["a"], colors=[])),
+    "more colours than bodies": (
+        "get_highlights",
+        lambda engine: engine.highlights(),
+        ok_response(ids=["a"], colors=[]),
+    ),
 }
 
 
 @pytest.mark.parametrize("what", NONSENSE)
 def test_nonsense_is_an_error_of_the_engine_and_the_next_call_works(
-    what: str, odd: OddFarSide, odd_engine: RemoteEngine
+    what: str, odd: FakeRemote, odd_engine: RemoteEngine
 ) -> None:
     service, call, behave = NONSENSE[what]
-    usual = dict(odd.behave)
-    odd.behave[service] = behave
-    with pytest.raises(EngineUnavailable, match=f"{service} answered makes no sense"):
+    usual = dict(odd.respond)
+    odd.respond[service] = behave
+    with pytest.raises(EngineUnavailableError, match=f"{service} answered makes no sense"):
         call(odd_engine)
-    odd.behave = usual
+    odd.respond = usual
     assert odd_engine.poses()[0] == ()
 
 
-def test_frames_that_are_no_json_are_no_answer(odd: OddFarSide) -> None:
-    odd.behave["get_poses"] = lambda call: ["no JSON", b"\xff", "[]", '{"op":"zip"}', '{"op":"service_response"}']
+def test_frames_that_are_no_json_are_no_answer(odd: FakeRemote) -> None:
+    odd.respond["get_poses"] = lambda call: ["no JSON", b"\xff", "[]", '{"op":"zip"}', '{"op":"service_response"}']
     with closing(RemoteEngine.connect(odd.address)) as engine:
-        with in_a_hurry(engine), pytest.raises(EngineTimedOut):
+        with in_a_hurry(engine), pytest.raises(EngineTimeoutError):
             engine.poses()
-        odd.behave["get_poses"] = answer(time_s=0.0, ids=[], poses=[], revision=0, rows="")
+        odd.respond["get_poses"] = ok_response(time_s=0.0, ids=[], poses=[], revision=0, rows="")
         assert engine.poses()[0] == ()
 
 
-def test_a_no_without_a_reason_is_a_no_of_the_world(odd: OddFarSide, odd_engine: RemoteEngine) -> None:
-    odd.behave["clear"] = answer(success=False)
+def test_a_no_without_a_reason_is_a_no_of_the_world(odd: FakeRemote, odd_engine: RemoteEngine) -> None:
+    odd.respond["clear"] = ok_response(success=False)
     with pytest.raises(WorldError, match="does not say why"):
         odd_engine.clear()
-    odd.behave["clear"] = answer(success=False, refusal={**FINE, "kind": "GravityOffended", "text": "not on Sundays"})
+    odd.respond["clear"] = ok_response(
+        success=False, refusal={**NO_REFUSAL, "kind": "GravityOffended", "text": "not on Sundays"}
+    )
     with pytest.raises(WorldError, match="not on Sundays"):
         odd_engine.clear()
 
 
 def test_abilities_that_are_not_known_here_are_none(odd_engine: RemoteEngine) -> None:
-    assert odd_engine.abilities == frozenset()
+    assert odd_engine.capabilities == frozenset()
 
 
-def test_worlds_of_another_format_are_refused_when_one_meets(odd: OddFarSide) -> None:
-    odd.behave["describe"] = lambda call: [response(call, DESCRIBED | {"format_version": 2})]
-    with pytest.raises(EngineUnavailable, match="worlds of the format 2, and this Mindstage writes 1; use the same"):
+def test_worlds_of_another_format_are_refused_when_one_meets(odd: FakeRemote) -> None:
+    odd.respond["describe"] = lambda call: [response(call, DESCRIBE_VALUES | {"format_version": 2})]
+    with pytest.raises(
+        EngineUnavailableError, match="worlds of the format 2, and this Mindstage writes 1; use the same"
+    ):
         RemoteEngine.connect(odd.address)
 
 
-def test_a_peer_that_fails_to_describe_itself_is_not_taken_for_another(odd: OddFarSide) -> None:
-    odd.behave["describe"] = failed("out of order")
+def test_a_peer_that_fails_to_describe_itself_is_not_taken_for_another(odd: FakeRemote) -> None:
+    odd.respond["describe"] = failed("out of order")
     with pytest.raises(EngineError, match="failed: out of order"):
         RemoteEngine.connect(odd.address)
     assert "get_model_pose" not in odd.calls
@@ -321,10 +329,10 @@ class Breaking(NullEngine):
 @pytest.mark.parametrize(
     ("error", "comes_as"),
     [
-        (SimulationUnstable(time_s=1.25, what="velocities"), SimulationUnstable),
-        (EngineClosed("null"), EngineClosed),
-        (EngineUnavailable("null", cause="it fell off the table"), EngineUnavailable),
-        (StageTimedOut("step", timeout_s=3.0), EngineError),
+        (SimulationDivergedError(time_s=1.25, what="velocities"), SimulationDivergedError),
+        (EngineClosedError("null"), EngineClosedError),
+        (EngineUnavailableError("null", cause="it fell off the table"), EngineUnavailableError),
+        (SimulationTimeoutError("step", timeout_s=3.0), EngineError),
         (ZeroDivisionError("an unforeseen thing"), EngineError),
     ],
     ids=lambda value: getattr(value, "__name__", type(value).__name__),
@@ -332,12 +340,12 @@ class Breaking(NullEngine):
 def test_what_breaks_there_is_told_here_and_the_world_goes_on(error: Exception, comes_as: type[EngineError]) -> None:
     breaking = Breaking()
     breaking.error = error
-    with FarSide(lambda: breaking) as far_side, closing(RemoteEngine.connect(far_side.address)) as engine:
+    with ServedSimulation(lambda: breaking) as far_side, closing(RemoteEngine.connect(far_side.address)) as engine:
         engine.spawn(room())
         with pytest.raises(EngineError, match=str(error)) as told:
             engine.step(0.1)
         assert type(told.value) is comes_as
-        assert difference(room(), engine.log()).identical(0.0)
+        assert diff(room(), engine.snapshot()).identical(0.0)
 
 
 def test_nothing_is_left_behind() -> None:
@@ -346,11 +354,11 @@ def test_nothing_is_left_behind() -> None:
     def left() -> list[str]:
         return [thread.name for thread in set(threading.enumerate()) - before if thread.name.startswith("mindstage")]
 
-    with FarSide(NullEngine) as far_side:
+    with ServedSimulation(NullEngine) as far_side:
         engines: list[Engine] = [RemoteEngine.connect(far_side.address) for _ in range(3)]
         for engine in engines:
             engine.close()
         for address in (f"{far_side.address}/elsewhere", "ros://127.0.0.1:1/unreal"):
-            with pytest.raises(EngineUnavailable):
+            with pytest.raises(EngineUnavailableError):
                 RemoteEngine.connect(address, timeout_s=0.3)
     eventually(lambda: not left())

@@ -10,59 +10,59 @@ import numpy as np
 import pytest
 
 from mindstage.engines import MujocoEngine, RemoteEngine
-from mindstage.engines.remote.planned import PlannedEngine
-from mindstage.errors import EngineUnavailable
+from mindstage.engines.remote.planned import CompiledRemoteEngine
+from mindstage.errors import EngineUnavailableError
 from mindstage.msgs import mindstage_msgs as wire
-from mindstage.ros.far_engine import FarEngine
+from mindstage.ros.far_engine import EngineServices
 from mindstage.world import BodyId, Pose
 
-from .contract import PhysicsContract, pose_of, pull
-from .far_side import FarSide
-from .forms_contract import FormsContract
-from .scenes import FLOOR, body, hold, room, slide, world
+from .contract import PhysicsContract, apply_force_for, current_pose
+from .far_side import ServedSimulation
+from .forms_contract import GeometryContract
+from .scenes import FLOOR, attachment, body, prismatic_joint, room, world
 
 
 @pytest.fixture
-def far_side(monkeypatch: pytest.MonkeyPatch) -> Iterator[FarSide]:
+def far_side(monkeypatch: pytest.MonkeyPatch) -> Iterator[ServedSimulation]:
     """A Mindstage that says that it takes plans, and has nothing to add to what was decided for it."""
-    describe, spawn = FarEngine.describe, FarEngine.spawn_world
+    describe, spawn = EngineServices.describe, EngineServices.spawn_world
 
-    def described(self: FarEngine, request: wire.Describe.Request) -> wire.Describe.Response:
+    def described(self: EngineServices, request: wire.Describe.Request) -> wire.Describe.Response:
         return msgspec.structs.replace(describe(self, request), takes=("forms", "plan"))
 
-    def spawned(self: FarEngine, request: wire.SpawnWorld.Request) -> wire.SpawnWorld.Response:
+    def spawned(self: EngineServices, request: wire.SpawnWorld.Request) -> wire.SpawnWorld.Response:
         plans.append(request.plan)
         reply = spawn(self, request)
         return msgspec.structs.replace(reply, report=msgspec.structs.replace(reply.report, notes=()))
 
     plans: list[str] = []
-    monkeypatch.setattr(FarEngine, "describe", described)
-    monkeypatch.setattr(FarEngine, "spawn_world", spawned)
-    with FarSide() as side:
+    monkeypatch.setattr(EngineServices, "describe", described)
+    monkeypatch.setattr(EngineServices, "spawn_world", spawned)
+    with ServedSimulation() as side:
         side.plans = plans  # type: ignore[attr-defined]
         yield side
 
 
-class TestPlannedEngine(PhysicsContract, FormsContract):
+class TestPlannedEngine(PhysicsContract, GeometryContract):
     @pytest.fixture
-    def engine(self, far_side: FarSide) -> Iterator[RemoteEngine]:
+    def engine(self, far_side: ServedSimulation) -> Iterator[RemoteEngine]:
         with closing(RemoteEngine.connect(far_side.address)) as engine:
-            assert isinstance(engine, PlannedEngine)
+            assert isinstance(engine, CompiledRemoteEngine)
             yield engine
 
 
-def test_joints_stand_where_mujoco_itself_says(far_side: FarSide) -> None:
+def test_joints_stand_where_mujoco_itself_says(far_side: ServedSimulation) -> None:
     with closing(RemoteEngine.connect(far_side.address)) as far, closing(MujocoEngine()) as near:
         for engine in (far, near):
             engine.spawn(room())
-            pull(engine, "door_handle", (25.0, 0.0, 0.0), 0.6)
+            apply_force_for(engine, "door_handle", (25.0, 0.0, 0.0), 0.6)
         told, known = far.joint_positions(), near.joint_positions()
         assert told.keys() == known.keys()
         for id, place in known.items():
             np.testing.assert_allclose(told[id], place, atol=1e-9)
 
 
-def test_a_plan_says_who_hangs_on_whom_and_keeps_from_whom(far_side: FarSide) -> None:
+def test_a_plan_says_who_hangs_on_whom_and_keeps_from_whom(far_side: ServedSimulation) -> None:
     with closing(RemoteEngine.connect(far_side.address)) as engine:
         engine.spawn(
             world(
@@ -70,8 +70,8 @@ def test_a_plan_says_who_hangs_on_whom_and_keeps_from_whom(far_side: FarSide) ->
                 body("case", (0, 0, 0.5), (0.6, 0.6, 1.0)),
                 body("drawer", (0, 0, 0.5), (0.58, 0.5, 0.2), "dynamic", 5.0),
                 body("handle", (0.3, 0, 0.5), (0.02, 0.2, 0.02), "dynamic"),
-                hold("drawer", "handle"),
-                slide("slide", "drawer", "case", (0.3, 0, 0.5)),
+                attachment("drawer", "handle"),
+                prismatic_joint("slide", "drawer", "case", (0.3, 0, 0.5)),
             )
         )
     plan = msgspec.json.decode(far_side.plans[-1])  # type: ignore[attr-defined]
@@ -85,43 +85,43 @@ def test_a_plan_says_who_hangs_on_whom_and_keeps_from_whom(far_side: FarSide) ->
     assert joint["of_child"]["position"] == pytest.approx([0.3, 0, 0])
 
 
-def test_a_push_on_what_is_deleted_before_the_step_is_forgotten(far_side: FarSide) -> None:
+def test_a_push_on_what_is_deleted_before_the_step_is_forgotten(far_side: ServedSimulation) -> None:
     with closing(RemoteEngine.connect(far_side.address)) as engine:
         engine.spawn(room())
-        engine.push(BodyId("mug"), (1.0, 0.0, 0.0))
+        engine.apply_force(BodyId("mug"), (1.0, 0.0, 0.0))
         engine.delete([BodyId("mug")])
         engine.step(0.1)
         assert "mug" not in engine.poses()[0]
 
 
-def test_poses_asked_for_twice_after_a_step_are_those_of_now(far_side: FarSide) -> None:
+def test_poses_asked_for_twice_after_a_step_are_those_of_now(far_side: ServedSimulation) -> None:
     with closing(RemoteEngine.connect(far_side.address)) as engine:
         engine.spawn(room())
         for _ in range(3):  # from the second on, steps tell poses unasked
             engine.step(0.01)
             told = engine.poses()[1]
-        np.testing.assert_allclose(told, far_side.stage.frame.poses, atol=1e-12)
-        far_side.stage.call(lambda far: far.set_pose(BodyId("crate"), Pose((7, 7, 7))), what="set pose")
-        assert pose_of(engine, "crate")[0] == 7
+        np.testing.assert_allclose(told, far_side.stage.state.poses, atol=1e-12)
+        far_side.stage.run_on_engine(lambda far: far.set_pose(BodyId("crate"), Pose((7, 7, 7))), label="set pose")
+        assert current_pose(engine, "crate")[0] == 7
 
 
-def test_what_others_spawn_there_is_taken_over(far_side: FarSide) -> None:
+def test_what_others_spawn_there_is_taken_over(far_side: ServedSimulation) -> None:
     with closing(RemoteEngine.connect(far_side.address)) as engine:
         engine.spawn(room())
         far_side.stage.spawn(world(body("guest", (3, 3, 1), (0.2, 0.2, 0.2), "dynamic", 1.0)))
         assert "guest" in engine.poses()[0]
         engine.attach(BodyId("crate"), BodyId("guest"))
         engine.set_pose(BodyId("crate"), Pose((0, 5, 1)))
-        assert abs(pose_of(engine, "guest")[1] - 5) < 5
-        assert engine.log().body("guest").pose.position[1] != 3
+        assert abs(current_pose(engine, "guest")[1] - 5) < 5
+        assert engine.snapshot().body("guest").pose.position[1] != 3
 
 
-def test_a_far_world_that_was_started_anew_can_be_spawned_into(far_side: FarSide) -> None:
+def test_a_far_world_that_was_started_anew_can_be_spawned_into(far_side: ServedSimulation) -> None:
     with closing(RemoteEngine.connect(far_side.address, timeout_s=10.0)) as engine:
         engine.spawn(room())
         far_side.stop()
         far_side.start()
-        with pytest.raises(EngineUnavailable, match="started anew"):
+        with pytest.raises(EngineUnavailableError, match="started anew"):
             engine.poses()
         assert engine.spawn(room()).ok
         assert len(engine.poses()[0]) == len(room().bodies)

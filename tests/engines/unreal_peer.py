@@ -11,11 +11,11 @@ from typing import Any
 
 import numpy as np
 
-from mindstage.bridge import Client
+from mindstage.bridge import RosbridgeClient
 from mindstage.msgs import service_type
-from mindstage.world.geometry import compose, invert
+from mindstage.world.geometry import pose_inverse, pose_multiply
 
-__all__ = ["Actor", "UnrealPeer"]
+__all__ = ["Actor", "FakeUnrealPlugin"]
 
 Json = dict[str, Any]
 
@@ -23,9 +23,9 @@ POINT = {"x": float, "y": float, "z": float}
 POSE = {"position": POINT, "orientation": {**POINT, "w": float}}
 TAG = {"type": str, "key": str, "value": str}
 PHYSICS = {"mobility": {0, 1, 2, 3}, "gravity": bool, "generate_overlap_events": bool, "mass": float}
-LOOK = {"actor_label": str, "physics_properties": PHYSICS}
+APPEARANCE = {"actor_label": str, "physics_properties": PHYSICS}
 SURFACE = {"material_names": [str], "material_paths": [str]}
-MODEL = {"name": str, "pose": POSE, "id": str, "tags": [TAG], "path": str, **LOOK, **SURFACE}
+MODEL = {"name": str, "pose": POSE, "id": str, "tags": [TAG], "path": str, **APPEARANCE, **SURFACE}
 MOTION = {0, 1, 2}
 LINEAR = {
     "x_motion": MOTION, "y_motion": MOTION, "z_motion": MOTION, "limit": float,
@@ -69,27 +69,27 @@ REQUESTS: dict[str, tuple[str, Json]] = {
 }
 
 
-def read(value: Any, form: Any, path: str) -> None:
+def check_fields(value: Any, schema: Any, path: str) -> None:
     """Reads each field.
 
     Raises:
         ValueError: one is missing, too many, or of another type.
     """
-    if isinstance(form, dict):
-        if not isinstance(value, dict) or value.keys() != form.keys():
-            raise ValueError(f"{path or 'the request'}: expected {sorted(form)}, got {value!r:.200}")
-        for name, inner in form.items():
-            read(value[name], inner, f"{path}.{name}")
-    elif isinstance(form, list):
+    if isinstance(schema, dict):
+        if not isinstance(value, dict) or value.keys() != schema.keys():
+            raise ValueError(f"{path or 'the request'}: expected {sorted(schema)}, got {value!r:.200}")
+        for name, inner in schema.items():
+            check_fields(value[name], inner, f"{path}.{name}")
+    elif isinstance(schema, list):
         if not isinstance(value, list):
             raise ValueError(f"{path}: expected an array")
         for number, item in enumerate(value):
-            read(item, form[0], f"{path}[{number}]")
-    elif isinstance(form, set):
-        if type(value) is not int or value not in form:
-            raise ValueError(f"{path}: {value!r} is none of {form}")
-    elif type(value) is not form and not (form is float and type(value) is int):
-        raise ValueError(f"{path}: {value!r} is no {form.__name__}")
+            check_fields(item, schema[0], f"{path}[{number}]")
+    elif isinstance(schema, set):
+        if type(value) is not int or value not in schema:
+            raise ValueError(f"{path}: {value!r} is none of {schema}")
+    elif type(value) is not schema and not (schema is float and type(value) is int):
+        raise ValueError(f"{path}: {value!r} is no {schema.__name__}")
 
 
 class Actor:
@@ -97,9 +97,9 @@ class Actor:
 
     def __init__(self, model: Json) -> None:
         self.model = model
-        self.colour = 0
+        self.color = 0
         self.parent = ""
-        self.place = to_unreal(model["pose"])
+        self.unreal_pose = to_unreal(model["pose"])
 
     def has_tag(self, type: str, key: str, value: str | None) -> bool:
         return any(
@@ -107,19 +107,19 @@ class Actor:
         )
 
 
-class UnrealPeer:
+class FakeUnrealPlugin:
     """The plugin, from when it is made until `close`."""
 
     def __init__(self, url: str, *, namespace: str = "unreal") -> None:
         self.actors: dict[str, Actor] = {}
-        self.constraints: dict[str, Json] = {}
+        self.joints: dict[str, Json] = {}
         self.order: list[str] = []
         """What was spawned, in the order in which it was."""
         self.obstructed: set[str] = set()
         """Ids for which there is no room."""
-        self.meshless: set[str] = set()
+        self.without_mesh: set[str] = set()
         """Names of meshes that are not among the content."""
-        self.brittle: set[str] = set()
+        self.unbreakable_failures: set[str] = set()
         """Ids of constraints and children that something is wrong with."""
         self.calls: list[str] = []
         self.stops_after = -1
@@ -127,36 +127,36 @@ class UnrealPeer:
         self.stopped = threading.Event()
         self._left = threading.Event()
         self._url, self._namespace = url, namespace
-        self.join()
+        self.connect()
 
-    def join(self) -> None:
+    def connect(self) -> None:
         """Comes to the rosbridge, with the actors that it has."""
         self.stops_after = -1
         self._left.clear()
-        self._client = Client(self._url).wait_connected(20.0)
+        self._client = RosbridgeClient(self._url).wait_connected(20.0)
         for name, (type, form) in REQUESTS.items():
             service_type(f"world_control_msgs/{type}")  # so that a wrong name here is seen here
-            self._offer(f"/{self._namespace}/{name}", type, form, getattr(self, name))
+            self._advertise(f"/{self._namespace}/{name}", type, form, getattr(self, name))
 
     def close(self) -> None:
         """Leaves, in the middle of whatever it does."""
         self._client.close()
         self._left.set()
 
-    def _offer(self, place: str, type: str, form: Json, answer: Any) -> None:
+    def _advertise(self, service: str, type: str, schema: Json, handler: Any) -> None:
         def handle(args: Any) -> Json:
-            self.calls.append(place.rpartition("/")[2])
-            read(args, form, "")
-            reply: Json = answer(args)
+            self.calls.append(service.rpartition("/")[2])
+            check_fields(args, schema, "")
+            reply: Json = handler(args)
             return reply
 
-        self._client.offer_service(place, f"world_control_msgs/{type}", handle)
+        self._client.create_service(service, f"world_control_msgs/{type}", handle)
 
     # -- spawning ------------------------------------------------------------------------------------------------------
 
     def spawn_semantic_map(self, args: Json) -> Json:
         models = [model["id"] for model in args["models"] if self._spawn(model)]
-        constraints = [each["id"] for each in args["constraints"] if not self._constrain(each)]
+        constraints = [each["id"] for each in args["constraints"] if not self._spawn_joint(each)]
         relations = [each for each in args["relations"] if not self._attach(each)]
         return {
             "success": not (models or constraints or relations),
@@ -175,7 +175,7 @@ class UnrealPeer:
         }
 
     def spawn_physics_constraint(self, args: Json) -> Json:
-        return {"success": self._constrain(args["constraint_description"])}
+        return {"success": self._spawn_joint(args["constraint_description"])}
 
     def attach_model_to_parent(self, args: Json) -> Json:
         return {"success": self._attach(args)}
@@ -191,24 +191,24 @@ class UnrealPeer:
             return "1"
         if id in self.obstructed:
             return "2"
-        if model["name"] in self.meshless:
+        if model["name"] in self.without_mesh:
             return " "
         self.actors[id] = Actor(model)
         self.order.append(id)
         return ""
 
-    def _constrain(self, description: Json) -> bool:
+    def _spawn_joint(self, description: Json) -> bool:
         details = description["constraint_details"]
         ends = {details["id_first_model"], details["id_second_model"]}
-        if not ends <= self.actors.keys() or description["id"] in self.brittle:
+        if not ends <= self.actors.keys() or description["id"] in self.unbreakable_failures:
             return False
-        self.constraints[description["id"]] = description
+        self.joints[description["id"]] = description
         self.order.append(description["id"])
         return True
 
     def _attach(self, relation: Json) -> bool:
         parent, child = relation["parent_id"], relation["child_id"]
-        if not {parent, child} <= self.actors.keys() or child in self.brittle:
+        if not {parent, child} <= self.actors.keys() or child in self.unbreakable_failures:
             return False
         self.actors[child].parent = parent
         self.order.append(f"{parent}<-{child}")
@@ -217,7 +217,7 @@ class UnrealPeer:
     # -- changing ------------------------------------------------------------------------------------------------------
 
     def delete_model(self, args: Json) -> Json:
-        gone = self.actors.pop(args["id"], None) or self.constraints.pop(args["id"], None)
+        gone = self.actors.pop(args["id"], None) or self.joints.pop(args["id"], None)
         for actor in self.actors.values():
             if actor.parent == args["id"]:
                 actor.parent = ""
@@ -239,15 +239,15 @@ class UnrealPeer:
         if actor is None or args["id"] in self.obstructed:
             return {"success": False}
         place = to_unreal(args["pose"])
-        change = compose(place, invert(actor.place))
-        actor.place = place
-        for child in self._hanging_on(args["id"]):
-            self.actors[child].place = compose(change, self.actors[child].place).astype(np.float32)
+        change = pose_multiply(place, pose_inverse(actor.unreal_pose))
+        actor.unreal_pose = place
+        for child in self._descendants(args["id"]):
+            self.actors[child].unreal_pose = pose_multiply(change, self.actors[child].unreal_pose).astype(np.float32)
         return {"success": True}
 
     def get_model_pose(self, args: Json) -> Json:
         actor = self.actors.get(args["id"])
-        return {"pose": to_ros(actor.place if actor else np.eye(1, 7, 3)[0]), "success": actor is not None}
+        return {"pose": to_ros(actor.unreal_pose if actor else np.eye(1, 7, 3)[0]), "success": actor is not None}
 
     def set_physics_properties(self, args: Json) -> Json:
         return self._change(args, "physics_properties")
@@ -256,20 +256,20 @@ class UnrealPeer:
         return self._change(args, "material_names", "material_paths")
 
     def highlight_models(self, args: Json) -> Json:
-        if args["id"] in self.actors and args["id"] not in self.brittle:
-            self.actors[args["id"]].colour = args["color"]
+        if args["id"] in self.actors and args["id"] not in self.unbreakable_failures:
+            self.actors[args["id"]].color = args["color"]
             return {"success": True}
         return {"success": False}
 
     def _change(self, args: Json, *fields: str) -> Json:
-        if args["id"] not in self.actors or args["id"] in self.brittle:
+        if args["id"] not in self.actors or args["id"] in self.unbreakable_failures:
             return {"success": False}
         self.actors[args["id"]].model |= {field: args[field] for field in fields}
         return {"success": True}
 
-    def _hanging_on(self, id: str) -> list[str]:
+    def _descendants(self, id: str) -> list[str]:
         children = [child for child, actor in self.actors.items() if actor.parent == id]
-        return children + [deeper for child in children for deeper in self._hanging_on(child)]
+        return children + [deeper for child in children for deeper in self._descendants(child)]
 
 
 def to_unreal(pose: Json) -> np.ndarray:

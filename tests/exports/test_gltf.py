@@ -1,4 +1,4 @@
-"""A world as glTF: a node for each body where it stands, as large and of the colour that the world has it."""
+"""A world as glTF: a node for each body where it stands, as large and of the color that the world has it."""
 
 from __future__ import annotations
 
@@ -13,27 +13,27 @@ import trimesh
 from hypothesis import given, settings
 from msgspec.structs import replace
 
-from mindstage.errors import MapUnwritable
-from mindstage.exports import form_glb, glb
+from mindstage.errors import MapWriteError
+from mindstage.exports import geometry_to_glb, world_to_glb
 from mindstage.exports.gltf import _PRIMITIVES
 from mindstage.world import (
+    AttachedLight,
     Attachment,
     Body,
+    BodyGeometry,
     BodyId,
-    Form,
-    Glow,
     Iri,
     Light,
-    LightKind,
+    LightType,
     Material,
+    PbrMaterial,
     Pose,
-    Shape,
-    ShapeKind,
-    Skin,
-    Surface,
+    PrimitiveShape,
+    PrimitiveType,
+    VisualMesh,
     World,
 )
-from mindstage.world.geometry import rotation_matrix, unit_pose
+from mindstage.world.geometry import normalized_pose_array, rotation_matrix
 from tests.kitchenette import kitchenette
 from tests.worlds import worlds
 
@@ -72,7 +72,7 @@ def told(data: bytes) -> dict[str, Any]:
 
 
 def shown(world: World) -> trimesh.Scene:
-    scene = trimesh.load(io.BytesIO(glb(world).data), file_type="glb")
+    scene = trimesh.load(io.BytesIO(world_to_glb(world).data), file_type="glb")
     assert isinstance(scene, trimesh.Scene)
     return scene
 
@@ -82,7 +82,7 @@ def test_every_body_is_a_node_where_it_stands_and_as_large() -> None:
     scene = shown(world)
     for body in world.bodies:
         transform, name = scene.graph[body.id]
-        row = unit_pose(body.pose)
+        row = normalized_pose_array(body.pose)
         np.testing.assert_allclose(transform[:3, 3], GLTF_FROM_ROS @ row[:3], atol=1e-9)
         np.testing.assert_allclose(transform[:3, :3], GLTF_FROM_ROS @ rotation_matrix(row[3:]), atol=1e-9)
         if body.size is not None:
@@ -92,7 +92,7 @@ def test_every_body_is_a_node_where_it_stands_and_as_large() -> None:
 @settings(max_examples=30)
 @given(world=worlds())
 def test_any_world_can_be_written(world: World) -> None:
-    file = told(glb(world).data)
+    file = told(world_to_glb(world).data)
     nodes = file["nodes"]
     extras = [node["extras"]["id"] for node in nodes if "class" in node.get("extras", {})]
     assert sorted(extras) == sorted(body.id for body in world.bodies)
@@ -102,7 +102,7 @@ def test_any_world_can_be_written(world: World) -> None:
 
 
 def test_a_node_tells_what_it_is() -> None:
-    _, node = told(glb(world_of(CUP)).data)["nodes"]
+    _, node = told(world_to_glb(world_of(CUP)).data)["nodes"]
     assert node["name"] == "cup"
     assert node["extras"] == {"id": "cup", "class": M + "Cup", "iri": M + "cup", "label": "The cup"}
 
@@ -110,17 +110,17 @@ def test_a_node_tells_what_it_is() -> None:
 def test_what_hangs_on_something_is_below_it() -> None:
     handle = replace(CUP, id=BodyId("handle"), iri=Iri(M + "handle"), pose=Pose((0.0, 0.0, 5.0)))
     world = world_of(handle, CUP, attachments=(Attachment(parent=CUP.id, child=handle.id),))
-    root, below, cup = told(glb(world).data)["nodes"]
+    root, below, cup = told(world_to_glb(world).data)["nodes"]
     assert (below["name"], cup["name"]) == ("handle", "cup")
     assert (root["children"], cup["children"]) == ([2], [1])
     transform, _ = shown(world).graph["handle"]
     np.testing.assert_allclose(transform[:3, 3], (0.0, 5.0, 0.0), atol=1e-7)
 
 
-def test_colours_are_those_of_materials() -> None:
-    red = Material(name="glaze", colour=(1.0, 0.5, 0.0))
+def test_colors_are_those_of_materials() -> None:
+    red = Material(name="glaze", color=(1.0, 0.5, 0.0))
     other = replace(CUP, id=BodyId("other"), iri=Iri(M + "other"))
-    file = told(glb(world_of(replace(CUP, materials=(red,)), other)).data)
+    file = told(world_to_glb(world_of(replace(CUP, materials=(red,)), other)).data)
     first, second = (file["meshes"][node["mesh"]]["primitives"][0]["material"] for node in file["nodes"][1:])
     assert file["materials"][first]["name"] == "glaze"
     factor = file["materials"][first]["pbrMetallicRoughness"]["baseColorFactor"]
@@ -132,17 +132,17 @@ def test_colours_are_those_of_materials() -> None:
 
 def test_what_looks_alike_is_there_once() -> None:
     cups = [replace(CUP, id=BodyId(str(n)), iri=Iri(f"{M}{n}")) for n in range(50)]
-    file = told(glb(world_of(*cups)).data)
+    file = told(world_to_glb(world_of(*cups)).data)
     assert (len(file["meshes"]), len(file["nodes"])) == (1, 51)
 
 
-@pytest.mark.parametrize("kind", ShapeKind)
-def test_solids_are_closed_and_face_outwards(kind: ShapeKind) -> None:
+@pytest.mark.parametrize("kind", PrimitiveType)
+def test_solids_are_closed_and_face_outwards(kind: PrimitiveType) -> None:
     surface = _PRIMITIVES[kind]((1.0, 2.0, 3.0))
     mesh = trimesh.Trimesh(surface.points, surface.faces)
     mesh.merge_vertices(merge_norm=True)
     assert mesh.is_watertight
-    full = {ShapeKind.BOX: 6.0, ShapeKind.SPHERE: np.pi, ShapeKind.CYLINDER: 1.5 * np.pi}[kind]
+    full = {PrimitiveType.BOX: 6.0, PrimitiveType.SPHERE: np.pi, PrimitiveType.CYLINDER: 1.5 * np.pi}[kind]
     assert mesh.volume == pytest.approx(full, rel=0.04)
     assert surface.normals is not None
     corners = surface.points[surface.faces]
@@ -151,33 +151,33 @@ def test_solids_are_closed_and_face_outwards(kind: ShapeKind) -> None:
 
 
 def test_a_world_of_nothing_is_a_file() -> None:
-    written = glb(world_of())
+    written = world_to_glb(world_of())
     assert [node["name"] for node in told(written.data)["nodes"]] == ["map"]
     assert written.notes == ()
 
 
 def test_what_shows_nothing_is_said() -> None:
-    written = glb(world_of(replace(CUP, size=None)))
+    written = world_to_glb(world_of(replace(CUP, size=None)))
     assert "mesh" not in told(written.data)["nodes"][1]
     assert "1 bodies have no size" in written.notes[0]
 
 
 def test_lights_shine() -> None:
     lamp = Light(
-        id=BodyId("lamp"), iri=Iri(M + "lamp"), kind=LightKind.SPOT, pose=Pose((0.0, 0.0, 2.0)), intensity=40.0
+        id=BodyId("lamp"), iri=Iri(M + "lamp"), type=LightType.SPOT, pose=Pose((0.0, 0.0, 2.0)), intensity=40.0
     )
-    file = told(glb(world_of(lights=(lamp,))).data)
+    file = told(world_to_glb(world_of(lights=(lamp,))).data)
     (light,) = file["extensions"]["KHR_lights_punctual"]["lights"]
     assert (light["type"], light["intensity"]) == ("spot", 40.0)
     assert file["nodes"][1]["extensions"]["KHR_lights_punctual"] == {"light": 0}
 
 
 def test_forms_are_what_is_seen() -> None:
-    glass = Skin(*CORNER, surface=Surface(material="glass", colour=(0.5, 1.0, 1.0), opacity=0.25, roughness=0.1))
-    steel = Skin(*CORNER, surface=Surface(material="steel", metalness=1.0))
-    form = Form(key="jar", skins=(glass, steel), solids=())
+    glass = VisualMesh(*CORNER, material=PbrMaterial(name="glass", color=(0.5, 1.0, 1.0), opacity=0.25, roughness=0.1))
+    steel = VisualMesh(*CORNER, material=PbrMaterial(name="steel", metalness=1.0))
+    form = BodyGeometry(key="jar", visuals=(glass, steel), collision_shapes=())
     other = replace(CUP, id=BodyId("other"), iri=Iri(M + "other"))
-    file = told(glb(world_of(CUP, other), forms={CUP.id: form, other.id: form}).data)
+    file = told(world_to_glb(world_of(CUP, other), geometry={CUP.id: form, other.id: form}).data)
     assert file["nodes"][1]["mesh"] == file["nodes"][2]["mesh"]
     primitives = file["meshes"][0]["primitives"]
     seen = [file["materials"][primitive["material"]] for primitive in primitives]
@@ -192,8 +192,10 @@ def test_textures_come_along_the_right_way_up() -> None:
     image[0, 1] = (255, 0, 0, 255)  # the upper right corner
     points, faces = CORNER
     uv = np.array([(0.25, 0.25), (0.75, 0.25), (0.25, 0.75), (0.75, 0.75)])
-    skin = Skin(points, faces, Surface(colour=(1.0, 1.0, 1.0)), uv=uv, image=image)
-    scene = trimesh.load(io.BytesIO(glb(world_of(CUP), forms={CUP.id: Form("k", (skin,), ())}).data), file_type="glb")
+    skin = VisualMesh(points, faces, PbrMaterial(color=(1.0, 1.0, 1.0)), uv=uv, image=image)
+    scene = trimesh.load(
+        io.BytesIO(world_to_glb(world_of(CUP), geometry={CUP.id: BodyGeometry("k", (skin,), ())}).data), file_type="glb"
+    )
     assert isinstance(scene, trimesh.Scene)
     (mesh,) = scene.geometry.values()
     np.testing.assert_allclose(mesh.visual.uv, uv, atol=1e-6)
@@ -201,9 +203,9 @@ def test_textures_come_along_the_right_way_up() -> None:
 
 
 def test_what_gives_light_shines() -> None:
-    glow = Glow(pose=Pose((0.0, 0.0, -0.1)), colour=(1.0, 0.9, 0.8), intensity=60.0)
-    form = Form("lamp", (Skin(*CORNER, surface=Surface(glow=1.0)),), (), glows=(glow,))
-    file = told(glb(world_of(CUP), forms={CUP.id: form}).data)
+    glow = AttachedLight(pose=Pose((0.0, 0.0, -0.1)), color=(1.0, 0.9, 0.8), intensity=60.0)
+    form = BodyGeometry("lamp", (VisualMesh(*CORNER, material=PbrMaterial(emission=1.0)),), (), lights=(glow,))
+    file = told(world_to_glb(world_of(CUP), geometry={CUP.id: form}).data)
     assert file["extensions"]["KHR_lights_punctual"]["lights"][0]["intensity"] == 60.0
     assert file["nodes"][1]["children"] == [2]
     assert "emissiveFactor" in file["materials"][0]
@@ -211,7 +213,7 @@ def test_what_gives_light_shines() -> None:
 
 def test_one_form_is_a_file_in_godots_axes() -> None:
     """What is forward (x) is along negative z there, what is left (y) along negative x, what is up along y."""
-    data = form_glb(Form("corner", (Skin(*CORNER, surface=Surface()),), ()))
+    data = geometry_to_glb(BodyGeometry("corner", (VisualMesh(*CORNER, material=PbrMaterial()),), ()))
     scene = trimesh.load(io.BytesIO(data), file_type="glb")
     assert isinstance(scene, trimesh.Scene)
     np.testing.assert_allclose(scene.bounds, [(-2.0, 0.0, -1.0), (0.0, 3.0, 0.0)], atol=1e-6)
@@ -220,7 +222,7 @@ def test_one_form_is_a_file_in_godots_axes() -> None:
 
 
 def test_a_place_that_is_none_is_refused() -> None:
-    with pytest.raises(MapUnwritable, match="its pose is none"):
-        glb(world_of(replace(CUP, pose=Pose((float("nan"), 0.0, 0.0)))))
-    with pytest.raises(MapUnwritable, match="its size"):
-        glb(world_of(replace(CUP, size=(1.0, float("inf"), 1.0), shape=Shape())))
+    with pytest.raises(MapWriteError, match="its pose is none"):
+        world_to_glb(world_of(replace(CUP, pose=Pose((float("nan"), 0.0, 0.0)))))
+    with pytest.raises(MapWriteError, match="its size"):
+        world_to_glb(world_of(replace(CUP, size=(1.0, float("inf"), 1.0), shape=PrimitiveShape())))

@@ -10,25 +10,25 @@ import numpy as np
 import pytest
 import trimesh
 
-from mindstage.exports import shelf_folder, shelve
-from mindstage.world import Form, Skin, Surface
+from mindstage.exports import cache_geometry_glb, geometry_cache_dir
+from mindstage.world import BodyGeometry, PbrMaterial, VisualMesh
 
-SKIN = Skin(
+SKIN = VisualMesh(
     points=np.array([[1.0, 0, 0], [0, 2, 0], [0, 0, 3], [0, 0, 0]]),
     faces=np.array([[0, 1, 2], [0, 3, 1], [1, 3, 2], [2, 3, 0]], dtype=np.uint32),
-    surface=Surface(colour=(1.0, 0.0, 0.0), roughness=0.25),
+    material=PbrMaterial(color=(1.0, 0.0, 0.0), roughness=0.25),
 )
-FORM = Form(key="00112233445566778899aabb", skins=(SKIN,), solids=())
+FORM = BodyGeometry(key="00112233445566778899aabb", visuals=(SKIN,), collision_shapes=())
 
 
 @pytest.fixture(autouse=True)
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    return shelf_folder()
+    return geometry_cache_dir()
 
 
 def test_a_form_lies_there_in_the_axes_of_godot(folder: Path) -> None:
-    name = shelve(FORM)
+    name = cache_geometry_glb(FORM)
     assert name == "00112233445566778899aabb.glb"
     scene = trimesh.load(folder / name)
     np.testing.assert_allclose(scene.bounds, [[-2.0, 0.0, -1.0], [0.0, 3.0, 0.0]], atol=1e-6)
@@ -36,31 +36,31 @@ def test_a_form_lies_there_in_the_axes_of_godot(folder: Path) -> None:
 
 
 def test_what_lies_there_is_not_written_again(folder: Path) -> None:
-    path = folder / shelve(FORM)
+    path = folder / cache_geometry_glb(FORM)
     path.write_bytes(b"as it was")
-    assert shelve(FORM) == path.name
+    assert cache_geometry_glb(FORM) == path.name
     assert path.read_bytes() == b"as it was"
 
 
 @pytest.mark.parametrize("key", ["", "../../up", "0011", "G" * 16, "a" * 65])
 def test_what_has_no_digest_gets_no_file(key: str, folder: Path) -> None:
-    assert shelve(replace(FORM, key=key)) == ""
+    assert cache_geometry_glb(replace(FORM, key=key)) == ""
     assert list(folder.parent.rglob("*.glb")) == []
 
 
 def test_what_has_no_looks_gets_no_file(folder: Path) -> None:
-    assert shelve(replace(FORM, skins=())) == ""
+    assert cache_geometry_glb(replace(FORM, visuals=())) == ""
     assert list(folder.iterdir()) == []
 
 
 def test_what_was_not_used_for_longest_goes_when_there_is_too_much(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    names = [shelve(replace(FORM, key=f"{number:016x}")) for number in range(4)]
+    names = [cache_geometry_glb(replace(FORM, key=f"{number:016x}")) for number in range(4)]
     for age, name in enumerate(names):
         os.utime(folder / name, (1000.0 + age, 1000.0 + age))
-    shelve(replace(FORM, key=f"{0:016x}"))  # used just now
+    cache_geometry_glb(replace(FORM, key=f"{0:016x}"))  # used just now
     size = (folder / names[0]).stat().st_size
-    monkeypatch.setattr("mindstage.exports.shelf._MOST_BYTES", 3 * size)
-    newest = shelve(replace(FORM, key=f"{9:016x}"))
+    monkeypatch.setattr("mindstage.exports.shelf._MAX_BYTES", 3 * size)
+    newest = cache_geometry_glb(replace(FORM, key=f"{9:016x}"))
     assert {path.name for path in folder.iterdir()} == {names[0], names[3], newest}

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from .project import copied
+from .project import copy_project
 
 
 @pytest.fixture(scope="session")
 def project(godot: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """It is ready to run, and may be written to."""
-    return copied(godot, tmp_path_factory.mktemp("godot"))
+    return copy_project(godot, tmp_path_factory.mktemp("godot"))

@@ -7,18 +7,18 @@ import shutil
 import subprocess
 from pathlib import Path
 
-from mindstage.engines.godot.project import homes
+from mindstage.engines.godot.project import isolated_environment
 
 PROJECT = Path(__file__).resolve().parents[2] / "godot"
-PREPARING_S = 180.0
+IMPORT_TIMEOUT_S = 180.0
 
 
-def copied(godot: Path, folder: Path) -> Path:
+def copy_project(godot: Path, folder: Path) -> Path:
     """Copies it with all that it is tested by, and has Godot learn the names of its classes."""
     copy = folder / "godot"
     shutil.copytree(PROJECT, copy, ignore=shutil.ignore_patterns(".godot"))
     shutil.copytree(PROJECT.parent / "wire", folder / "wire")
-    done = run(godot, copy, "--headless", "--import", timeout_s=PREPARING_S)
+    done = run(godot, copy, "--headless", "--import", timeout_s=IMPORT_TIMEOUT_S)
     assert "SCRIPT ERROR" not in done.stdout, done.stdout
     return copy
 
@@ -34,5 +34,5 @@ def run(godot: Path, copy: Path, *arguments: str, timeout_s: float) -> subproces
         errors="replace",
         timeout=timeout_s,
         check=False,
-        env=os.environ | homes(),
+        env=os.environ | isolated_environment(),
     )

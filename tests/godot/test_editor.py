@@ -11,11 +11,11 @@ from pathlib import Path
 
 import pytest
 
-from mindstage.bridge import Hub, Server
+from mindstage.bridge import LocalNode, RosbridgeServer
 from mindstage.engines import RemoteEngine
-from mindstage.engines.godot.project import homes
-from mindstage.errors import EngineUnable
-from mindstage.world import BodyId, difference
+from mindstage.engines.godot.project import isolated_environment
+from mindstage.errors import UnsupportedByEngineError
+from mindstage.world import BodyId, diff
 from tests.engines.scenes import room
 
 from .project import run
@@ -39,7 +39,7 @@ class Editor:
             stdin=subprocess.DEVNULL,
             stdout=self._said.open("w"),
             stderr=subprocess.STDOUT,
-            env=os.environ | homes(),
+            env=os.environ | isolated_environment(),
         )
 
     def do(self, command: str) -> str:
@@ -77,8 +77,8 @@ class Editor:
 def place(godot: Path, project: Path) -> Iterator[tuple[Editor, RemoteEngine]]:
     """An editor with an empty scene, joined to a hub, and an engine that drives it."""
     with ExitStack() as open_things:
-        hub = open_things.enter_context(Hub())
-        server = open_things.enter_context(Server(hub, port=0))
+        hub = open_things.enter_context(LocalNode())
+        server = open_things.enter_context(RosbridgeServer(hub, port=0))
         editor = open_things.enter_context(closing(Editor(godot, project)))
         assert editor.do(f"open {SCENE}") == "Place"
         editor.do(f"connect_dock ws://127.0.0.1:{server.port} godot")
@@ -105,20 +105,20 @@ def names() -> str:
 def test_a_map_is_spawned_into_the_open_scene_and_comes_back(furnished: tuple[Editor, RemoteEngine]) -> None:
     editor, engine = furnished
     assert editor.do("nodes") == names()
-    assert difference(room(), engine.log()).identical(0.0)
+    assert diff(room(), engine.snapshot()).identical(0.0)
 
 
 def test_what_was_moved_by_hand_is_logged_where_it_is_now(furnished: tuple[Editor, RemoteEngine]) -> None:
     editor, engine = furnished
     editor.do("move crate")
-    assert engine.log().body("crate").pose.position == pytest.approx((2, 0, 2), abs=1e-6)
+    assert engine.snapshot().body("crate").pose.position == pytest.approx((2, 0, 2), abs=1e-6)
     editor.do("move door")
-    log = engine.log()
+    log = engine.snapshot()
     assert log.body("door").pose.position == pytest.approx((0.322, 2, 1.9), abs=1e-6)
     assert log.body("door_handle").pose.position == pytest.approx((0.362, 1.75, 1.9), abs=1e-6)
     editor.do("undo")
     editor.do("undo")
-    assert difference(room(), engine.log()).identical(2e-6)
+    assert diff(room(), engine.snapshot()).identical(2e-6)
 
 
 def test_what_came_over_the_wire_can_be_undone_and_done_again(furnished: tuple[Editor, RemoteEngine]) -> None:
@@ -127,14 +127,14 @@ def test_what_came_over_the_wire_can_be_undone_and_done_again(furnished: tuple[E
     assert "fridge" not in editor.do("nodes")
     editor.do("undo")
     assert editor.do("nodes") == names()
-    assert difference(room(), engine.log()).identical(0.0)
+    assert diff(room(), engine.snapshot()).identical(0.0)
     editor.do("redo")
-    assert "fridge" not in {body.id for body in engine.log().bodies}
+    assert "fridge" not in {body.id for body in engine.snapshot().bodies}
     editor.do("undo")
     editor.do("undo")
-    assert engine.log().bodies == ()
+    assert engine.snapshot().bodies == ()
     editor.do("redo")
-    assert difference(room(), engine.log()).identical(0.0)
+    assert diff(room(), engine.snapshot()).identical(0.0)
 
 
 def test_a_saved_scene_that_is_opened_again_is_still_the_map(furnished: tuple[Editor, RemoteEngine]) -> None:
@@ -146,9 +146,9 @@ def test_a_saved_scene_that_is_opened_again_is_still_the_map(furnished: tuple[Ed
     assert "RigidBody3D" in text
     editor.do(f"reload {SCENE}")
     assert editor.do("nodes") == names()
-    log = engine.log()
+    log = engine.snapshot()
     assert log.body("crate").pose.position == pytest.approx((2, 0, 2), abs=1e-6)
-    different = {change.id for change in difference(room(), log).changed}
+    different = {change.id for change in diff(room(), log).changed}
     assert different == {"crate"}
 
 
@@ -164,7 +164,7 @@ def test_a_saved_scene_that_is_run_lives_as_the_map_says(furnished: tuple[Editor
 
 def test_no_time_passes_in_the_editor_and_it_says_so(furnished: tuple[Editor, RemoteEngine]) -> None:
     _, engine = furnished
-    with pytest.raises(EngineUnable, match="run the scene"):
+    with pytest.raises(UnsupportedByEngineError, match="run the scene"):
         engine.step(0.1)
 
 

@@ -9,12 +9,12 @@ from pathlib import Path
 import pytest
 
 from mindstage.engines import GodotEngine
-from mindstage.world import AngularMotion, BodyId, Constraint, Iri, LinearMotion, Motion, Pose
-from mindstage.world.geometry import rotation_angle
-from tests.engines.contract import pose_of
+from mindstage.world import AngularLimits, AxisMotion, BodyId, Iri, Joint, LinearLimits, Pose
+from mindstage.world.geometry import quat_angle
+from tests.engines.contract import current_pose
 from tests.engines.scenes import body, world
 
-FREE, LIMITED, LOCKED = Motion
+FREE, LIMITED, LOCKED = AxisMotion
 LIMIT_M, LIMIT_RAD = 0.2, 0.3
 WITHIN_M, WITHIN_RAD = 0.002, 0.0087
 
@@ -37,23 +37,23 @@ def engine(godot: Path) -> Iterator[GodotEngine]:
     ],
 )
 def test_any_mix_of_axes_moves_just_as_it_says(
-    engine: GodotEngine, linear: tuple[Motion, ...], angular: tuple[Motion, ...]
+    engine: GodotEngine, linear: tuple[AxisMotion, ...], angular: tuple[AxisMotion, ...]
 ) -> None:
     engine.clear()
-    joint = Constraint(
+    joint = Joint(
         id=BodyId("joint"),
         iri=Iri("http://example.org/maps/scene.owl#joint"),
         parent=BodyId("base"),
         child=BodyId("arm"),
         pose=Pose((0.3, 0, 1)),
-        linear=LinearMotion(x=linear[0], y=linear[1], z=linear[2], limit=LIMIT_M),
-        angular=AngularMotion(swing1=angular[0], swing2=angular[1], twist=angular[2], swing1_limit=LIMIT_RAD),
+        linear=LinearLimits(x=linear[0], y=linear[1], z=linear[2], limit=LIMIT_M),
+        angular=AngularLimits(swing1=angular[0], swing2=angular[1], twist=angular[2], swing1_limit=LIMIT_RAD),
     )
     arm = body("arm", (0.5, 0, 1), (0.3, 0.1, 0.1), "dynamic", 1.0, gravity=False)
     assert engine.spawn(world(body("base", (0, 0, 1), (0.2, 0.2, 0.2)), arm, joint)).ok
     for _ in range(75):
-        x, y, z = pose_of(engine, "arm")[:3].tolist()
-        engine.push(BodyId("arm"), (6.0, 5.0, 4.0), (x + 0.005, y + 0.003, z + 0.002))
+        x, y, z = current_pose(engine, "arm")[:3].tolist()
+        engine.apply_force(BodyId("arm"), (6.0, 5.0, 4.0), (x + 0.005, y + 0.003, z + 0.002))
         engine.step(0.02)
     place = engine.joint_positions().get(BodyId("joint"), (0.0,) * 6)
     for motion, reached in zip(linear, place[:3], strict=True):
@@ -66,4 +66,4 @@ def test_any_mix_of_axes_moves_just_as_it_says(
     if angular[0] is LIMITED:
         assert abs(place[5]) < LIMIT_RAD + WITHIN_RAD
     if angular == (LOCKED, LOCKED, LOCKED):
-        assert rotation_angle(pose_of(engine, "arm")[3:], [1, 0, 0, 0]) < WITHIN_RAD
+        assert quat_angle(current_pose(engine, "arm")[3:], [1, 0, 0, 0]) < WITHIN_RAD

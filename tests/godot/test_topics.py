@@ -11,40 +11,45 @@ from typing import Any, NamedTuple
 
 import pytest
 
-from mindstage.bridge import Hub, Server
+from mindstage.bridge import LocalNode, RosbridgeServer
 from mindstage.engines import RemoteEngine
 from mindstage.engines.godot.process import GodotProcess
 from mindstage.engines.godot.program import find_godot
-from mindstage.engines.godot.project import ready_project
-from mindstage.exports import shelf_folder
-from mindstage.world import BodyId, Mobility, Physics, Pose
+from mindstage.engines.godot.project import prepare_project
+from mindstage.exports import geometry_cache_dir
+from mindstage.world import BodyId, BodyPhysics, Mobility, Pose
 from tests.engines.scenes import FLOOR, body, world
 
 LONG_S = 60.0
 BALL, FLOOR_ID = BodyId("ball"), BodyId("floor")
-TELLING = Physics(mobility=Mobility.STATIC, overlap_events=True)
+TELLING = BodyPhysics(mobility=Mobility.STATIC, overlap_events=True)
 
 
 class Place(NamedTuple):
     """A hub, and the Godot that joined it."""
 
-    hub: Hub
+    hub: LocalNode
     engine: RemoteEngine
 
 
 @pytest.fixture(scope="module")
 def running(godot: Path) -> Iterator[Place]:
     found = find_godot(godot)
-    with Hub() as hub, Server(hub, port=0) as server:
+    with LocalNode() as hub, RosbridgeServer(hub, port=0) as server:
         process = GodotProcess(
-            found, ready_project(found), url=server.url, token="", namespace="lab/place", forms=shelf_folder()
+            found,
+            prepare_project(found),
+            url=server.url,
+            token="",
+            namespace="lab/place",
+            mesh_dir=geometry_cache_dir(),
         )
         try:
-            wait_for(lambda: any("/lab/place/" in each.name for each in hub.directory().services))
+            wait_for(lambda: any("/lab/place/" in each.name for each in hub.graph_info().services))
             with closing(RemoteEngine.connect(f"ros://127.0.0.1:{server.port}/lab/place", timeout_s=LONG_S)) as engine:
                 yield Place(hub, engine)
         finally:
-            process.end()
+            process.terminate()
 
 
 @pytest.fixture
@@ -76,7 +81,7 @@ def test_overlaps_are_told_as_they_begin_and_end(place: Place) -> None:
         ("floor", "ball", False),
     ]
     assert told[0]["time_s"] < told[1]["time_s"]
-    place.engine.set_physics(FLOOR_ID, Physics(mobility=Mobility.STATIC))
+    place.engine.set_physics(FLOOR_ID, BodyPhysics(mobility=Mobility.STATIC))
     place.engine.step(1.5)  # it falls on it again
     listening.close()
     assert len(told) == 2

@@ -23,11 +23,11 @@ class Restriction:
     """A class says that its members have something to do with other classes (a union names several)."""
 
     subject: str
-    kind: str
+    restriction_type: str
     fillers: tuple[str, ...]
 
 
-class Classes:
+class OntologyClasses:
     def __init__(self, *files: Path) -> None:
         self.store = pyoxigraph.Store()
         for file in files:
@@ -36,13 +36,13 @@ class Classes:
         self.parents: dict[str, set[str]] = defaultdict(set)
         for quad in self.store.quads_for_pattern(None, SUBCLASS, None):
             if isinstance(quad.subject, NamedNode) and isinstance(quad.object, NamedNode):
-                self.parents[short(quad.subject)].add(short(quad.object))
-        self.declared = set(self.of_type(OWL + "Class"))
+                self.parents[short_name(quad.subject)].add(short_name(quad.object))
+        self.declared = set(self.individuals_of_type(OWL + "Class"))
 
-    def of_type(self, cls: str) -> Iterator[str]:
+    def individuals_of_type(self, cls: str) -> Iterator[str]:
         for quad in self.store.quads_for_pattern(None, TYPE, NamedNode(cls)):
             if isinstance(quad.subject, NamedNode):
-                yield short(quad.subject)
+                yield short_name(quad.subject)
 
     def ancestors(self, cls: str) -> set[str]:
         found: set[str] = set()
@@ -53,7 +53,7 @@ class Classes:
             queue += new
         return found
 
-    def line(self, cls: str) -> set[str]:
+    def class_and_ancestors(self, cls: str) -> set[str]:
         """A class and all above it."""
         return {cls} | self.ancestors(cls)
 
@@ -65,24 +65,26 @@ class Classes:
             quad.subject.value.rpartition("#")[2]
             for quad in self.store.quads_for_pattern(None, described, within)
             for kind in self.store.quads_for_pattern(quad.subject, TYPE, None)
-            if cls in self.line(short(kind.object))
+            if cls in self.class_and_ancestors(short_name(kind.object))
         }
 
     def restrictions(self, property: str) -> Iterator[Restriction]:
         for quad in self.store.quads_for_pattern(None, NamedNode(OWL + "onProperty"), NamedNode(KNOWROB + property)):
-            (subject,) = {short(each.subject) for each in self.store.quads_for_pattern(None, SUBCLASS, quad.subject)}
+            (subject,) = {
+                short_name(each.subject) for each in self.store.quads_for_pattern(None, SUBCLASS, quad.subject)
+            }
             for kind in ("someValuesFrom", "allValuesFrom"):
                 for each in self.store.quads_for_pattern(quad.subject, NamedNode(OWL + kind), None):
-                    yield Restriction(subject, kind, tuple(self.members(each.object)))
+                    yield Restriction(subject, kind, tuple(self.union_members(each.object)))
 
-    def members(self, node: Node) -> Iterator[str]:
+    def union_members(self, node: Node) -> Iterator[str]:
         """The class, or the classes of a union."""
         if isinstance(node, NamedNode):
-            yield short(node)
+            yield short_name(node)
         for quad in self.store.quads_for_pattern(node, NamedNode(OWL + "unionOf"), None):
-            yield from map(short, self.items(quad.object))
+            yield from map(short_name, self.list_items(quad.object))
 
-    def items(self, node: Node) -> Iterator[Node]:
+    def list_items(self, node: Node) -> Iterator[Node]:
         while node != NamedNode(RDF + "nil"):
             (first,) = self.store.quads_for_pattern(node, NamedNode(RDF + "first"), None)
             (rest,) = self.store.quads_for_pattern(node, NamedNode(RDF + "rest"), None)
@@ -91,21 +93,21 @@ class Classes:
 
     def disjoint(self) -> Iterator[tuple[str, str]]:
         for quad in self.store.quads_for_pattern(None, NamedNode(OWL + "disjointWith"), None):
-            yield short(quad.subject), short(quad.object)
+            yield short_name(quad.subject), short_name(quad.object)
         for quad in self.store.quads_for_pattern(None, TYPE, NamedNode(OWL + "AllDisjointClasses")):
             for members in self.store.quads_for_pattern(quad.subject, NamedNode(OWL + "members"), None):
-                yield from combinations(map(short, self.items(members.object)), 2)
+                yield from combinations(map(short_name, self.list_items(members.object)), 2)
 
-    def in_circles(self) -> list[str]:
+    def in_cycles(self) -> list[str]:
         return [cls for cls in list(self.parents) if cls in self.ancestors(cls)]
 
-    def storage_of(self, item: str) -> dict[str, int]:
+    def storage_classes_for(self, item: str) -> dict[str, int]:
         """Classes that are there to store such an item, and how general the reason is: 0 names its very class."""
         above = self.nearest_first(item)
         found: dict[str, int] = {}
         for restriction in self.restrictions("typePrimaryFunction-containerFor"):
             reasons = [above.index(filler) for filler in restriction.fillers if filler in above]
-            if reasons and restriction.kind == "someValuesFrom":
+            if reasons and restriction.restriction_type == "someValuesFrom":
                 found[restriction.subject] = min(reasons)
         return found
 
@@ -116,12 +118,12 @@ class Classes:
         return line
 
     def devices_for(self, action: str) -> set[str]:
-        line = self.line(action)
+        line = self.class_and_ancestors(action)
         return {filler for each in self.restrictions("deviceUsed") if each.subject in line for filler in each.fillers}
 
 
-def short(node: Node) -> str:
-    """`knowrob:Door` is just Door; other names keep a prefix."""
+def short_name(node: Node) -> str:
+    """`knowrob_iri:Door` is just Door; other names keep a prefix."""
     value = str(node.value)
     for namespace, prefix in ((KNOWROB, ""), (MS, "ms:"), (OWL, "owl:")):
         if value.startswith(namespace):

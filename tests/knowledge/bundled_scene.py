@@ -31,82 +31,84 @@ class Box:
     id: str
     cls: str
     size: Array
-    centre: Array
+    center: Array
     rotation: Array
     mobility: str
     mass: float
 
     @property
     def bottom(self) -> float:
-        return float(self.centre[2] - self.size[2] / 2)
+        return float(self.center[2] - self.size[2] / 2)
 
     @property
     def top(self) -> float:
-        return float(self.centre[2] + self.size[2] / 2)
+        return float(self.center[2] + self.size[2] / 2)
 
     @cached_property
     def extent(self) -> Array:
         """Lower and upper corner in the world; exact for what stands square to it."""
         half = np.abs(self.rotation) @ self.size / 2
-        return np.array([self.centre - half, self.centre + half])
+        return np.array([self.center - half, self.center + half])
 
-    def moved(self, rotation: Array, about: Array, by: Array) -> Box:
-        centre = rotation @ (self.centre - about) + about + by
-        return Box(self.id, self.cls, self.size, centre, rotation @ self.rotation, self.mobility, self.mass)
+    def transformed(self, rotation: Array, pivot: Array, translation: Array) -> Box:
+        center = rotation @ (self.center - pivot) + pivot + translation
+        return Box(self.id, self.cls, self.size, center, rotation @ self.rotation, self.mobility, self.mass)
 
 
 @dataclass(frozen=True)
 class Joint:
     id: str
-    case: str
-    part: str
-    at: Array
+    parent: str
+    child: str
+    position: Array
     rotation: Array
     motions: dict[str, int]
     limits: dict[str, float]
-    told_upside_down: bool
+    is_reversed: bool
 
 
 class Scene:
     def __init__(self, path: Path) -> None:
         self.store = pyoxigraph.Store()
         self.store.load(path=str(path), format=pyoxigraph.RdfFormat.RDF_XML)
-        self.boxes = {box.id: box for box in map(self._box, self._described())}
-        self.parent = self._parents()
-        self.joints = [self._joint(id) for id in self._described(constraints=True)]
+        self.boxes = {box.id: box for box in map(self._box, self._described_ids())}
+        self.parents = self._parents()
+        self.joints = [self._joint(id) for id in self._described_ids(constraints=True)]
 
     @cached_property
-    def attached(self) -> dict[str, list[Box]]:
+    def attached_to_root(self) -> dict[str, list[Box]]:
         children: dict[str, list[Box]] = defaultdict(list)
-        for child, parent in self.parent.items():
+        for child, parent in self.parents.items():
             children[parent].append(self.boxes[child])
         return children
 
     @cached_property
-    def fronts(self) -> dict[str, Joint]:
+    def fronts_with_joints(self) -> dict[str, Joint]:
         """Doors and drawers with their joints."""
-        return {joint.part: joint for joint in self.joints}
+        return {joint.child: joint for joint in self.joints}
 
     @cached_property
-    def loose(self) -> list[Box]:
+    def movable_boxes(self) -> list[Box]:
         """What can be carried away."""
-        return [box for box in self.boxes.values() if box.mobility == "dynamic" and box.id not in self.fronts]
+        return [
+            box for box in self.boxes.values() if box.mobility == "dynamic" and box.id not in self.fronts_with_joints
+        ]
 
-    def related(self, one: str, other: str) -> bool:
-        return self.parent.get(one) == other or self.parent.get(other) == one
+    def is_attached(self, one: str, other: str) -> bool:
+        return self.parents.get(one) == other or self.parents.get(other) == one
 
-    def joined(self, one: str, other: str) -> bool:
-        return any({joint.case, joint.part} == {one, other} for joint in self.joints)
+    def are_jointed(self, one: str, other: str) -> bool:
+        return any({joint.parent, joint.child} == {one, other} for joint in self.joints)
 
     def value(self, id: str, property: str) -> str:
         (quad,) = self.store.quads_for_pattern(_individual(id), _knowrob(property), None)
         return str(quad.object.value)
 
-    def _described(self, *, constraints: bool = False) -> list[str]:
+    def _described_ids(self, *, constraints: bool = False) -> list[str]:
         subjects = [quad.subject for quad in self.store.quads_for_pattern(None, _knowrob("describedInMap"), None)]
         is_constraint = (None, pyoxigraph.NamedNode(RDF + "type"), _knowrob("Constraint"))
         joints = {quad.subject for quad in self.store.quads_for_pattern(*is_constraint)}
-        return sorted(local(subject.value) for subject in subjects if (subject in joints) == constraints)
+        return sorted(local_name(subject.value) for subject in subjects if (subject in joints) == constraints)
 
     def _box(self, id: str) -> Box:
         types = self.store.quads_for_pattern(_individual(id), pyoxigraph.NamedNode(RDF + "type"), None)
@@ -114,7 +116,7 @@ class Scene:
         at, rotation = self._pose(id)
         size = np.array([self._size(cls, name) for name in ("depth", "width", "height")])
         mass = float(self.value(id, "mass"))
-        return Box(id, local(cls.value), size, at, rotation, self.value(id, "mobility"), mass)
+        return Box(id, local_name(cls.value), size, at, rotation, self.value(id, "mobility"), mass)
 
     def _size(self, cls: pyoxigraph.NamedNode, name: str) -> float:
         query = f"""SELECT ?value WHERE {{ {cls} <{RDFS}subClassOf> ?restriction .
@@ -123,16 +125,16 @@ class Scene:
         return float(row["value"].value)
 
     def _pose(self, id: str) -> tuple[Array, Array]:
-        pose = local(self.value(id, "pose"))
+        pose = local_name(self.value(id, "pose"))
         at = np.array([float(word) for word in self.value(pose, "translation").split()])
         quaternion = [float(word) for word in self.value(pose, "quaternion").split()]
-        return at, matrix(quaternion)
+        return at, rotation_matrix(quaternion)
 
     def _parents(self) -> dict[str, str]:
         parents: dict[str, str] = {}
         for property, swap in (("parent", False), ("child", True)):
             for quad in self.store.quads_for_pattern(None, _knowrob(property), None):
-                child, parent = local(quad.subject.value), local(quad.object.value)
+                child, parent = local_name(quad.subject.value), local_name(quad.object.value)
                 if swap:
                     child, parent = parent, child
                 if child in self.boxes and parent in self.boxes:
@@ -140,11 +142,14 @@ class Scene:
         return parents
 
     def _joint(self, id: str) -> Joint:
-        parent, child = local(self.value(id, "parent")), local(self.value(id, "child"))
+        parent, child = local_name(self.value(id, "parent")), local_name(self.value(id, "child"))
         upside_down = self.boxes[parent].mobility == "dynamic"
         case, part = (child, parent) if upside_down else (parent, child)
         at, rotation = self._pose(id)
-        linear, angular = local(self.value(id, "linearConstraint")), local(self.value(id, "angularConstraint"))
+        linear, angular = (
+            local_name(self.value(id, "linearConstraint")),
+            local_name(self.value(id, "angularConstraint")),
+        )
         motions = {axis: int(self.value(linear, f"{axis}Motion")) for axis in "xyz"}
         motions |= {axis: int(self.value(angular, f"{axis}Motion")) for axis in ("swing1", "swing2", "twist")}
         limits = {"linear": float(self.value(linear, "limit"))}
@@ -154,7 +159,7 @@ class Scene:
 
 def separation(box: Box, others: list[Box]) -> Array:
     """How far each of the others is away along the best separating axis [m]; negative where it overlaps."""
-    centres = np.array([other.centre for other in others])
+    centers = np.array([other.center for other in others])
     rotations = np.array([other.rotation for other in others])
     halves = np.array([other.size for other in others]) / 2
     own = np.broadcast_to(box.rotation.T, (len(others), 3, 3))
@@ -164,12 +169,12 @@ def separation(box: Box, others: list[Box]) -> Array:
     length = np.linalg.norm(axes, axis=2)
     reach = np.abs(axes @ box.rotation) @ (box.size / 2)
     reach += np.einsum("nak,nk->na", np.abs(np.einsum("nai,nik->nak", axes, rotations)), halves)
-    apart = np.abs(np.einsum("nai,ni->na", axes, centres - box.centre)) - reach
+    apart = np.abs(np.einsum("nai,ni->na", axes, centers - box.center)) - reach
     # Parallel edges have no cross product; the faces' own axes decide there.
     return np.where(length > 1e-9, apart / np.maximum(length, 1e-9), -np.inf).max(axis=1)
 
 
-def matrix(quaternion: list[float]) -> Array:
+def rotation_matrix(quaternion: list[float]) -> Array:
     w, x, y, z = np.array(quaternion) / math.sqrt(sum(value * value for value in quaternion))
     return np.array(
         [
@@ -180,7 +185,7 @@ def matrix(quaternion: list[float]) -> Array:
     )
 
 
-def local(iri: str) -> str:
+def local_name(iri: str) -> str:
     return iri.rpartition("#")[2]
 
 

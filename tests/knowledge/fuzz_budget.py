@@ -10,32 +10,32 @@ from pathlib import Path
 
 from tests.conftest import ROOT
 
-__all__ = ["FOUND", "keep", "rounds"]
+__all__ = ["FINDINGS_FOLDER", "fuzz_seeds", "save_case"]
 
-FOUND = ROOT / "build" / "fuzz"
-_CASES = 16
+FINDINGS_FOLDER = ROOT / "build" / "fuzz"
+_TEST_COUNT = 16
 """Tests that share the time."""
-_LEAST = 3
+_MIN_ROUNDS = 3
 """Rounds of each, however slow the machine is."""
 
 
-def rounds() -> Iterator[int]:
+def fuzz_seeds() -> Iterator[int]:
     """Numbers to make inputs from, the same ones every time, until this test's share of the time is over.
 
     `MINDSTAGE_FUZZ_S` is the time of all tests together [s]; `MINDSTAGE_FUZZ_SEED` begins with another number.
     """
-    share = float(os.environ.get("MINDSTAGE_FUZZ_S", "110")) / _CASES
+    share = float(os.environ.get("MINDSTAGE_FUZZ_S", "110")) / _TEST_COUNT
     first = int(os.environ.get("MINDSTAGE_FUZZ_SEED", "1"))
     end = time.monotonic() + share
     for number in count(first):
-        if number - first >= _LEAST and time.monotonic() > end:
+        if number - first >= _MIN_ROUNDS and time.monotonic() > end:
             return
         yield number
 
 
-def keep(file: Path, *, called: str) -> Path:
+def save_case(file: Path, *, name: str) -> Path:
     """Keeps what was found, under a name that says how it was made."""
-    FOUND.mkdir(parents=True, exist_ok=True)
-    kept = FOUND / f"{''.join(letter if letter.isalnum() else '-' for letter in called)}{file.suffix}"
+    FINDINGS_FOLDER.mkdir(parents=True, exist_ok=True)
+    kept = FINDINGS_FOLDER / f"{''.join(letter if letter.isalnum() else '-' for letter in name)}{file.suffix}"
     kept.write_bytes(file.read_bytes())
     return kept

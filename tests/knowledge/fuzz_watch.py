@@ -18,37 +18,37 @@ from typing import NamedTuple, Self
 
 from tests.conftest import ROOT
 
-__all__ = ["VERBS", "Answer", "Watch"]
+__all__ = ["VERBS", "WorkerResult", "WorkerSupervisor"]
 
 CPU_LIMIT_S = 15.0
 """A hundred times what a large sample takes."""
-CLOCK_LIMIT_S = 180.0
+WALL_LIMIT_S = 180.0
 VERBS = ("validate", "validate --json", "analyse", "convert")
 
-_TICKS = os.sysconf("SC_CLK_TCK")
+_TICKS_PER_SECOND = os.sysconf("SC_CLK_TCK")
 
 
-class Answer(NamedTuple):
+class WorkerResult(NamedTuple):
     """What became of one file."""
 
     defect: str
     """Why it must not have ended so; empty where all is well."""
-    refused: str = ""
+    error: str = ""
     """What Mindstage said where it did not take the file."""
     maps: int = 0
     bodies: int = 0
     findings: Sequence[str] = ()
     exit_code: int = 0
     """Of a verb about the file."""
-    tries: Sequence[str] = ()
+    network_attempts: Sequence[str] = ()
     """To get outside of the process."""
-    opened: Sequence[str] = ()
+    opened_files: Sequence[str] = ()
     """Files that nothing in a map is a reason to open."""
     memory_mb: float = 0.0
     """The worker's peak so far."""
 
 
-class Watch:
+class WorkerSupervisor:
     """One worker at a time; a new one where the last one had to be ended."""
 
     def __init__(self, folder: Path) -> None:
@@ -61,11 +61,11 @@ class Watch:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._end()
+        self._kill()
 
     def read(
         self, path: Path, *, robots: Sequence[Path] = (), ontologies: Sequence[Path] = (), verb: str = VERBS[0]
-    ) -> Answer:
+    ) -> WorkerResult:
         """Has a file read and written, and something typed about it."""
         worker = self._worker = self._worker or self._start()
         assert worker.stdin is not None
@@ -74,8 +74,8 @@ class Watch:
         worker.stdin.flush()
         line = self._wait_for(worker)
         if isinstance(line, str):
-            self._end()
-            return Answer(line)
+            self._kill()
+            return WorkerResult(line)
         told = json.loads(line)
         defect = told.get("defect", "")
         if told["tries"]:
@@ -83,7 +83,7 @@ class Watch:
         if told["opened"]:
             defect = f"it opened what it must not: {told['opened']}\n{defect}"
         typed = told.pop("typed", 0)
-        return Answer(**(told | {"defect": defect}), exit_code=typed)
+        return WorkerResult(**(told | {"defect": defect}), exit_code=typed)
 
     def _start(self) -> subprocess.Popen[bytes]:
         environment = os.environ | {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
@@ -100,8 +100,8 @@ class Watch:
         while not select.select([worker.stdout], [], [], 0.25)[0]:
             if _cpu_s(worker.pid) - used > CPU_LIMIT_S:
                 return f"it hangs: no answer after {CPU_LIMIT_S:g} s of the processor"
-            if time.monotonic() - begin > CLOCK_LIMIT_S:
-                return f"it hangs: no answer after {CLOCK_LIMIT_S:g} s"
+            if time.monotonic() - begin > WALL_LIMIT_S:
+                return f"it hangs: no answer after {WALL_LIMIT_S:g} s"
         line = worker.stdout.readline()
         if line.endswith(b"\n"):
             return line
@@ -109,7 +109,7 @@ class Watch:
         errors = (self._folder / "errors.txt").read_text(errors="replace")
         return f"the process ended with {code}: {errors[-2000:]}"
 
-    def _end(self) -> None:
+    def _kill(self) -> None:
         worker, self._worker = self._worker, None
         if worker is None:
             return
@@ -126,4 +126,4 @@ def _cpu_s(pid: int) -> float:
         fields = Path(f"/proc/{pid}/stat").read_text(encoding="ascii").rpartition(")")[2].split()
     except OSError:
         return 0.0  # it has just ended, as its pipe will tell
-    return (int(fields[11]) + int(fields[12])) / _TICKS
+    return (int(fields[11]) + int(fields[12])) / _TICKS_PER_SECOND

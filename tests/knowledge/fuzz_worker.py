@@ -19,33 +19,42 @@ from typing import Any
 from typer.testing import CliRunner
 
 from mindstage.cli.app import app
-from mindstage.errors import MapUnwritable, MindstageError
+from mindstage.errors import MapWriteError, MindstageError
 from mindstage.knowledge import KnowledgeBase, save_map
-from mindstage.world import World, difference
+from mindstage.world import World, diff
 
 __all__ = ["MEMORY_LIMIT"]
 
 MEMORY_LIMIT = 10**9
 """Bytes of address space, of which what is really used is a part."""
 
-_OUTWARD = ("socket.", "urllib.", "http.client.", "ftplib.", "subprocess.", "os.system", "os.exec", "os.posix_spawn")
-_SECRETS = ("/etc/passwd", "/etc/shadow", "/dev/zero", "/proc/kcore", "/proc/kmsg")
+_NETWORK_EVENTS = (
+    "socket.",
+    "urllib.",
+    "http.client.",
+    "ftplib.",
+    "subprocess.",
+    "os.system",
+    "os.exec",
+    "os.posix_spawn",
+)
+_PROTECTED_PATHS = ("/etc/passwd", "/etc/shadow", "/dev/zero", "/proc/kcore", "/proc/kmsg")
 
 
-class Guard:
+class SandboxAudit:
     """Forbids the way outside, and remembers who tried."""
 
     def __init__(self) -> None:
-        self.tries: list[str] = []
-        self.opened: list[str] = []
+        self.attempts: list[str] = []
+        self.opened_files: list[str] = []
         sys.addaudithook(self)
 
     def __call__(self, event: str, args: tuple[Any, ...]) -> None:
-        if event.startswith(_OUTWARD):
-            self.tries.append(f"{event} {args!r}"[:200])
+        if event.startswith(_NETWORK_EVENTS):
+            self.attempts.append(f"{event} {args!r}"[:200])
             raise PermissionError(f"{event} is not allowed here")
-        if event == "open" and args[0] in _SECRETS:
-            self.opened.append(str(args[0]))
+        if event == "open" and args[0] in _PROTECTED_PATHS:
+            self.opened_files.append(str(args[0]))
 
 
 def main(folder: Path) -> None:
@@ -53,35 +62,35 @@ def main(folder: Path) -> None:
     os.dup2(2, 1)  # what anybody prints is no answer
     os.environ.pop("ROS_PACKAGE_PATH", None)
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY_LIMIT, MEMORY_LIMIT))
-    guard = Guard()
+    guard = SandboxAudit()
     for line in sys.stdin:
         job = json.loads(line)
-        guard.tries.clear()
-        guard.opened.clear()
+        guard.attempts.clear()
+        guard.opened_files.clear()
         try:
-            told = read_whole_way(Path(job["path"]), job["robots"], job["ontologies"], folder)
-            told |= {"typed": type_about(job["path"], job["robots"], job["ontologies"], job["verb"], folder)}
+            told = round_trip(Path(job["path"]), job["robots"], job["ontologies"], folder)
+            told |= {"typed": run_command(job["path"], job["robots"], job["ontologies"], job["verb"], folder)}
         except BaseException:
             told = {"defect": traceback.format_exc()}
-        told |= {"tries": guard.tries, "opened": guard.opened}
+        told |= {"tries": guard.attempts, "opened": guard.opened_files}
         told |= {"memory_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / 1e6}
         print(json.dumps(told), file=answers, flush=True)
 
 
-def read_whole_way(path: Path, robots: Sequence[str], ontologies: Sequence[str], folder: Path) -> dict[str, Any]:
-    """Loads, reads, analyses, writes and reads again; what Mindstage says where it refuses."""
+def round_trip(path: Path, robots: Sequence[str], ontologies: Sequence[str], folder: Path) -> dict[str, Any]:
+    """Loads, reads, analyzes, writes and reads again; what Mindstage says where it refuses."""
     told: dict[str, Any] = {"refused": "", "maps": 0, "bodies": 0, "findings": []}
     try:
         knowledge = KnowledgeBase(bundled_ontology=False)
-        knowledge.load(path, robots=robots, ontologies=ontologies)
+        knowledge.load(path, urdf_files=robots, ontologies=ontologies)
         for map in knowledge.maps():
             world = knowledge.world(map)
-            knowledge.analyse(map)
-            for out in written(world, folder):
+            knowledge.map_statistics(map)
+            for out in write_all_formats(world, folder):
                 again = KnowledgeBase(bundled_ontology=False)
                 again.load(out)
                 if not map.startswith("_:"):  # a map without a name may well come back under another label
-                    _compare(world, again.world(map))
+                    _assert_equal(world, again.world(map))
             told["maps"] += 1
             told["bodies"] += len(world.bodies)
         told["findings"] = [str(each) for each in (*knowledge.findings(), *knowledge.assumptions())]
@@ -90,25 +99,25 @@ def read_whole_way(path: Path, robots: Sequence[str], ontologies: Sequence[str],
     return told
 
 
-def written(world: World, folder: Path) -> Iterator[Path]:
+def write_all_formats(world: World, folder: Path) -> Iterator[Path]:
     """The map's file in each format that has a way to write it."""
     for suffix in (".owl", ".ttl"):
         out = folder / f"written{suffix}"
         try:
             save_map(world, out)
-        except MapUnwritable:
+        except MapWriteError:
             continue
         yield out
 
 
-def _compare(world: World, again: World) -> None:
-    found = difference(world, again)
+def _assert_equal(world: World, reread: World) -> None:
+    found = diff(world, reread)
     told = (found.only_in_a, found.only_in_b, found.changed, found.lost, found.gained)
     if any(told):
         raise AssertionError(f"what was written is not what was read: {told!r}"[:4000])
 
 
-def type_about(path: str, robots: Sequence[str], ontologies: Sequence[str], verb: str, folder: Path) -> int:
+def run_command(path: str, robots: Sequence[str], ontologies: Sequence[str], verb: str, folder: Path) -> int:
     """What a user would type about the file; the exit code."""
     options = [option for robot in robots for option in ("--urdf", robot)]
     options += [option for each in ontologies for option in ("--ontology", each)]

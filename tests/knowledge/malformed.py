@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-__all__ = ["GOOD", "MALFORMED", "Malformed"]
+__all__ = ["MALFORMED", "WELL_FORMED", "Malformed"]
 
 HEAD = """<?xml version="1.0" encoding="utf-8"?>
 <!DOCTYPE rdf:RDF[
@@ -24,7 +24,7 @@ BODY = """  <owl:NamedIndividual rdf:about="&m;cup">
     <rdfs:label>A cup</rdfs:label>
   </owl:NamedIndividual>
 """
-GOOD = f"{HEAD}{BODY}</rdf:RDF>\n"
+WELL_FORMED = f"{HEAD}{BODY}</rdf:RDF>\n"
 ONTOLOGY = '<owl:Ontology rdf:about="http://example.org/m.owl"/>'
 
 
@@ -34,81 +34,105 @@ class Malformed(NamedTuple):
     text: str
     line: int
     """Where it is."""
-    what: str
+    expected_text: str
     """A part of what is reported."""
-    same: bool
+    is_equivalent: bool
     """Whether it means just what the good one means."""
 
 
-def _case(old: str, new: str, line: int, what: str, *, same: bool = True) -> Malformed:
-    assert GOOD.count(old) >= 1, old
-    return Malformed(GOOD.replace(old, new), line, what, same)
+def _malformed_case(old: str, new: str, line: int, problem: str, *, same_statements: bool = True) -> Malformed:
+    assert WELL_FORMED.count(old) >= 1, old
+    return Malformed(WELL_FORMED.replace(old, new), line, problem, same_statements)
 
 
 MALFORMED: dict[str, Malformed] = {
-    "an entity without its blank": _case('<!ENTITY owl "', '<!ENTITY owl"', 3, "entity 'owl' is not well-formed"),
-    "the map's entity without its blank": _case('<!ENTITY m "', '<!ENTITY m"', 6, "entity 'm' is not well-formed"),
-    "an entity without its >": _case('owl#">\n\t<!ENTITY x', 'owl#"\n\t<!ENTITY x', 3, "entity 'owl' is not well-f"),
-    "an entity without quotes": _case(
+    "an entity without its blank": _malformed_case(
+        '<!ENTITY owl "', '<!ENTITY owl"', 3, "entity 'owl' is not well-formed"
+    ),
+    "the map's entity without its blank": _malformed_case(
+        '<!ENTITY m "', '<!ENTITY m"', 6, "entity 'm' is not well-formed"
+    ),
+    "an entity without its >": _malformed_case(
+        'owl#">\n\t<!ENTITY x', 'owl#"\n\t<!ENTITY x', 3, "entity 'owl' is not well-f"
+    ),
+    "an entity without quotes": _malformed_case(
         '"http://example.org/m.owl#">\n]', "http://example.org/m.owl#>\n]", 6, "entity 'm'"
     ),
-    "an entity in small letters": _case("<!ENTITY m", "<!entity m", 6, "entity 'm' is not well-formed"),
-    "an entity declared twice": _case(
+    "an entity in small letters": _malformed_case("<!ENTITY m", "<!entity m", 6, "entity 'm' is not well-formed"),
+    "an entity declared twice": _malformed_case(
         "]>\n", '\t<!ENTITY m "http://example.org/other#">\n]>\n', 7, "entity 'm' is declared twice"
     ),
-    "an entity that nobody declares": _case(
+    "an entity that nobody declares": _malformed_case(
         '\t<!ENTITY xsd "http://www.w3.org/2001/XMLSchema#">\n', "\n", 14, "nothing declares the entity 'xsd'"
     ),
-    "an entity with a colon": _case('"&m;cup"', '"&m:cup"', 12, "used with a colon"),
-    "an attribute twice": _case(ONTOLOGY, ONTOLOGY.replace("/>", ' rdf:about="http://e/b"/>'), 11, "rdf:about twice"),
-    "a namespace twice": _case(
+    "an entity with a colon": _malformed_case('"&m;cup"', '"&m:cup"', 12, "used with a colon"),
+    "an attribute twice": _malformed_case(
+        ONTOLOGY, ONTOLOGY.replace("/>", ' rdf:about="http://e/b"/>'), 11, "rdf:about twice"
+    ),
+    "a namespace twice": _malformed_case(
         'xmlns:owl="', 'xmlns:owl="http://www.w3.org/2002/07/owl#" xmlns:owl="', 8, "xmlns:owl twice"
     ),
-    "a value without quotes": _case(
-        ONTOLOGY, ONTOLOGY.replace("/>", " rdfs:label=x/>"), 11, "the value of rdfs:label has no quotes", same=False
+    "a value without quotes": _malformed_case(
+        ONTOLOGY,
+        ONTOLOGY.replace("/>", " rdfs:label=x/>"),
+        11,
+        "the value of rdfs:label has no quotes",
+        same_statements=False,
     ),
-    "a tag without its >": _case("</rdfs:label>\n", "</rdfs:label\n", 15, "an end tag has no >"),
-    "a namespace that only an entity tells": _case(
+    "a tag without its >": _malformed_case("</rdfs:label>\n", "</rdfs:label\n", 15, "an end tag has no >"),
+    "a namespace that only an entity tells": _malformed_case(
         ' xmlns:knowrob="http://knowrob.org/kb/knowrob.owl#"', "", 14, "nothing declares the prefix 'knowrob'"
     ),
-    "a namespace that everyone knows": _case(
+    "a namespace that everyone knows": _malformed_case(
         ' xmlns:rdfs="http://www.w3.org/2000/01/rdf-schema#"', "", 15, "nothing declares the prefix 'rdfs'"
     ),
-    "a namespace that nobody knows": _case(
-        "rdfs:label>", "foo:label>", 15, "nothing declares the prefix 'foo'", same=False
+    "a namespace that nobody knows": _malformed_case(
+        "rdfs:label>", "foo:label>", 15, "nothing declares the prefix 'foo'", same_statements=False
     ),
-    "attributes without a prefix": _case("rdf:about", "about", 11, "says 'about' without a prefix"),
-    "an & alone": _case("A cup", "A cup & saucer", 15, "an & stands alone", same=False),
-    "a < alone": _case("A cup", "1 < 2", 15, "a < stands in a text", same=False),
-    "an end that began as another name": _case(
-        "</rdfs:label>", "</rdfs:Label>", 15, "ends what never began", same=False
+    "attributes without a prefix": _malformed_case("rdf:about", "about", 11, "says 'about' without a prefix"),
+    "an & alone": _malformed_case("A cup", "A cup & saucer", 15, "an & stands alone", same_statements=False),
+    "a < alone": _malformed_case("A cup", "1 < 2", 15, "a < stands in a text", same_statements=False),
+    "an end that began as another name": _malformed_case(
+        "</rdfs:label>", "</rdfs:Label>", 15, "ends what never began", same_statements=False
     ),
-    "an end too few": _case("  </owl:NamedIndividual>\n", "\n", 17, "<owl:NamedIndividual> has no end tag"),
-    "an end too many": _case("</rdf:RDF>", "</owl:Thing></rdf:RDF>", 17, "</owl:Thing> ends what never began"),
-    "a statement without its end": _case(
+    "an end too few": _malformed_case("  </owl:NamedIndividual>\n", "\n", 17, "<owl:NamedIndividual> has no end tag"),
+    "an end too many": _malformed_case(
+        "</rdf:RDF>", "</owl:Thing></rdf:RDF>", 17, "</owl:Thing> ends what never began"
+    ),
+    "a statement without its end": _malformed_case(
         '<rdf:type rdf:resource="&knowrob;Cup"/>',
         '<rdf:type><owl:Class rdf:about="&knowrob;Cup"/>',
         14,
         "<rdf:type> has no end tag",
-        same=False,
+        same_statements=False,
     ),
-    "a statement with two objects": _case(
+    "a statement with two objects": _malformed_case(
         '<rdf:type rdf:resource="&knowrob;Cup"/>',
         '<rdf:type><owl:Class rdf:about="&knowrob;Cup"/><owl:Class rdf:about="&knowrob;Mug"/></rdf:type>',
         13,
         "<rdf:type> holds several things",
-        same=False,
+        same_statements=False,
     ),
-    "text between things": _case("  <owl:Named", "  stray <owl:Named", 11, "takes none"),
-    "text beside a reference": _case('Cup"/>', 'Cup">x</rdf:type>', 13, "takes none"),
-    "a blank in a name": _case("&m;cup", "&m;a cup", 12, "letters that no IRI has", same=False),
-    "a backslash in a name": _case('"&m;cup"', '"file:///C:\\maps\\a.owl"', 12, "letters that no IRI", same=False),
-    "a language with an underscore": _case("<rdfs:label>", '<rdfs:label xml:lang="en_US">', 15, "en-US", same=False),
-    "a language of no letters": _case("<rdfs:label>", '<rdfs:label xml:lang="">', 15, "which is none"),
-    "an id that is no name": _case('rdf:about="&m;cup"', 'rdf:ID="1cup"', 12, "is no XML name", same=False),
-    "an id twice": _case(
-        "</rdf:RDF>", '<knowrob:Cup rdf:ID="a"/><knowrob:Cup rdf:ID="a"/></rdf:RDF>', 17, "used before", same=False
+    "text between things": _malformed_case("  <owl:Named", "  stray <owl:Named", 11, "takes none"),
+    "text beside a reference": _malformed_case('Cup"/>', 'Cup">x</rdf:type>', 13, "takes none"),
+    "a blank in a name": _malformed_case("&m;cup", "&m;a cup", 12, "letters that no IRI has", same_statements=False),
+    "a backslash in a name": _malformed_case(
+        '"&m;cup"', '"file:///C:\\maps\\a.owl"', 12, "letters that no IRI", same_statements=False
     ),
-    "a name and an id": _case('"&m;cup">', '"&m;cup" rdf:ID="cup2">', 12, "both rdf:about and rdf:ID"),
-    "an encoding that it is not in": _case('"utf-8"', '"utf-16"', 1, "the encoding 'utf-16'"),
+    "a language with an underscore": _malformed_case(
+        "<rdfs:label>", '<rdfs:label xml:lang="en_US">', 15, "en-US", same_statements=False
+    ),
+    "a language of no letters": _malformed_case("<rdfs:label>", '<rdfs:label xml:lang="">', 15, "which is none"),
+    "an id that is no name": _malformed_case(
+        'rdf:about="&m;cup"', 'rdf:ID="1cup"', 12, "is no XML name", same_statements=False
+    ),
+    "an id twice": _malformed_case(
+        "</rdf:RDF>",
+        '<knowrob:Cup rdf:ID="a"/><knowrob:Cup rdf:ID="a"/></rdf:RDF>',
+        17,
+        "used before",
+        same_statements=False,
+    ),
+    "a name and an id": _malformed_case('"&m;cup">', '"&m;cup" rdf:ID="cup2">', 12, "both rdf:about and rdf:ID"),
+    "an encoding that it is not in": _malformed_case('"utf-8"', '"utf-16"', 1, "the encoding 'utf-16'"),
 }

@@ -6,9 +6,9 @@ import re
 from collections.abc import Callable
 from random import Random
 
-__all__ = ["WORTHLESS", "mangled"]
+__all__ = ["INVALID_TEXTS", "corrupted"]
 
-WORTHLESS = (
+INVALID_TEXTS = (
     *(
         "",
         " ",
@@ -45,18 +45,18 @@ WORTHLESS = (
 
 _NUMBER = re.compile(rb"(?<![\w.#-])-?\d+(?:\.\d+)?(?:[eE][+-]?\d+)?(?![\w.#-])")
 _NAME = re.compile(rb"(?<=[;#])[A-Za-z_][\w.-]{2,}(?=[\"'>\s])")
-_LONG = 400
+_MAX_SLICE = 400
 """Bytes that a cut or a swap takes at most, but for those that take whatever follows."""
 
-Damage = Callable[[bytes, Random], bytes]
+Corruption = Callable[[bytes, Random], bytes]
 
 
-def mangled(data: bytes, seed: int) -> bytes:
+def corrupted(data: bytes, seed: int) -> bytes:
     """A file with some damage; seed 0 does none."""
     if not seed:
         return data
     random = Random(seed)
-    kinds = random.choices(_KINDS, _WEIGHTS, k=random.choice((1, 1, 2, 3, 6)))
+    kinds = random.choices(_MUTATIONS, _WEIGHTS, k=random.choice((1, 1, 2, 3, 6)))
     for damage in kinds:
         data = damage(data, random)
     return data
@@ -64,15 +64,15 @@ def mangled(data: bytes, seed: int) -> bytes:
 
 def _slice(data: bytes, random: Random) -> tuple[int, int]:
     start = random.randrange(len(data) + 1)
-    return start, min(len(data), start + int(_LONG ** random.random()))
+    return start, min(len(data), start + int(_MAX_SLICE ** random.random()))
 
 
-def _cut(data: bytes, random: Random) -> bytes:
+def _delete_slice(data: bytes, random: Random) -> bytes:
     start, end = _slice(data, random)
     return data[:start] + data[end:]
 
 
-def _cut_off(data: bytes, random: Random) -> bytes:
+def _truncate(data: bytes, random: Random) -> bytes:
     return data[: random.randrange(len(data) + 1)]
 
 
@@ -115,11 +115,11 @@ def _insert(data: bytes, random: Random) -> bytes:
     return data[:at] + random.choice(signs) * random.choice((1, 1, 2, 300)) + data[at:]
 
 
-def _misnumber(data: bytes, random: Random) -> bytes:
-    return _replace(data, random, _NUMBER, [text.encode() for text in WORTHLESS])
+def _replace_number(data: bytes, random: Random) -> bytes:
+    return _replace(data, random, _NUMBER, [text.encode() for text in INVALID_TEXTS])
 
 
-def _misname(data: bytes, random: Random) -> bytes:
+def _replace_name(data: bytes, random: Random) -> bytes:
     """Things take other things' names, so that what is a cup's becomes a door's, and parents their own children."""
     names = sorted(set(_NAME.findall(data)))
     return _replace(data, random, _NAME, names) if names else data
@@ -144,9 +144,9 @@ def _shuffle_lines(data: bytes, random: Random) -> bytes:
     return b"".join(lines)
 
 
-_KINDS: tuple[Damage, ...] = (
-    *(_cut, _cut_off, _double, _swap, _flip, _insert),
-    *(_misnumber, _misname, _shuffle_lines),
+_MUTATIONS: tuple[Corruption, ...] = (
+    *(_delete_slice, _truncate, _double, _swap, _flip, _insert),
+    *(_replace_number, _replace_name, _shuffle_lines),
 )
 _WEIGHTS = (2, 1, 2, 2, 2, 2, 6, 6, 3)
 """What leaves a file well-formed is likelier, or the readers would hardly ever be reached."""

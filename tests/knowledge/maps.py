@@ -5,39 +5,39 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from mindstage.knowledge import Finding, KnowledgeBase
-from mindstage.world import Iri, World, difference
+from mindstage.world import Iri, World, diff
 
 __all__ = [
     "KNOWROB",
     "OWL",
     "RDFS",
+    "ROOM_NAMESPACE",
     "XSD",
-    "M",
-    "Read",
-    "Tell",
-    "assert_same",
-    "body",
-    "constraint",
-    "knowing",
-    "knowrob",
-    "m",
-    "room",
+    "MakeKnowledgeBase",
+    "ReadMap",
+    "assert_worlds_equal",
+    "body_turtle",
+    "individual",
+    "knowledge_base_from",
+    "knowrob_iri",
+    "room_map",
+    "slide_joint",
 ]
 
-M = "http://example.org/room.owl#"
+ROOM_NAMESPACE = "http://example.org/room.owl#"
 KNOWROB = "http://knowrob.org/kb/knowrob.owl#"
 OWL = "http://www.w3.org/2002/07/owl#"
 RDFS = "http://www.w3.org/2000/01/rdf-schema#"
 XSD = "http://www.w3.org/2001/XMLSchema#"
 
-Read = Callable[..., tuple[World, tuple[Finding, ...]]]
+ReadMap = Callable[..., tuple[World, tuple[Finding, ...]]]
 """Reads the text of a map; gives its world, and the findings that were made."""
 
-Tell = Callable[..., KnowledgeBase]
+MakeKnowledgeBase = Callable[..., KnowledgeBase]
 """Makes a knowledge base that was told some statements, and nothing else."""
 
 _PREFIXES = f"""
-@prefix : <{M}> .
+@prefix : <{ROOM_NAMESPACE}> .
 @prefix k: <{KNOWROB}> .
 @prefix owl: <{OWL}> .
 @prefix rdfs: <{RDFS}> .
@@ -47,31 +47,33 @@ _PREFIXES = f"""
 """
 
 
-def m(name: str) -> Iri:
+def individual(name: str) -> Iri:
     """An individual of the room."""
-    return Iri(M + name)
+    return Iri(ROOM_NAMESPACE + name)
 
 
-def knowrob(name: str) -> Iri:
+def knowrob_iri(name: str) -> Iri:
     """A name of the community's."""
     return Iri(KNOWROB + name)
 
 
-def room(*statements: str, map: str = "room") -> str:
+def room_map(*statements: str, map: str = "room") -> str:
     """A map with these statements; they may use the prefixes k, owl, rdfs, xsd, ms, e, and none for what is in it."""
     return "\n".join((_PREFIXES, f":{map} a owl:NamedIndividual, k:SemanticEnvironmentMap .", *statements))
 
 
-def body(name: str, *facts: str, cls: str = "k:Cup", at: str = "1.0 2.0 3.0", turned: str = "1.0 0.0 0.0 0.0") -> str:
+def body_turtle(
+    name: str, *facts: str, cls: str = "k:Cup", position: str = "1.0 2.0 3.0", quaternion: str = "1.0 0.0 0.0 0.0"
+) -> str:
     """An individual with a pose."""
     more = "".join(f" ; {fact}" for fact in facts)
     return f""":{name} a owl:NamedIndividual, {cls} ; k:describedInMap :room ; k:pose :{name}-pose{more} .
-:{name}-pose a owl:NamedIndividual, k:Pose ; k:translation "{at}" ; k:quaternion "{turned}" ."""
+:{name}-pose a owl:NamedIndividual, k:Pose ; k:translation "{position}" ; k:quaternion "{quaternion}" ."""
 
 
-def constraint(name: str, parent: str, child: str, *facts: str) -> str:
+def slide_joint(name: str, parent: str, child: str, *facts: str) -> str:
     """A drawer's slide."""
-    return f"""{body(name, f"k:parent :{parent}", f"k:child :{child}", *facts, cls="k:Constraint")}
+    return f"""{body_turtle(name, f"k:parent :{parent}", f"k:child :{child}", *facts, cls="k:Constraint")}
 :{name} k:linearConstraint :{name}-linear ; k:angularConstraint :{name}-angular .
 :{name}-linear a owl:NamedIndividual, k:LinearConstraint ; k:xMotion 1 ; k:yMotion 2 ; k:zMotion 2 ;
     k:limit "0.45"^^xsd:float ; k:softConstraint false ; k:stiffness "0.0"^^xsd:float ; k:damping "0.0"^^xsd:float .
@@ -82,14 +84,16 @@ def constraint(name: str, parent: str, child: str, *facts: str) -> str:
     k:softTwistConstraint false ; k:twistStiffness "0.0"^^xsd:float ; k:twistDamping "0.0"^^xsd:float ."""
 
 
-def assert_same(a: World, b: World) -> None:
+def assert_worlds_equal(a: World, b: World) -> None:
     """Fails with all that two worlds do not agree on."""
-    found = difference(a, b)
+    found = diff(a, b)
     assert (found.only_in_a, found.only_in_b, found.changed, found.lost, found.gained) == ((), (), (), (), ())
     assert (a.iri, a.name, len(a.resources)) == (b.iri, b.name, len(b.resources))
 
 
-def knowing(*paths: object, ontologies: tuple[object, ...] = (), bundled_ontology: bool = False) -> KnowledgeBase:
+def knowledge_base_from(
+    *paths: object, ontologies: tuple[object, ...] = (), bundled_ontology: bool = False
+) -> KnowledgeBase:
     """A knowledge base that has loaded these files."""
     knowledge = KnowledgeBase(bundled_ontology=bundled_ontology)
     knowledge.load([str(path) for path in paths], ontologies=[str(path) for path in ontologies])

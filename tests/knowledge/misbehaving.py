@@ -9,21 +9,21 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
 import pytest
 
-__all__ = ["Misbehaving", "misbehaving"]
+__all__ = ["FaultyServerStarter", "misbehaving"]
 
-Misbehaving = Callable[[str], str]
+FaultyServerStarter = Callable[[str], str]
 """Starts a server that misbehaves in one way, and gives its address."""
 
 _TRUE = b'{"head": {}, "boolean": true}'
 
 
 class _Handler(BaseHTTPRequestHandler):
-    how = ""
+    fault = ""
     stop = threading.Event()
 
     def do_POST(self) -> None:
         self.rfile.read(int(self.headers["Content-Length"]))
-        match self.how:
+        match self.fault:
             case "silent":
                 self.stop.wait()
             case "trickling":
@@ -59,13 +59,15 @@ class _Handler(BaseHTTPRequestHandler):
             case how:
                 raise AssertionError(how)
 
-    def _answer(self, status: int, body: bytes, kind: str = "application/sparql-results+json", **headers: str) -> None:
-        self._head(status, length=len(body), kind=kind, **headers)
+    def _answer(
+        self, status: int, body: bytes, content_type: str = "application/sparql-results+json", **headers: str
+    ) -> None:
+        self._head(status, length=len(body), content_type=content_type, **headers)
         self.wfile.write(body)
 
-    def _head(self, status: int, *, length: int | None, kind: str = "application/json", **headers: str) -> None:
+    def _head(self, status: int, *, length: int | None, content_type: str = "application/json", **headers: str) -> None:
         self.send_response(status)
-        self.send_header("Content-Type", kind)
+        self.send_header("Content-Type", content_type)
         if length is not None:
             self.send_header("Content-Length", str(length))
         for name, value in headers.items():
@@ -84,7 +86,7 @@ class _Server(ThreadingHTTPServer):
 
 
 @pytest.fixture
-def misbehaving() -> Iterator[Misbehaving]:
+def misbehaving() -> Iterator[FaultyServerStarter]:
     servers: list[_Server] = []
     stop = threading.Event()
 

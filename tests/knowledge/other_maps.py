@@ -5,10 +5,18 @@ from __future__ import annotations
 from pathlib import Path
 
 from mindstage.knowledge import Finding, save_map
-from mindstage.world import Constraint, World
-from tests.knowledge.maps import Read, assert_same, knowing
+from mindstage.world import Joint, World
+from tests.knowledge.maps import ReadMap, assert_worlds_equal, knowledge_base_from
 
-__all__ = ["about", "comes_back", "knowrob1", "matrix", "perceived", "range_of", "soma"]
+__all__ = [
+    "check_round_trip",
+    "finding_texts",
+    "joint_range",
+    "knowrob1_map",
+    "matrix_turtle",
+    "perception",
+    "soma_map",
+]
 
 _PREFIXES = """
 @prefix : <http://example.org/old.owl#> .
@@ -20,51 +28,51 @@ _PREFIXES = """
 @prefix rdfs: <http://www.w3.org/2000/01/rdf-schema#> .
 @prefix xsd: <http://www.w3.org/2001/XMLSchema#> .
 """
-_UNIT = (1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1)
+_IDENTITY = (1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1)
 
 
-def knowrob1(*statements: str) -> str:
+def knowrob1_map(*statements: str) -> str:
     """A map of dialect 4."""
     return "\n".join((_PREFIXES, ":old a k:SemanticEnvironmentMap .", *statements))
 
 
-def soma(*statements: str) -> str:
+def soma_map(*statements: str) -> str:
     """A map of dialect 5."""
     return "\n".join((_PREFIXES, "<http://example.org/old.owl> a owl:Ontology .", *statements))
 
 
-def matrix(name: str, *at: float, **elements: float | str | None) -> str:
+def matrix_turtle(name: str, *position: float, **elements: float | str | None) -> str:
     """A matrix without rotation, but for the elements that are told; None leaves one out."""
-    told: dict[str, float | str | None] = {f"m{n // 4}{n % 4}": value for n, value in enumerate(_UNIT)}
-    told |= dict(zip(("m03", "m13", "m23"), at, strict=True)) | elements
+    told: dict[str, float | str | None] = {f"m{n // 4}{n % 4}": value for n, value in enumerate(_IDENTITY)}
+    told |= dict(zip(("m03", "m13", "m23"), position, strict=True)) | elements
     parts = (f' ; k:{key} "{value}"^^xsd:float' for key, value in told.items() if value is not None)
     return f":{name} a k:RotationMatrix3D{''.join(parts)} ."
 
 
-def perceived(thing: str, when: str, *at: float, **elements: float | str | None) -> str:
+def perception(individual: str, time: str, *position: float, **elements: float | str | None) -> str:
     """A thing seen somewhere at some time."""
-    name = f"{thing}-{when}"
-    return f""":see-{name} a k:SemanticMapPerception ; k:objectActedOn :{thing} ;
-        k:startTime :timepoint_{when} ; k:eventOccursAt :at-{name} .
-    {matrix(f"at-{name}", *at, **elements)}"""
+    name = f"{individual}-{time}"
+    return f""":see-{name} a k:SemanticMapPerception ; k:objectActedOn :{individual} ;
+        k:startTime :timepoint_{time} ; k:eventOccursAt :at-{name} .
+    {matrix_turtle(f"at-{name}", *position, **elements)}"""
 
 
-def range_of(constraint: Constraint) -> tuple[float, float]:
+def joint_range(constraint: Joint) -> tuple[float, float]:
     """From where to where the child may go, along or about x, seen from where it was spawned."""
     linear, angular = constraint.linear, constraint.angular
     middle, limit = linear.x_middle + angular.twist_middle, linear.limit + angular.twist_limit
     return middle - limit, middle + limit
 
 
-def about(findings: tuple[Finding, ...], name: str) -> str:
+def finding_texts(findings: tuple[Finding, ...], name: str) -> str:
     """All that was found about one thing, in one text."""
     return "\n".join(str(finding) for finding in findings if finding.individual.endswith(f"#{name}"))
 
 
-def comes_back(read: Read, text: str, folder: Path) -> World:
+def check_round_trip(read: ReadMap, text: str, folder: Path) -> World:
     """A world whose written map gives the same world, and has all that was told in it."""
     world, _ = read(text)
     path = folder / "back.owl"
     save_map(world, path)
-    assert_same(world, knowing(path).world(world.iri))
+    assert_worlds_equal(world, knowledge_base_from(path).world(world.iri))
     return world

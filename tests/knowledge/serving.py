@@ -9,10 +9,10 @@ from http.client import HTTPConnection
 from pathlib import Path
 from urllib.parse import quote
 
-__all__ = ["Server"]
+__all__ = ["SparqlServer"]
 
 
-class Server:
+class SparqlServer:
     """An Oxigraph server, and what is put into it."""
 
     def __init__(self, program: Path, *options: str) -> None:
@@ -32,7 +32,7 @@ class Server:
                 assert time.monotonic() < deadline, "the server does not start"
                 time.sleep(0.02)
 
-    def put(self, *files: Path, default: bool = False) -> None:
+    def load_files(self, *files: Path, default: bool = False) -> None:
         """Puts files into the server, each as a graph of its own or all into the default graph."""
         for file in files:
             kind = "text/turtle" if file.suffix == ".ttl" else "application/rdf+xml"

@@ -11,20 +11,28 @@ import pytest
 
 from mindstage.engines.mujoco import MujocoEngine
 from mindstage.knowledge import (
-    Conventions,
-    Frame,
+    Handedness,
     KnowledgeBase,
+    LengthUnit,
     MapFormat,
     QuaternionOrder,
     Severity,
-    Units,
+    UnitConventions,
     save_map,
     write_map,
 )
-from mindstage.knowledge.reading.conversion import given
-from mindstage.world import Body, Iri, Motion, Pose, World
-from mindstage.world.extent import extent_of
-from tests.knowledge.maps import KNOWROB, Read, assert_same, knowing, knowrob, m, room
+from mindstage.knowledge.reading.conversion import original_property
+from mindstage.world import AxisMotion, Body, Iri, Pose, World
+from mindstage.world.extent import world_bounds
+from tests.knowledge.maps import (
+    KNOWROB,
+    ReadMap,
+    assert_worlds_equal,
+    individual,
+    knowledge_base_from,
+    knowrob_iri,
+    room_map,
+)
 
 MS = "http://mindstage.org/ontology#"
 SIZES = {"k:IAIFridgeArea": (58.0, 60.0, 150.0), "k:IAIDoor": (6.0, 58.0, 86.0), "k:IAIDrawer": (51.0, 59.0, 28.0)}
@@ -56,14 +64,14 @@ FRIDGE = [
 
 
 def fridge(*more: str) -> str:
-    return room(*CLASSES, *FRIDGE, *more)
+    return room_map(*CLASSES, *FRIDGE, *more)
 
 
 def at(world: World, id: str) -> Body:
     return world.body(id)
 
 
-def test_centimetres_in_a_mirrored_frame_become_metres_in_ros(read: Read) -> None:
+def test_centimeters_in_a_mirrored_frame_become_meters_in_ros(read: ReadMap) -> None:
     half = math.sqrt(0.5)
     cup = thing("cup", "k:Cup", "10.0 20.0 30.0", turned=f"0.0 0.0 {half} {half}")
     world, _ = read(fridge(cup))
@@ -74,10 +82,10 @@ def test_centimetres_in_a_mirrored_frame_become_metres_in_ros(read: Read) -> Non
 
 def test_what_was_assumed_is_told_with_its_evidence(tmp_path: Path) -> None:
     (tmp_path / "map.ttl").write_text(fridge(), encoding="utf-8")
-    knowledge = knowing(tmp_path / "map.ttl")
+    knowledge = knowledge_base_from(tmp_path / "map.ttl")
     assert knowledge.assumptions() == ()
     knowledge.world()
-    told = {assumption.about: assumption for assumption in knowledge.assumptions()}
+    told = {assumption.topic: assumption for assumption in knowledge.assumptions()}
     assert {about: told[about].value for about in ("units", "frame", "quaternion")} == {
         "units": "cm",
         "frame": "unreal",
@@ -87,27 +95,27 @@ def test_what_was_assumed_is_told_with_its_evidence(tmp_path: Path) -> None:
     assert "heights go from 0.35 to 0.97 m" in told["frame"].evidence
     assert "as xyzw 5 of 5 stand upright and 5 are not turned" in told["quaternion"].evidence
     assert not any(assumption.overridden for assumption in told.values())
-    assert all(assumption.map == m("room") for assumption in told.values())
+    assert all(assumption.map == individual("room") for assumption in told.values())
 
 
 def test_the_user_decides_what_numbers_mean(tmp_path: Path) -> None:
     (tmp_path / "map.ttl").write_text(fridge(), encoding="utf-8")
     knowledge = KnowledgeBase(bundled_ontology=False)
-    told = Conventions(units=Units.MILLIMETRES, frame=Frame.ROS, quaternion=QuaternionOrder.WXYZ)
+    told = UnitConventions(units=LengthUnit.MILLIMETERS, frame=Handedness.ROS, quaternion=QuaternionOrder.WXYZ)
     knowledge.load(tmp_path / "map.ttl", conventions=told)
     world = knowledge.world()
     assert world.body("fridge").pose == Pose((0.1, 0.2, 0.075), (0.0, 0.0, 0.0, 1.0))
-    assumptions = {assumption.about: assumption for assumption in knowledge.assumptions()}
+    assumptions = {assumption.topic: assumption for assumption in knowledge.assumptions()}
     assert assumptions["units"].overridden
     assert "by evidence it would be cm" in assumptions["units"].evidence
     assert not assumptions["joints"].overridden
 
 
-def test_metres_are_metres_in_this_dialect_too(read: Read) -> None:
+def test_meters_are_meters_in_this_dialect_too(read: ReadMap) -> None:
     """A logger that converted before it wrote."""
     small = [sized("k:IAIFridgeArea", (0.58, 0.6, 1.5))]
     box = thing("fridge", "k:IAIFridgeArea", "1.0 2.0 0.75", 'k:maskColor "FD1ACDFF"', turned="1.0 0.0 0.0 0.0")
-    world, _ = read(room(*small, box))
+    world, _ = read(room_map(*small, box))
     assert at(world, "fridge").pose == Pose((1.0, 2.0, 0.75), (1.0, 0.0, 0.0, 0.0))
     assert not any("given" in fact.property for fact in world.facts)
 
@@ -115,61 +123,65 @@ def test_metres_are_metres_in_this_dialect_too(read: Read) -> None:
 # -- joints ------------------------------------------------------------------------------------------------------------
 
 
-def test_a_joint_joins_what_it_hangs_on_to_what_that_hangs_on(read: Read) -> None:
+def test_a_joint_joins_what_it_hangs_on_to_what_that_hangs_on(read: ReadMap) -> None:
     world, findings = read(fridge())
-    joints = {constraint.id: constraint for constraint in world.constraints}
+    joints = {constraint.id: constraint for constraint in world.joints}
     assert {id: (joint.parent, joint.child) for id, joint in joints.items()} == {
         "hinge": ("fridge", "door"),
         "slide": ("fridge", "drawer"),
     }
     assert world.attachments == (), "what a joint moves does not go where its parent goes"
-    told = [finding for finding in findings if "neither an axis nor limits" in finding.what]
-    assert {finding.individual for finding in told} == {m("hinge"), m("slide")}
+    told = [finding for finding in findings if "neither an axis nor limits" in finding.problem]
+    assert {finding.individual for finding in told} == {individual("hinge"), individual("slide")}
 
 
-def test_a_door_turns_about_the_edge_that_its_joint_is_at(read: Read) -> None:
+def test_a_door_turns_about_the_edge_that_its_joint_is_at(read: ReadMap) -> None:
     world, _ = read(fridge())
-    hinge = next(joint for joint in world.constraints if joint.id == "hinge")
+    hinge = next(joint for joint in world.joints if joint.id == "hinge")
     assert (hinge.angular.swing1, hinge.angular.swing2, hinge.angular.twist) == (
-        Motion.LIMITED,
-        Motion.LOCKED,
-        Motion.LOCKED,
+        AxisMotion.LIMITED,
+        AxisMotion.LOCKED,
+        AxisMotion.LOCKED,
     )
     assert hinge.angular.swing1_limit == math.pi / 2
     below = thing("hinge", "k:RevoluteJoint", "126.0 199.0 54.0", "k:parent :door")
-    world, _ = read(room(*CLASSES, *FRIDGE[:3], below))
-    assert world.constraints[0].angular.swing2 is Motion.LIMITED
+    world, _ = read(room_map(*CLASSES, *FRIDGE[:3], below))
+    assert world.joints[0].angular.swing2 is AxisMotion.LIMITED
 
 
-def test_a_knob_turns_about_its_axis_without_end(read: Read) -> None:
+def test_a_knob_turns_about_its_axis_without_end(read: ReadMap) -> None:
     knob = thing("knob", "k:Knob", "131.0 200.0 140.0", "k:parent :fridge", 'k:mobility "dynamic"')
     joint = thing("turn", "k:RevoluteJoint", "131.0 200.0 140.0", "k:parent :knob")
     world, _ = read(fridge(sized("k:Knob", (2.5, 4.0, 4.0)), knob, joint))
-    turn = next(joint for joint in world.constraints if joint.id == "turn")
-    assert turn.angular.twist is Motion.FREE
-    assert turn.angular.swing1 is turn.angular.swing2 is Motion.LOCKED
+    turn = next(joint for joint in world.joints if joint.id == "turn")
+    assert turn.angular.twist is AxisMotion.FREE
+    assert turn.angular.swing1 is turn.angular.swing2 is AxisMotion.LOCKED
 
 
-def test_a_drawer_comes_out_by_its_own_depth(read: Read) -> None:
+def test_a_drawer_comes_out_by_its_own_depth(read: ReadMap) -> None:
     world, _ = read(fridge())
-    slide = next(joint for joint in world.constraints if joint.id == "slide")
-    assert (slide.linear.x, slide.linear.y, slide.linear.z) == (Motion.LIMITED, Motion.LOCKED, Motion.LOCKED)
+    slide = next(joint for joint in world.joints if joint.id == "slide")
+    assert (slide.linear.x, slide.linear.y, slide.linear.z) == (
+        AxisMotion.LIMITED,
+        AxisMotion.LOCKED,
+        AxisMotion.LOCKED,
+    )
     assert slide.linear.limit == pytest.approx(0.51)
 
 
-def test_a_joint_that_hangs_on_nothing_is_left_out_and_named(read: Read) -> None:
+def test_a_joint_that_hangs_on_nothing_is_left_out_and_named(read: ReadMap) -> None:
     world, findings = read(fridge(thing("lost", "k:LinearJoint", "1.0 2.0 3.0")))
-    assert all(joint.id != "lost" for joint in world.constraints)
-    assert any(finding.individual == m("lost") and finding.severity is Severity.ERROR for finding in findings)
-    assert any(resource.iri == m("lost") for resource in world.resources)
+    assert all(joint.id != "lost" for joint in world.joints)
+    assert any(finding.individual == individual("lost") and finding.severity is Severity.ERROR for finding in findings)
+    assert any(resource.iri == individual("lost") for resource in world.resources)
 
 
-def test_of_two_joints_between_two_things_one_leaves_the_other_free(read: Read) -> None:
+def test_of_two_joints_between_two_things_one_leaves_the_other_free(read: ReadMap) -> None:
     second = thing("second", "k:LinearJoint", "126.0 228.0 97.0", "k:parent :door")
     world, findings = read(fridge(second))
-    joint = next(joint for joint in world.constraints if joint.id == "second")
-    assert {joint.linear.x, joint.linear.y, joint.angular.twist} == {Motion.FREE}
-    assert any(finding.individual == m("second") and "another joint" in finding.did for finding in findings)
+    joint = next(joint for joint in world.joints if joint.id == "second")
+    assert {joint.linear.x, joint.linear.y, joint.angular.twist} == {AxisMotion.FREE}
+    assert any(finding.individual == individual("second") and "another joint" in finding.action for finding in findings)
 
 
 # -- what classes say --------------------------------------------------------------------------------------------------
@@ -185,27 +197,27 @@ def test_of_two_joints_between_two_things_one_leaves_the_other_free(read: Read) 
     ],
     ids=["plainly", "by restrictions"],
 )
-def test_what_a_class_says_of_mass_and_mesh_counts_for_its_members(of_class: str, read: Read) -> None:
+def test_what_a_class_says_of_mass_and_mesh_counts_for_its_members(of_class: str, read: ReadMap) -> None:
     own = thing("own", "k:Cup", "1.0 2.0 3.0", 'k:mass "0.5"^^xsd:float')
-    text = room(of_class, thing("cup", "k:Cup", "10.0 20.0 30.0"), own)
+    text = room_map(of_class, thing("cup", "k:Cup", "10.0 20.0 30.0"), own)
     world, _ = read(text)
     assert (at(world, "cup").physics.mass_kg, at(world, "cup").mesh) == (0.25, "package://cups/cup.dae")
     assert at(world, "own").physics.mass_kg == 0.5
     again, _ = read(write_map(world, format=MapFormat.TURTLE))
-    assert_same(world, again)
+    assert_worlds_equal(world, again)
 
 
-def test_members_of_a_map_that_is_nowhere_are_in_it_all_the_same(read: Read) -> None:
+def test_members_of_a_map_that_is_nowhere_are_in_it_all_the_same(read: ReadMap) -> None:
     text = fridge().replace(":room a owl:NamedIndividual, k:SemanticEnvironmentMap .", "")
     world, findings = read(text)
     assert len(world.bodies) == 3
-    assert any("nothing calls it a map" in finding.what for finding in findings)
+    assert any("nothing calls it a map" in finding.problem for finding in findings)
 
 
 # -- the way back ------------------------------------------------------------------------------------------------------
 
 
-def test_what_was_given_is_kept_beside_what_it_means(read: Read) -> None:
+def test_what_was_given_is_kept_beside_what_it_means(read: ReadMap) -> None:
     world, _ = read(fridge())
     kept = {fact.property.removeprefix(MS): getattr(fact.value, "text", "") for fact in world.facts}
     assert kept == {
@@ -217,21 +229,21 @@ def test_what_was_given_is_kept_beside_what_it_means(read: Read) -> None:
     text = write_map(world, format=MapFormat.TURTLE)
     assert 'ms:givenTranslation "100.0 200.0 75.0"' in text
     again, _ = read(text)
-    assert_same(world, again)
+    assert_worlds_equal(world, again)
 
 
 @pytest.fixture(scope="module")
 def task_two(shared_data: Path) -> tuple[World, KnowledgeBase]:
-    knowledge = knowing(shared_data / "maps" / "ameva-task-two.owl")
+    knowledge = knowledge_base_from(shared_data / "maps" / "ameva-task-two.owl")
     return knowledge.world(), knowledge
 
 
 def test_a_real_map_becomes_a_kitchen_of_its_size(task_two: tuple[World, KnowledgeBase]) -> None:
     world, knowledge = task_two
-    assert (len(world.bodies), len(world.constraints), len(world.attachments)) == (78, 31, 36)
-    extent = extent_of(world)
+    assert (len(world.bodies), len(world.joints), len(world.attachments)) == (78, 31, 36)
+    extent = world_bounds(world)
     assert extent is not None
-    assert extent.tallest_class == knowrob("IAIFridgeArea")
+    assert extent.tallest_class == knowrob_iri("IAIFridgeArea")
     assert extent.height_m == pytest.approx(1.4992, abs=1e-3)
     assert all(1.0 < length < 5.0 for length in extent.size)
     assert not [finding for finding in knowledge.findings() if finding.severity is Severity.ERROR]
@@ -239,7 +251,7 @@ def test_a_real_map_becomes_a_kitchen_of_its_size(task_two: tuple[World, Knowled
 
 def test_a_real_map_is_no_mirror_image_of_its_kitchen(task_two: tuple[World, KnowledgeBase], shared_data: Path) -> None:
     """The same kitchen was logged twice: once with the frame converted, once without."""
-    other = knowing(shared_data / "maps" / "iai-kitchen-original.owl").world()
+    other = knowledge_base_from(shared_data / "maps" / "iai-kitchen-original.owl").world()
 
     def turn(world: World) -> float:
         places = {body.cls.removeprefix(KNOWROB): np.array(body.pose.position) for body in world.bodies}
@@ -254,10 +266,10 @@ def test_every_statement_of_a_real_map_is_kept(
 ) -> None:
     world, _ = task_two
     save_map(world, tmp_path / "out.owl")
-    assert_same(world, knowing(tmp_path / "out.owl").world())
+    assert_worlds_equal(world, knowledge_base_from(tmp_path / "out.owl").world())
     before, after = (statements(path) for path in (shared_data / "maps" / "ameva-task-two.owl", tmp_path / "out.owl"))
     assert len(before) > 1500
-    lost = {(s, p, o) for s, p, o in before if (s, p, o) not in after and (s, given(p), o) not in after}
+    lost = {(s, p, o) for s, p, o in before if (s, p, o) not in after and (s, original_property(p), o) not in after}
     assert lost == set()
 
 

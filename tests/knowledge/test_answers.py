@@ -7,9 +7,9 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from mindstage.errors import NameAmbiguous, NameUnknown
+from mindstage.errors import AmbiguousNameError, NameNotFoundError
 from mindstage.knowledge import KnowledgeBase
-from mindstage.knowledge.questions import Storage, questions
+from mindstage.knowledge.questions import StoragePlace, list_questions
 from mindstage.world import Iri
 
 KITCHEN = "http://mindstage.org/maps/kitchen.owl#"
@@ -50,15 +50,15 @@ def test_a_class_stands_for_its_members(kb: KnowledgeBase) -> None:
     assert row.individual == f"{KITCHEN}fridge"
     several = kb.ask("subclass_of", superclass="Cupboard")
     with_members = next(row for row in several if len(row.instances) > 1)
-    with pytest.raises(NameAmbiguous):
+    with pytest.raises(AmbiguousNameError):
         with_members.individual  # noqa: B018
     none = next(row for row in kb.ask("storage_place") if not row.instances)
-    with pytest.raises(NameUnknown, match="no individual of the class"):
+    with pytest.raises(NameNotFoundError, match="no individual of the class"):
         none.individual  # noqa: B018
 
 
 def test_a_row_of_no_question_has_no_subject(kb: KnowledgeBase) -> None:
-    made = Storage(item=Iri("a"), place=Iri("b"), because_of=Iri("c"), generality=0)
+    made = StoragePlace(item=Iri("a"), place=Iri("b"), because_of=Iri("c"), generality=0)
     with pytest.raises(AttributeError, match="not returned by a question"):
         made.subject  # noqa: B018
     with pytest.raises(AttributeError, match="is a map"):
@@ -67,7 +67,7 @@ def test_a_row_of_no_question_has_no_subject(kb: KnowledgeBase) -> None:
         kb.ask("class_properties", cls="Refrigerator", value="Perishable")[0].instances  # noqa: B018
 
 
-@pytest.mark.parametrize("question", questions(), ids=lambda each: each.name)
+@pytest.mark.parametrize("question", list_questions(), ids=lambda each: each.name)
 def test_every_question_s_answers_are_plain_values_and_tables(kb: KnowledgeBase, question: object) -> None:
     answers = kb.ask(question)  # type: ignore[call-overload]
     dicts = answers.to_dicts()

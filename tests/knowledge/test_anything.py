@@ -14,23 +14,33 @@ from hypothesis import strategies as st
 from hypothesis.strategies import SearchStrategy
 from msgspec.structs import replace
 
-from mindstage.errors import SourceUnreadable
+from mindstage.errors import SourceParseError
 from mindstage.knowledge import bundled_kitchen, save_map
-from mindstage.world import Body, Constraint, Light, Resource, World
-from tests.knowledge.maps import KNOWROB, OWL, RDFS, XSD, M, body, constraint, knowing, room
+from mindstage.world import Body, Joint, Light, NamedResource, World
+from tests.knowledge.maps import (
+    KNOWROB,
+    OWL,
+    RDFS,
+    ROOM_NAMESPACE,
+    XSD,
+    body_turtle,
+    knowledge_base_from,
+    room_map,
+    slide_joint,
+)
 from tests.knowledge.test_round_trip import statements
 
 T = TypeVar("T")
-Owner = TypeVar("Owner", Body, Constraint, Light, Resource)
+Owner = TypeVar("Owner", Body, Joint, Light, NamedResource)
 
 DESCRIBED = ox.NamedNode(KNOWROB + "describedInMap")
 MS = "http://mindstage.org/ontology#"
-GOOD = room(
-    body("table", 'k:mobility "static" ; k:mass "20.0"^^xsd:float ; k:tagsData "SemLog;Id,t;" ; k:child :cup'),
-    body("cup", 'ms:material [ ms:index 0 ; ms:name "glaze" ] ; rdfs:label "cup"'),
-    body("box", 'k:depthOfObject "1.0"^^xsd:float'),
-    body("lamp", cls="ms:SpotLight"),
-    constraint("slide", "table", "box"),
+GOOD = room_map(
+    body_turtle("table", 'k:mobility "static" ; k:mass "20.0"^^xsd:float ; k:tagsData "SemLog;Id,t;" ; k:child :cup'),
+    body_turtle("cup", 'ms:material [ ms:index 0 ; ms:name "glaze" ] ; rdfs:label "cup"'),
+    body_turtle("box", 'k:depthOfObject "1.0"^^xsd:float'),
+    body_turtle("lamp", cls="ms:SpotLight"),
+    slide_joint("slide", "table", "box"),
     *(
         f"k:Cup rdfs:subClassOf [ a owl:Restriction ; owl:onProperty k:{axis}OfObject ; owl:hasValue {extent} ] ."
         for axis, extent in (("depth", 1), ("width", 2), ("height", 3))
@@ -51,8 +61,10 @@ def good() -> list[ox.Quad]:
 
 def strange_statements() -> SearchStrategy[ox.Quad]:
     """Any subject, any property, any value, of those that mean something to somebody."""
-    individuals = [M + name for name in ("room", "other", "table", "cup", "box", "lamp", "slide", "ghost")]
-    parts = [M + name for name in ("cup-pose", "table-pose", "slide-linear", "slide-pose-2", "slide-angular")]
+    individuals = [ROOM_NAMESPACE + name for name in ("room", "other", "table", "cup", "box", "lamp", "slide", "ghost")]
+    parts = [
+        ROOM_NAMESPACE + name for name in ("cup-pose", "table-pose", "slide-linear", "slide-pose-2", "slide-angular")
+    ]
     classes = [KNOWROB + name for name in ("Cup", "Vessel", "Constraint", "Pose", "SemanticEnvironmentMap")]
     classes += [MS + "PointLight", OWL + "NamedIndividual", OWL + "Thing", OWL + "Restriction", OWL + "Class"]
     properties = [quad.predicate for quad in good()]
@@ -73,7 +85,7 @@ def strange_statements() -> SearchStrategy[ox.Quad]:
 
 
 @st.composite
-def spoilt_maps(draw: st.DrawFn) -> list[ox.Quad]:
+def mutated_maps(draw: st.DrawFn) -> list[ox.Quad]:
     """A good map with some statements taken away, some strange ones put in, and others in another order."""
     said = good()
     for index in sorted(draw(st.sets(st.integers(0, len(said) - 1), max_size=6)), reverse=True):
@@ -83,7 +95,7 @@ def spoilt_maps(draw: st.DrawFn) -> list[ox.Quad]:
     return said
 
 
-def settled(world: World) -> World:
+def normalized(world: World) -> World:
     """The world in one order; none of a world's orders means anything, but for those of tags and materials."""
 
     def in_order(things: tuple[T, ...]) -> tuple[T, ...]:
@@ -95,7 +107,7 @@ def settled(world: World) -> World:
     return replace(
         world,
         bodies=with_facts(world.bodies),
-        constraints=with_facts(world.constraints),
+        joints=with_facts(world.joints),
         attachments=in_order(world.attachments),
         lights=with_facts(world.lights),
         facts=in_order(world.facts),
@@ -103,17 +115,17 @@ def settled(world: World) -> World:
     )
 
 
-@given(said=spoilt_maps())
+@given(said=mutated_maps())
 def test_nothing_that_is_told_is_lost(said: list[ox.Quad], folder: Path) -> None:
     path, out = folder / "map.ttl", folder / "out.ttl"
     ox.serialize(said, path, ox.RdfFormat.TURTLE)
-    knowledge = knowing(path)
+    knowledge = knowledge_base_from(path)
     for map in knowledge.maps():
         world = knowledge.world(map)
-        assert knowledge.analyse(map).individuals >= len(world.bodies) + len(world.constraints) + len(world.lights)
+        assert knowledge.map_statistics(map).individuals >= len(world.bodies) + len(world.joints) + len(world.lights)
         save_map(world, out)
-        assert settled(knowing(out).world(map)) == settled(world)
-    if knowledge.maps() == (M + "room",):
+        assert normalized(knowledge_base_from(out).world(map)) == normalized(world)
+    if knowledge.maps() == (ROOM_NAMESPACE + "room",):
         assert set(statements(path)) - set(statements(out)) == set()
 
 
@@ -124,6 +136,6 @@ def test_a_damaged_file_is_read_or_refused(data: st.DataObject, folder: Path) ->
     start = data.draw(st.integers(0, len(text)))
     end = data.draw(st.integers(start, min(len(text), start + 200)))
     path.write_bytes(text[:start] + data.draw(st.binary(max_size=8)) + text[end:])
-    with suppress(SourceUnreadable):
-        knowledge = knowing(path)
+    with suppress(SourceParseError):
+        knowledge = knowledge_base_from(path)
         assert all(knowledge.world(map).iri == map for map in knowledge.maps())

@@ -27,7 +27,7 @@ def containers(kitchen: Scene) -> dict[str, list[Box]]:
     """All that each loose thing is in, the innermost first."""
     boxes = list(kitchen.boxes.values())
     inside = {}
-    for thing in kitchen.loose:
+    for thing in kitchen.movable_boxes:
         near = [box for box, gap in zip(boxes, separation(thing, boxes), strict=True) if gap < -TOUCHING]
         near = [box for box in near if np.prod(box.size) > np.prod(thing.size)]
         inside[thing.id] = sorted(near, key=lambda box: float(np.prod(box.size)))
@@ -39,7 +39,7 @@ def supports(kitchen: Scene, containers: dict[str, list[Box]]) -> dict[str, Box]
     """What each loose thing that is in nothing stands on."""
     return {
         thing.id: support
-        for thing in kitchen.loose
+        for thing in kitchen.movable_boxes
         if not containers[thing.id]
         for support in kitchen.boxes.values()
         if abs(support.top - thing.bottom) <= TOUCHING and footprint_inside(thing, support)
@@ -58,14 +58,16 @@ def test_everything_stands_square_to_the_room(kitchen: Scene) -> None:
 
 
 def test_nothing_overlaps_but_contents_and_drawers_with_what_they_are_in(kitchen: Scene) -> None:
-    loose = {thing.id for thing in kitchen.loose}
+    loose = {thing.id for thing in kitchen.movable_boxes}
     boxes = list(kitchen.boxes.values())
     wrong = []
     for index, box in enumerate(boxes[:-1]):
         rest = boxes[index + 1 :]
         for other, gap in zip(rest, separation(box, rest), strict=True):
             inner, outer = sorted((box, other), key=lambda each: float(np.prod(each.size)))
-            held = inner.id in loose or (inner.id in kitchen.fronts and kitchen.joined(inner.id, outer.id))
+            held = inner.id in loose or (
+                inner.id in kitchen.fronts_with_joints and kitchen.are_jointed(inner.id, outer.id)
+            )
             if gap < -TOUCHING and not held:
                 wrong.append(f"{box.id} and {other.id} by {-gap * 1000:.1f} mm")
     assert not wrong
@@ -102,7 +104,7 @@ def test_contents_stand_on_at_most_three_shelves_with_room_for_boards(
 def test_loose_things_are_in_something_or_stand_on_something(
     kitchen: Scene, containers: dict[str, list[Box]], supports: dict[str, Box]
 ) -> None:
-    assert [thing.id for thing in kitchen.loose if not containers[thing.id] and thing.id not in supports] == []
+    assert [thing.id for thing in kitchen.movable_boxes if not containers[thing.id] and thing.id not in supports] == []
 
 
 def test_nothing_is_stacked_higher_than_two(kitchen: Scene, supports: dict[str, Box]) -> None:
@@ -114,13 +116,13 @@ def test_nothing_is_stacked_higher_than_two(kitchen: Scene, supports: dict[str, 
 def test_loose_things_keep_their_distance(
     kitchen: Scene, containers: dict[str, list[Box]], supports: dict[str, Box]
 ) -> None:
-    for thing in kitchen.loose:
+    for thing in kitchen.movable_boxes:
         apart = 0.003 if containers[thing.id] else 0.01
         about = {box.id for box in containers[thing.id]} | {thing.id}
         about |= {supports[thing.id].id} if thing.id in supports else set()
         about |= {id for id, support in supports.items() if support.id == thing.id}
         about |= {id for id, outer in containers.items() if thing.id in {box.id for box in outer}}
-        about |= {child.id for child in kitchen.attached[thing.id]}
+        about |= {child.id for child in kitchen.attached_to_root[thing.id]}
         others = [box for box in kitchen.boxes.values() if box.id not in about]
         gaps = separation(thing, others)
         near = others[int(gaps.argmin())].id
@@ -144,34 +146,34 @@ def test_heights_are_those_of_a_real_kitchen(kitchen: Scene) -> None:
 
 
 def test_fronts_keep_clear_of_their_case_and_of_each_other(kitchen: Scene) -> None:
-    fronts = [kitchen.boxes[id] for id in kitchen.fronts]
+    fronts = [kitchen.boxes[id] for id in kitchen.fronts_with_joints]
     for index, front in enumerate(fronts[:-1]):
         gaps = separation(front, fronts[index + 1 :])
         assert gaps.min() >= 0.003 - 1e-9, f"{front.id} and {fronts[index + 1 + int(gaps.argmin())].id}"
-    for part, joint in kitchen.fronts.items():
+    for part, joint in kitchen.fronts_with_joints.items():
         if not slides(joint):
-            gap = float(separation(kitchen.boxes[part], [kitchen.boxes[joint.case]])[0])
-            assert 0.001 <= gap <= 0.003 + 1e-9, f"{part} is {gap * 1000:.1f} mm from {joint.case}"
+            gap = float(separation(kitchen.boxes[part], [kitchen.boxes[joint.parent]])[0])
+            assert 0.001 <= gap <= 0.003 + 1e-9, f"{part} is {gap * 1000:.1f} mm from {joint.parent}"
 
 
 def test_drawers_are_in_their_own_case_but_for_the_front(kitchen: Scene) -> None:
-    for part, joint in kitchen.fronts.items():
+    for part, joint in kitchen.fronts_with_joints.items():
         if slides(joint):
             forward = joint.rotation[:, 0]
             shift = -0.022 * forward
-            box = kitchen.boxes[part].moved(np.eye(3), joint.at, shift)
+            box = kitchen.boxes[part].transformed(np.eye(3), joint.position, shift)
             low, high = box.extent
-            floor, ceiling = kitchen.boxes[joint.case].extent
+            floor, ceiling = kitchen.boxes[joint.parent].extent
             assert min((low - floor).min(), (ceiling - high).min()) >= -TOUCHING, part
 
 
 def test_handles_sit_on_the_front_of_what_they_open(kitchen: Scene) -> None:
-    for part, joint in kitchen.fronts.items():
-        (handle,) = [child for child in kitchen.attached[part] if child.id.endswith("_handle")]
+    for part, joint in kitchen.fronts_with_joints.items():
+        (handle,) = [child for child in kitchen.attached_to_root[part] if child.id.endswith("_handle")]
         front, forward = kitchen.boxes[part], joint.rotation[:, 0]
         assert handle.mobility == "kinematic"
         reach = abs(forward @ front.rotation) @ front.size / 2 + abs(forward @ handle.rotation) @ handle.size / 2
-        assert forward @ (handle.centre - front.centre) == pytest.approx(reach, abs=TOUCHING), handle.id
+        assert forward @ (handle.center - front.center) == pytest.approx(reach, abs=TOUCHING), handle.id
         assert 0.03 <= abs(forward @ handle.rotation) @ handle.size <= 0.06
         flat = 1 - np.abs(forward)
         low, high = handle.extent * flat
@@ -180,13 +182,15 @@ def test_handles_sit_on_the_front_of_what_they_open(kitchen: Scene) -> None:
 
 
 def test_joint_frames_look_out_of_the_case(kitchen: Scene) -> None:
-    for part, joint in kitchen.fronts.items():
-        (handle,) = [child for child in kitchen.attached[part] if child.id.endswith("_handle")]
+    for part, joint in kitchen.fronts_with_joints.items():
+        (handle,) = [child for child in kitchen.attached_to_root[part] if child.id.endswith("_handle")]
         box, forward = kitchen.boxes[part], joint.rotation[:, 0]
-        assert forward @ (handle.centre - box.centre) > 0, joint.id
+        assert forward @ (handle.center - box.center) > 0, joint.id
         assert np.allclose(joint.rotation[:, 2], UP), joint.id
         low, high = box.extent
-        assert ((joint.at >= low - TOUCHING) & (joint.at <= high + TOUCHING)).all(), f"{joint.id} is off {part}"
+        assert ((joint.position >= low - TOUCHING) & (joint.position <= high + TOUCHING)).all(), (
+            f"{joint.id} is off {part}"
+        )
 
 
 def test_each_joint_moves_in_one_way_only(kitchen: Scene) -> None:
@@ -199,9 +203,9 @@ def test_each_joint_moves_in_one_way_only(kitchen: Scene) -> None:
 
 
 def test_hinges_are_at_the_edge_of_their_door(kitchen: Scene) -> None:
-    for part, joint in kitchen.fronts.items():
+    for part, joint in kitchen.fronts_with_joints.items():
         box = kitchen.boxes[part]
-        offset = joint.rotation.T @ (joint.at - box.centre)
+        offset = joint.rotation.T @ (joint.position - box.center)
         depth, width, height = np.abs(joint.rotation.T @ box.rotation) @ box.size
         if joint.motions["swing1"] == 1:
             assert offset == pytest.approx([depth / 2, math.copysign(width / 2, offset[1]), 0], abs=TOUCHING), joint.id
@@ -213,10 +217,10 @@ def test_gravity_leaves_doors_that_tilt_where_they_are(kitchen: Scene) -> None:
     tilting = [joint for joint in kitchen.joints if joint.motions["swing2"] == 1]
     assert len(tilting) == 2
     for joint in tilting:
-        parts = [kitchen.boxes[joint.part], *kitchen.attached[joint.part]]
+        parts = [kitchen.boxes[joint.child], *kitchen.attached_to_root[joint.child]]
         mass = sum(part.mass for part in parts)
-        centre = sum(part.mass * part.centre for part in parts) / mass
-        assert abs(joint.rotation[:, 0] @ (centre - joint.at)) < 1e-5, joint.id
+        center = sum(part.mass * part.center for part in parts) / mass
+        assert abs(joint.rotation[:, 0] @ (center - joint.position)) < 1e-5, joint.id
 
 
 def slides(joint: Joint) -> bool:
@@ -231,7 +235,7 @@ def opening(kitchen: Scene, joint: Joint) -> Iterator[tuple[Array, Array]]:
         return
     axis = "swing1" if joint.motions["swing1"] == 1 else "swing2"
     about = joint.rotation[:, 2 if axis == "swing1" else 1]
-    out = np.cross(about, kitchen.boxes[joint.part].centre - joint.at) @ joint.rotation[:, 0]
+    out = np.cross(about, kitchen.boxes[joint.child].center - joint.position) @ joint.rotation[:, 0]
     for angle in np.linspace(0, math.copysign(joint.limits[axis], out), 61):
         yield turn(about, float(angle)), np.zeros(3)
 
@@ -245,23 +249,23 @@ def turn(about: Array, angle: float) -> Array:
 def test_every_door_and_drawer_opens_all_the_way_without_hitting_anything(
     kitchen: Scene, containers: dict[str, list[Box]]
 ) -> None:
-    for part, joint in kitchen.fronts.items():
-        contents = [thing for thing in kitchen.loose if part in {box.id for box in containers[thing.id]}]
-        moving = [kitchen.boxes[part], *kitchen.attached[part], *contents]
+    for part, joint in kitchen.fronts_with_joints.items():
+        contents = [thing for thing in kitchen.movable_boxes if part in {box.id for box in containers[thing.id]}]
+        moving = [kitchen.boxes[part], *kitchen.attached_to_root[part], *contents]
         # A drawer slides inside its case; a door has to clear it.
-        own = {box.id for box in moving} | ({joint.case} if slides(joint) else set())
-        reach = max(reach_from(joint.at, box) for box in moving) + joint.limits["linear"]
+        own = {box.id for box in moving} | ({joint.parent} if slides(joint) else set())
+        reach = max(reach_from(joint.position, box) for box in moving) + joint.limits["linear"]
         others = [
             box
             for box in kitchen.boxes.values()
-            if box.id not in own and np.linalg.norm(box.centre - joint.at) < reach + np.linalg.norm(box.size) / 2
+            if box.id not in own and np.linalg.norm(box.center - joint.position) < reach + np.linalg.norm(box.size) / 2
         ]
         for rotation, shift in opening(kitchen, joint):
             for box in moving:
-                gaps = separation(box.moved(rotation, joint.at, shift), others)
+                gaps = separation(box.transformed(rotation, joint.position, shift), others)
                 hit = others[int(gaps.argmin())].id
                 assert gaps.min() >= 1e-4, f"{box.id} hits {hit} by {-gaps.min() * 1000:.2f} mm while {part} opens"
 
 
 def reach_from(point: Array, box: Box) -> float:
-    return float(np.linalg.norm(box.centre - point) + np.linalg.norm(box.size) / 2)
+    return float(np.linalg.norm(box.center - point) + np.linalg.norm(box.size) / 2)

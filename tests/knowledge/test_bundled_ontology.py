@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from pyoxigraph import NamedNode
 
-from tests.knowledge.bundled_classes import TYPE, Classes, short
+from tests.knowledge.bundled_classes import TYPE, OntologyClasses, short_name
 from tests.knowledge.bundled_scene import HOUSEHOLD, KNOWROB, OWL, RDFS
 
 TOPS = {"SpatialThing", "TemporalThing", "Agent-Generic"}
@@ -17,19 +17,19 @@ ADDED = {"HeatSource"}
 
 
 @pytest.fixture(scope="module")
-def household() -> Classes:
-    return Classes(HOUSEHOLD)
+def household() -> OntologyClasses:
+    return OntologyClasses(HOUSEHOLD)
 
 
 @pytest.fixture(scope="module")
-def laboratory(shared_data: Path) -> Classes:
+def laboratory(shared_data: Path) -> OntologyClasses:
     """The bundled ontology and the laboratory kitchen, nothing else."""
-    return Classes(HOUSEHOLD, shared_data / "maps" / IAI_MAP)
+    return OntologyClasses(HOUSEHOLD, shared_data / "maps" / IAI_MAP)
 
 
 @pytest.fixture(scope="module")
-def community(shared_data: Path) -> Classes:
-    return Classes(*ontologies(shared_data))
+def community(shared_data: Path) -> OntologyClasses:
+    return OntologyClasses(*ontologies(shared_data))
 
 
 def ontologies(shared_data: Path) -> list[Path]:
@@ -37,7 +37,7 @@ def ontologies(shared_data: Path) -> list[Path]:
 
 
 def test_it_is_one_ontology_with_a_name() -> None:
-    (name,) = Classes(HOUSEHOLD).of_type(OWL + "Ontology")
+    (name,) = OntologyClasses(HOUSEHOLD).individuals_of_type(OWL + "Ontology")
     assert name == "http://mindstage.org/ontology/household.ttl"
 
 
@@ -45,25 +45,25 @@ def test_it_stays_small_because_it_is_loaded_on_every_start() -> None:
     assert HOUSEHOLD.stat().st_size < 300_000
 
 
-def test_it_knows_what_a_household_is_made_of(household: Classes) -> None:
+def test_it_knows_what_a_household_is_made_of(household: OntologyClasses) -> None:
     assert len(household.declared) >= 600
     assert sum(name.startswith("ms:") for name in household.declared) >= 100
 
 
-def test_every_class_leads_up_to_a_known_top(household: Classes) -> None:
+def test_every_class_leads_up_to_a_known_top(household: OntologyClasses) -> None:
     assert {cls for cls in household.declared if not household.parents[cls]} == TOPS
-    assert [cls for cls in household.declared if not household.line(cls) & TOPS] == []
+    assert [cls for cls in household.declared if not household.class_and_ancestors(cls) & TOPS] == []
 
 
-def test_no_class_is_above_itself(household: Classes) -> None:
-    assert household.in_circles() == []
+def test_no_class_is_above_itself(household: OntologyClasses) -> None:
+    assert household.in_cycles() == []
 
 
-def test_every_name_is_declared(household: Classes) -> None:
+def test_every_name_is_declared(household: OntologyClasses) -> None:
     kinds = ("ObjectProperty", "DatatypeProperty", "AnnotationProperty", "NamedIndividual")
-    known = household.declared.union(*(household.of_type(OWL + kind) for kind in kinds))
+    known = household.declared.union(*(household.individuals_of_type(OWL + kind) for kind in kinds))
     named = {
-        short(node)
+        short_name(node)
         for quad in household.store
         for node in (quad.subject, quad.object)
         if isinstance(node, NamedNode)
@@ -72,58 +72,63 @@ def test_every_name_is_declared(household: Classes) -> None:
     assert named - known == set()
 
 
-def test_every_class_but_the_laboratory_s_own_is_labelled_in_words(household: Classes) -> None:
+def test_every_class_but_the_laboratory_s_own_is_labeled_in_words(household: OntologyClasses) -> None:
     label = NamedNode(RDFS + "label")
-    labelled = {short(quad.subject) for quad in household.store.quads_for_pattern(None, label, None)}
+    labeled = {short_name(quad.subject) for quad in household.store.quads_for_pattern(None, label, None)}
     parents = {parent for above in household.parents.values() for parent in above}
-    assert parents <= labelled
-    assert {cls for cls in household.declared if cls.startswith("ms:")} <= labelled
+    assert parents <= labeled
+    assert {cls for cls in household.declared if cls.startswith("ms:")} <= labeled
 
 
-def test_disjoint_classes_share_nothing(household: Classes) -> None:
+def test_disjoint_classes_share_nothing(household: OntologyClasses) -> None:
     pairs = list(household.disjoint())
     assert len(pairs) >= 25
     for one, other in pairs:
-        assert [cls for cls in household.declared if {one, other} <= household.line(cls)] == [], (one, other)
+        assert [cls for cls in household.declared if {one, other} <= household.class_and_ancestors(cls)] == [], (
+            one,
+            other,
+        )
 
 
-def test_containers_are_containers_and_actions_are_actions(household: Classes) -> None:
+def test_containers_are_containers_and_actions_are_actions(household: OntologyClasses) -> None:
     containers = list(household.restrictions("typePrimaryFunction-containerFor"))
     actions = list(household.restrictions("deviceUsed"))
     assert len(containers) >= 45
     assert len(actions) >= 40
     for each in containers:
         assert "Container" in household.ancestors(each.subject), each
-        assert all("HumanScaleObject" in household.line(filler) for filler in each.fillers), each
+        assert all("HumanScaleObject" in household.class_and_ancestors(filler) for filler in each.fillers), each
     for each in actions:
         assert "ActionOnObject" in household.ancestors(each.subject), each
         # The community has sinks among the furniture, and uses them all the same.
-        assert all({"PhysicalDevice", "Sink"} & household.line(filler) for filler in each.fillers), each
+        assert all({"PhysicalDevice", "Sink"} & household.class_and_ancestors(filler) for filler in each.fillers), each
 
 
-def test_perishables_belong_in_the_refrigerator(household: Classes) -> None:
-    assert set(household.storage_of("CowsMilk")) == {"Refrigerator"}
-    assert set(household.storage_of("ms:FrozenPizza")) == {"Refrigerator-Freezer"}
+def test_perishables_belong_in_the_refrigerator(household: OntologyClasses) -> None:
+    assert set(household.storage_classes_for("CowsMilk")) == {"Refrigerator"}
+    assert set(household.storage_classes_for("ms:FrozenPizza")) == {"Refrigerator-Freezer"}
 
 
-def test_bread_belongs_in_the_breadbasket_before_the_refrigerator(household: Classes) -> None:
-    places = household.storage_of("Bread")
+def test_bread_belongs_in_the_breadbasket_before_the_refrigerator(household: OntologyClasses) -> None:
+    places = household.storage_classes_for("Bread")
     assert set(places) == {"ms:Breadbasket", "Refrigerator"}
     assert places["ms:Breadbasket"] < places["Refrigerator"]
 
 
-def test_the_dishwasher_takes_a_union_of_things(household: Classes) -> None:
+def test_the_dishwasher_takes_a_union_of_things(household: OntologyClasses) -> None:
     (restriction,) = [
         each for each in household.restrictions("typePrimaryFunction-containerFor") if each.subject == "Dishwasher"
     ]
     assert set(restriction.fillers) == {"FoodUtensil", "FoodVessel"}
-    assert "Dishwasher" in household.storage_of("DinnerFork")
-    assert "Dishwasher" in household.storage_of("Skillet")
+    assert "Dishwasher" in household.storage_classes_for("DinnerFork")
+    assert "Dishwasher" in household.storage_classes_for("Skillet")
 
 
-def test_vessels_hold_drinks_without_being_a_place_to_keep_them(household: Classes) -> None:
+def test_vessels_hold_drinks_without_being_a_place_to_keep_them(household: OntologyClasses) -> None:
     kinds = {
-        each.kind for each in household.restrictions("typePrimaryFunction-containerFor") if "Drink" in each.fillers
+        each.restriction_type
+        for each in household.restrictions("typePrimaryFunction-containerFor")
+        if "Drink" in each.fillers
     }
     assert kinds == {"allValuesFrom"}
 
@@ -131,14 +136,18 @@ def test_vessels_hold_drinks_without_being_a_place_to_keep_them(household: Class
 @pytest.mark.parametrize(
     ("cls", "count"), [("Handle", 18), ("Door", 13), ("StorageConstruct", 18), ("ElectricalDevice", 14)]
 )
-def test_the_laboratory_kitchen_holds_as_many_as_the_thesis_counted(laboratory: Classes, cls: str, count: int) -> None:
+def test_the_laboratory_kitchen_holds_as_many_as_the_thesis_counted(
+    laboratory: OntologyClasses, cls: str, count: int
+) -> None:
     assert len(laboratory.instances(cls)) == count
 
 
-def test_every_class_of_the_laboratory_kitchen_is_known(laboratory: Classes, household: Classes) -> None:
+def test_every_class_of_the_laboratory_kitchen_is_known(
+    laboratory: OntologyClasses, household: OntologyClasses
+) -> None:
     described = NamedNode(KNOWROB + "describedInMap")
     used = {
-        short(kind.object)
+        short_name(kind.object)
         for quad in laboratory.store.quads_for_pattern(None, described, None)
         for kind in laboratory.store.quads_for_pattern(quad.subject, TYPE, None)
     } - {"owl:NamedIndividual"}
@@ -146,8 +155,8 @@ def test_every_class_of_the_laboratory_kitchen_is_known(laboratory: Classes, hou
     assert used <= household.declared
 
 
-def test_milk_of_the_laboratory_kitchen_is_stored_in_its_fridge(laboratory: Classes) -> None:
-    places = [place for cls in laboratory.storage_of("CowsMilk") for place in laboratory.instances(cls)]
+def test_milk_of_the_laboratory_kitchen_is_stored_in_its_fridge(laboratory: OntologyClasses) -> None:
+    places = [place for cls in laboratory.storage_classes_for("CowsMilk") for place in laboratory.instances(cls)]
     assert classes_of(laboratory, places) == ["IAIFridgeCasing"]
 
 
@@ -159,23 +168,25 @@ def test_milk_of_the_laboratory_kitchen_is_stored_in_its_fridge(laboratory: Clas
     ],
 )
 def test_devices_of_the_laboratory_kitchen_for_an_action(
-    laboratory: Classes, action: str, devices: set[str], pieces: list[str]
+    laboratory: OntologyClasses, action: str, devices: set[str], pieces: list[str]
 ) -> None:
     assert laboratory.devices_for(action) == devices
     assert classes_of(laboratory, [each for cls in devices for each in laboratory.instances(cls)]) == pieces
 
 
-def classes_of(classes: Classes, individuals: list[str]) -> list[str]:
+def classes_of(classes: OntologyClasses, individuals: list[str]) -> list[str]:
     return sorted(
-        short(quad.object)
+        short_name(quad.object)
         for quad in classes.store.quads_for_pattern(None, TYPE, None)
         if isinstance(quad.subject, NamedNode)
         and quad.subject.value.rpartition("#")[2] in individuals
-        and short(quad.object) != "owl:NamedIndividual"
+        and short_name(quad.object) != "owl:NamedIndividual"
     )
 
 
-def test_shared_names_stand_where_the_community_has_them(household: Classes, community: Classes) -> None:
+def test_shared_names_stand_where_the_community_has_them(
+    household: OntologyClasses, community: OntologyClasses
+) -> None:
     theirs = community.declared | set(community.parents)
     shared = household.declared & (theirs | {parent for parents in community.parents.values() for parent in parents})
     assert len(shared) >= 500
@@ -187,10 +198,10 @@ def test_shared_names_stand_where_the_community_has_them(household: Classes, com
         assert not (placed and extra), f"{cls} is not known to be under {extra}"
 
 
-def test_it_lives_beside_the_community_s_ontologies(shared_data: Path, laboratory: Classes) -> None:
-    both = Classes(HOUSEHOLD, shared_data / "maps" / IAI_MAP, *ontologies(shared_data))
-    assert [cls for cls in both.in_circles() if cls in laboratory.declared] == []
-    for one, other in Classes(HOUSEHOLD).disjoint():
-        assert [cls for cls in both.declared if {one, other} <= both.line(cls)] == [], (one, other)
+def test_it_lives_beside_the_community_s_ontologies(shared_data: Path, laboratory: OntologyClasses) -> None:
+    both = OntologyClasses(HOUSEHOLD, shared_data / "maps" / IAI_MAP, *ontologies(shared_data))
+    assert [cls for cls in both.in_cycles() if cls in laboratory.declared] == []
+    for one, other in OntologyClasses(HOUSEHOLD).disjoint():
+        assert [cls for cls in both.declared if {one, other} <= both.class_and_ancestors(cls)] == [], (one, other)
     for cls in ("Handle", "Door", "StorageConstruct", "ElectricalDevice", "HeatSource", "Refrigerator"):
         assert both.instances(cls) == laboratory.instances(cls), cls

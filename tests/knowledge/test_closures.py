@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mindstage.knowledge.reasoning import Closure, PropertyIndex
+from mindstage.knowledge.reasoning import PropertyHierarchy, TransitiveClosure
 from mindstage.world import Iri
 from tests.knowledge.maps import OWL, RDFS
 
@@ -30,7 +30,7 @@ def closed(pairs: set[tuple[Iri, Iri]]) -> set[tuple[Iri, Iri]]:
 
 @given(node_pairs)
 def test_above_and_below_are_the_transitive_closure(pairs: list[tuple[Iri, Iri]]) -> None:
-    closure, expected = Closure(pairs), closed(set(pairs)) | {(node, node) for node in NODES}
+    closure, expected = TransitiveClosure(pairs), closed(set(pairs)) | {(node, node) for node in NODES}
     for node in NODES:
         assert set(closure.above(node)) == {upper for lower, upper in expected if lower == node}
         assert set(closure.below(node)) == {lower for lower, upper in expected if upper == node}
@@ -38,7 +38,7 @@ def test_above_and_below_are_the_transitive_closure(pairs: list[tuple[Iri, Iri]]
 
 @given(node_pairs)
 def test_a_path_goes_by_told_steps_and_none_is_shorter(pairs: list[tuple[Iri, Iri]]) -> None:
-    closure = Closure(pairs)
+    closure = TransitiveClosure(pairs)
     for lower, upper in product(NODES, NODES):
         path = closure.path(lower, upper)
         if upper not in closure.above(lower):
@@ -51,13 +51,13 @@ def test_a_path_goes_by_told_steps_and_none_is_shorter(pairs: list[tuple[Iri, Ir
 
 @given(node_pairs)
 def test_the_more_special_reason_has_fewer_things_between(pairs: list[tuple[Iri, Iri]]) -> None:
-    closure = Closure(pairs)
+    closure = TransitiveClosure(pairs)
     for item, special, general in product(NODES, NODES, NODES):
         if special in closure.above(item) and general in closure.above(special):
             if special in closure.above(general):
-                assert closure.between(item, special) == closure.between(item, general)
+                assert closure.count_between(item, special) == closure.count_between(item, general)
             else:
-                assert closure.between(item, special) < closure.between(item, general)
+                assert closure.count_between(item, special) < closure.count_between(item, general)
 
 
 def naive_values(
@@ -117,7 +117,7 @@ def test_values_are_all_that_follows(
     ]
     store = ox.Store()
     store.extend([ox.Quad(*map(ox.NamedNode, triple)) for triple in triples])
-    index = PropertyIndex(store)
+    index = PropertyHierarchy(store)
     expected = naive_values(told, below, inverses, equal, symmetric, transitive)
     for property, node in product(PROPERTIES, NODES[:4]):
         assert set(index.values(property, node)) == {o for s, p, o in expected if (s, p) == (node, property)}
@@ -126,15 +126,15 @@ def test_values_are_all_that_follows(
 
 
 def test_nothing_is_known_of_what_nobody_named() -> None:
-    closure: Closure[Iri] = Closure([])
+    closure: TransitiveClosure[Iri] = TransitiveClosure([])
     assert closure.path(NODES[0], NODES[1]) == ()
     assert dict(closure.above(NODES[0])) == {NODES[0]: 0}
-    assert PropertyIndex(ox.Store()).values(PROPERTIES[0], NODES[0]) == ()
+    assert PropertyHierarchy(ox.Store()).values(PROPERTIES[0], NODES[0]) == ()
 
 
 @pytest.mark.parametrize("length", [2, 3000])
 def test_long_chains_and_circles_are_no_trouble(length: int) -> None:
     ring = [Iri(f"http://example.org/{number}") for number in range(length)]
-    closure = Closure(zip(ring, [*ring[1:], ring[0]], strict=True))
+    closure = TransitiveClosure(zip(ring, [*ring[1:], ring[0]], strict=True))
     assert set(closure.above(ring[0])) == set(closure.below(ring[0])) == set(ring)
     assert len(closure.path(ring[0], ring[-1])) == length

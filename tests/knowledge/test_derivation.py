@@ -9,13 +9,13 @@ from pathlib import Path
 
 import pytest
 
-from mindstage.errors import ReasonerUnavailable
+from mindstage.errors import ReasonerUnavailableError
 from mindstage.knowledge import KnowledgeBase, bundled_kitchen
 from mindstage.knowledge.names import local_name
-from mindstage.knowledge.questions import questions
-from tests.knowledge.maps import M, body, knowing, m, room
+from mindstage.knowledge.questions import list_questions
+from tests.knowledge.maps import ROOM_NAMESPACE, body_turtle, individual, knowledge_base_from, room_map
 
-_SAME = f"SELECT ?other {{ <{M}a> owl:sameAs ?other }}"
+_SAME = f"SELECT ?other {{ <{ROOM_NAMESPACE}a> owl:sameAs ?other }}"
 
 
 @pytest.fixture
@@ -31,19 +31,19 @@ def lair(reasoner: None, tmp_path: Path) -> KnowledgeBase:
     """One owner at most: whoever owns what somebody else owns is the same."""
     path = tmp_path / "map.ttl"
     path.write_text(
-        room(
+        room_map(
             "e:ownedBy a owl:ObjectProperty, owl:FunctionalProperty . e:Cat a owl:Class .",
             ":mouse e:ownedBy :a, :b .",
-            body("a", cls="k:Cup"),
-            body("b", cls="e:Cat"),
-            body("box", "k:properPhysicalParts :lid"),
-            body("lid", "k:properPhysicalParts :knob"),
-            body("knob"),
+            body_turtle("a", cls="k:Cup"),
+            body_turtle("b", cls="e:Cat"),
+            body_turtle("box", "k:properPhysicalParts :lid"),
+            body_turtle("lid", "k:properPhysicalParts :knob"),
+            body_turtle("knob"),
             "k:properPhysicalParts a owl:TransitiveProperty .",
         ),
         encoding="utf-8",
     )
-    return knowing(path)
+    return knowledge_base_from(path)
 
 
 def told_by(kb: KnowledgeBase, cls: str) -> list[str]:
@@ -58,7 +58,7 @@ def test_things_that_are_the_same_are_found_and_forgotten_again(lair: KnowledgeB
     assert [local_name(str(row[0].value)) for row in lair.sparql(_SAME).rows] == ["b"]
     assert told_by(lair, "Cat") == ["a", "b"]
     (row,) = lair.ask("individual_of_class", cls="Cat", individual="a")
-    assert lair.why("individual_of_class", row) == ("a type Cat, by the rules of OWL 2 RL",)
+    assert lair.explain("individual_of_class", row) == ("a type Cat, by the rules of OWL 2 RL",)
     assert lair.forget_derived()
     assert not lair.forget_derived()
     assert {str(quad) for quad in lair._store.quads_for_pattern(None, None, None)} == before
@@ -91,7 +91,7 @@ def test_a_retraction_drops_it_and_telling_does_not(lair: KnowledgeBase) -> None
     lair.derive()
     lair.tell("knob", "type", "Cat")
     assert told_by(lair, "Cat") == ["a", "b", "knob"]
-    lair.retract(m("mouse"), "ownedBy", "b")
+    lair.retract(individual("mouse"), "ownedBy", "b")
     assert told_by(lair, "Cat") == ["b", "knob"]
     assert lair.derive() > 0
     assert told_by(lair, "Cat") == ["b", "knob"]
@@ -107,7 +107,10 @@ def test_what_was_only_derived_can_still_be_told(lair: KnowledgeBase) -> None:
 def test_the_usual_questions_need_none_of_it(reasoner: None) -> None:
     kb = KnowledgeBase()
     kb.load(bundled_kitchen())
-    world, before = kb.world(), {asked.name: list(kb.ask(asked)) for asked in questions() if not asked.is_live}
+    world, before = (
+        kb.world(),
+        {asked.name: list(kb.ask(asked)) for asked in list_questions() if not asked.uses_current_state},
+    )
     assert kb.derive() > 1000
     assert {name: list(kb.ask(name)) for name in before} == before
     assert kb.world() == world
@@ -115,5 +118,5 @@ def test_the_usual_questions_need_none_of_it(reasoner: None) -> None:
 
 def test_without_the_library_it_says_how_to_get_it(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "reasonable", None)
-    with pytest.raises(ReasonerUnavailable, match=r"pip install 'mindstage\[closure\]'"):
+    with pytest.raises(ReasonerUnavailableError, match=r"pip install 'mindstage\[closure\]'"):
         KnowledgeBase().derive()

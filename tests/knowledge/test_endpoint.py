@@ -10,18 +10,18 @@ import pyoxigraph as ox
 import pytest
 
 from mindstage.errors import (
-    ArgumentRefused,
-    EndpointRefused,
-    EndpointUnreachable,
-    QueryRefused,
-    QueryTimedOut,
-    ReasonerUnavailable,
+    EndpointError,
+    EndpointUnreachableError,
+    InvalidArgumentError,
+    ReasonerUnavailableError,
+    SparqlSyntaxError,
+    SparqlTimeoutError,
 )
-from mindstage.knowledge import Endpoint, KnowledgeBase, bundled_kitchen, bundled_ontology
+from mindstage.knowledge import KnowledgeBase, SparqlEndpoint, bundled_kitchen, bundled_ontology
 from mindstage.knowledge.names import local_name
-from mindstage.knowledge.questions import questions
-from tests.knowledge.misbehaving import Misbehaving, misbehaving
-from tests.knowledge.serving import Server
+from mindstage.knowledge.questions import list_questions
+from tests.knowledge.misbehaving import FaultyServerStarter, misbehaving
+from tests.knowledge.serving import SparqlServer
 
 __all__ = ["misbehaving"]
 
@@ -30,18 +30,18 @@ ENDLESS = "SELECT (COUNT(*) AS ?n) WHERE { GRAPH ?x { ?a ?b ?c . ?d ?e ?f . ?g ?
 
 
 @pytest.fixture(scope="module")
-def server(oxigraph: Path) -> Iterator[Server]:
+def server(oxigraph: Path) -> Iterator[SparqlServer]:
     """A server that has the bundled kitchen and ontology."""
-    server = Server(oxigraph)
+    server = SparqlServer(oxigraph)
     try:
-        server.put(bundled_kitchen(), bundled_ontology())
+        server.load_files(bundled_kitchen(), bundled_ontology())
         yield server
     finally:
         server.stop()
 
 
 @pytest.fixture(scope="module")
-def at_server(server: Server) -> KnowledgeBase:
+def at_server(server: SparqlServer) -> KnowledgeBase:
     return KnowledgeBase(endpoint=server.url, bundled_ontology=False)
 
 
@@ -54,7 +54,7 @@ def here() -> KnowledgeBase:
 
 def assert_same_answers(there: KnowledgeBase, here: KnowledgeBase) -> None:
     """A server may write numbers its own way (177.512833 as a float becomes 177.51283), and has its own order."""
-    for question in questions():
+    for question in list_questions():
         told, expected = there.ask(question), here.ask(question)
         assert sorted(map(rounded, told)) == sorted(map(rounded, expected)), question.name
         assert told.missing == expected.missing
@@ -85,18 +85,18 @@ def test_every_question_has_the_answers_of_the_thesis_s_map(
     ontologies = sorted((shared_data / "ontology").glob("*/owl/*.owl"))
     here = KnowledgeBase(bundled_ontology=False)
     here.load(map, ontologies=ontologies)
-    server = Server(oxigraph, *options)
+    server = SparqlServer(oxigraph, *options)
     try:
-        server.put(map, *ontologies)
+        server.load_files(map, *ontologies)
         assert_same_answers(KnowledgeBase(endpoint=server.url, bundled_ontology=False), here)
     finally:
         server.stop()
 
 
 def test_a_map_in_the_default_graph_is_one_too(oxigraph: Path, here: KnowledgeBase) -> None:
-    server = Server(oxigraph)
+    server = SparqlServer(oxigraph)
     try:
-        server.put(bundled_kitchen(), default=True)
+        server.load_files(bundled_kitchen(), default=True)
         there = KnowledgeBase(endpoint=server.url)
         assert there.maps() == here.maps()
         assert len(there.world().bodies) == len(here.world().bodies)
@@ -106,7 +106,7 @@ def test_a_map_in_the_default_graph_is_one_too(oxigraph: Path, here: KnowledgeBa
 
 
 def test_the_bundled_ontology_and_files_of_this_side_are_joined(oxigraph: Path, shared_data: Path) -> None:
-    server = Server(oxigraph)
+    server = SparqlServer(oxigraph)
     try:
         with KnowledgeBase(endpoint=server.url) as there:
             there.load(shared_data / "maps" / "iai-kitchen-original.owl")
@@ -117,16 +117,16 @@ def test_the_bundled_ontology_and_files_of_this_side_are_joined(oxigraph: Path, 
         server.stop()
 
 
-def test_few_requests_are_made(server: Server) -> None:
+def test_few_requests_are_made(server: SparqlServer) -> None:
     endpoint = Counting(server.url)
     kb = KnowledgeBase(endpoint=endpoint, bundled_ontology=False)
     for _ in range(2):
-        for question in questions():
+        for question in list_questions():
             kb.ask(question)
         assert endpoint.requests < 30, "for 300 individuals and 18 questions"
 
 
-def test_all_that_it_knows_comes_with_one_request(server: Server, here: KnowledgeBase) -> None:
+def test_all_that_it_knows_comes_with_one_request(server: SparqlServer, here: KnowledgeBase) -> None:
     endpoint = Counting(server.url)
     kb = KnowledgeBase(endpoint=endpoint, bundled_ontology=False)
     told = {quad.triple for quad in kb.store.quads_for_pattern(None, None, None) if not has_blank(quad)}
@@ -138,7 +138,7 @@ def has_blank(quad: ox.Quad) -> bool:
     return isinstance(quad.subject, ox.BlankNode) or isinstance(quad.object, ox.BlankNode)
 
 
-class Counting(Endpoint):
+class Counting(SparqlEndpoint):
     """Counts what is asked."""
 
     requests = 0
@@ -151,7 +151,7 @@ class Counting(Endpoint):
 # -- what is told there ------------------------------------------------------------------------------------------------
 
 
-def test_what_is_told_stays_there_and_can_be_taken_back_by_others(server: Server) -> None:
+def test_what_is_told_stays_there_and_can_be_taken_back_by_others(server: SparqlServer) -> None:
     with KnowledgeBase(endpoint=server.url) as one:
         assert not one.ask("storage_place", item="Robot")
         assert one.tell("Cupboard", CONTAINER_FOR, "Robot")
@@ -161,7 +161,7 @@ def test_what_is_told_stays_there_and_can_be_taken_back_by_others(server: Server
     with KnowledgeBase(endpoint=server.url) as other:
         assert [local_name(row.place) for row in other.ask("storage_place", item="Robot")] == ["Cupboard"]
         assert not other.tell("Cupboard", CONTAINER_FOR, "Robot"), "known already"
-        assert other.sparql("ASK { GRAPH ?g { ms:cup_of_joe knowrob:mass 0.25e0 } }").truth
+        assert other.sparql("ASK { GRAPH ?g { ms:cup_of_joe knowrob:mass 0.25e0 } }").boolean
         assert other.retract("Cupboard", CONTAINER_FOR, "Robot")
         assert other.retract("cup_of_joe", "mass", 0.25)
         assert not other.ask("storage_place", item="Robot")
@@ -171,7 +171,7 @@ def test_what_is_told_stays_there_and_can_be_taken_back_by_others(server: Server
         assert third.retract("cup_of_joe", "type", "Cup")
 
 
-def test_only_the_very_restriction_is_taken_back(server: Server) -> None:
+def test_only_the_very_restriction_is_taken_back(server: SparqlServer) -> None:
     with KnowledgeBase(endpoint=server.url) as one:
         one.tell("Cupboard", CONTAINER_FOR, "Robot")
         one.tell("Cupboard", CONTAINER_FOR, "Wine")
@@ -183,24 +183,24 @@ def test_only_the_very_restriction_is_taken_back(server: Server) -> None:
 
 
 def test_what_only_this_side_says_cannot_be_taken_back_there(oxigraph: Path) -> None:
-    server = Server(oxigraph)
+    server = SparqlServer(oxigraph)
     try:
         with (
             KnowledgeBase(endpoint=server.url) as kb,
-            pytest.raises(ArgumentRefused, match=r"a source of this side says it, .* and not the endpoint"),
+            pytest.raises(InvalidArgumentError, match=r"a source of this side says it, .* and not the endpoint"),
         ):
             kb.retract("Refrigerator", CONTAINER_FOR, "Perishable")
     finally:
         server.stop()
 
 
-def test_what_is_derived_stays_on_this_side(server: Server) -> None:
+def test_what_is_derived_stays_on_this_side(server: SparqlServer) -> None:
     everything = "SELECT (COUNT(*) AS ?n) { GRAPH ?g { ?s ?p ?o } }"
     with KnowledgeBase(endpoint=server.url, bundled_ontology=False) as kb:
         before = kb.sparql(everything)
         try:
             assert kb.derive() > 1000
-        except ReasonerUnavailable as missing:
+        except ReasonerUnavailableError as missing:
             pytest.skip(str(missing))
         assert kb.sparql(everything) == before
         assert kb.forget_derived()
@@ -216,23 +216,23 @@ def test_queries_go_to_the_server_as_they_are(at_server: KnowledgeBase) -> None:
     assert any(super and super.value.endswith("#Baked") for super, _ in table.rows)
     triples = at_server.sparql("CONSTRUCT { ?s a owl:Class } { GRAPH ?g { ?s a owl:Class } }")
     assert len(triples.rows) == len(set(triples.rows)) > 100
-    assert at_server.sparql("ASK { GRAPH ?g { knowrob:Bread a owl:Class } }").truth
+    assert at_server.sparql("ASK { GRAPH ?g { knowrob:Bread a owl:Class } }").boolean
 
 
 def test_what_is_no_query_is_refused_in_the_server_s_words(at_server: KnowledgeBase) -> None:
-    with pytest.raises(QueryRefused, match=r"400 Bad Request: .*; so says http://127\.0\.0\.1:\d+/query"):
+    with pytest.raises(SparqlSyntaxError, match=r"400 Bad Request: .*; so says http://127\.0\.0\.1:\d+/query"):
         at_server.sparql("SELEC")
-    with pytest.raises(QueryRefused, match="it is an update"):
+    with pytest.raises(SparqlSyntaxError, match="it is an update"):
         at_server.sparql("CLEAR ALL")
-    with pytest.raises(QueryRefused, match="SERVICE"):
+    with pytest.raises(SparqlSyntaxError, match="SERVICE"):
         at_server.sparql("ASK { SERVICE <http://127.0.0.1:9/> { } }")
 
 
 def test_a_query_that_takes_too_long_is_given_up(oxigraph: Path) -> None:
-    server = Server(oxigraph)
+    server = SparqlServer(oxigraph)
     try:
-        server.put(bundled_ontology())
-        with pytest.raises(QueryTimedOut, match=r"within 0\.3 s"):
+        server.load_files(bundled_ontology())
+        with pytest.raises(SparqlTimeoutError, match=r"within 0\.3 s"):
             KnowledgeBase(endpoint=server.url).sparql(ENDLESS, timeout_s=0.3)
     finally:
         server.stop()
@@ -243,7 +243,7 @@ def test_a_query_that_takes_too_long_is_given_up(oxigraph: Path) -> None:
 
 @pytest.mark.parametrize("url", ["", "kitchen", "ftp://h/q", "http://", "http://h:0/", "http://h:99999/", "http://[/"])
 def test_what_is_no_address_is_refused_at_once(url: str) -> None:
-    with pytest.raises(ArgumentRefused, match="give one such as http://localhost:7878/query"):
+    with pytest.raises(InvalidArgumentError, match="give one such as http://localhost:7878/query"):
         KnowledgeBase(endpoint=url)
 
 
@@ -251,59 +251,59 @@ def test_nobody_there_is_said_with_the_address_and_without_its_password() -> Non
     with socket.socket() as closed:
         closed.bind(("127.0.0.1", 0))  # nobody listens
         kb = KnowledgeBase(endpoint=f"http://me:secret@127.0.0.1:{closed.getsockname()[1]}/query")
-        with pytest.raises(EndpointUnreachable, match=r"127\.0\.0\.1:\d+/query does not answer: .*refused") as no:
+        with pytest.raises(EndpointUnreachableError, match=r"127\.0\.0\.1:\d+/query does not answer: .*refused") as no:
             kb.maps()
         assert "secret" not in str(no.value)
-        with pytest.raises(EndpointUnreachable):
+        with pytest.raises(EndpointUnreachableError):
             kb.ask("storage_place", item="CowsMilk")
 
 
 @pytest.mark.parametrize(
     ("how", "error", "message"),
     [
-        ("silent", EndpointUnreachable, r"no answer within 0\.5 s"),
-        ("trickling", EndpointUnreachable, r"no answer within 0\.5 s"),
-        ("hanging up", EndpointUnreachable, "does not answer"),
-        ("cut off", EndpointUnreachable, "the connection ended in the middle of the reply"),
-        ("no HTTP", EndpointUnreachable, "it does not speak HTTP"),
-        ("a page", EndpointRefused, "its reply is none of SPARQL's: .*; is that the address where it takes SPARQL?"),
-        ("moved", EndpointRefused, "301 .*; it points to http://elsewhere.example/; give that address, if"),
-        ("locked", EndpointRefused, "401 .*; give a name and password in the address"),
-        ("broken", EndpointRefused, "500 .*: out of luck"),
-        ("endless", EndpointRefused, "the reply is larger than 256 MiB; ask for less"),
+        ("silent", EndpointUnreachableError, r"no answer within 0\.5 s"),
+        ("trickling", EndpointUnreachableError, r"no answer within 0\.5 s"),
+        ("hanging up", EndpointUnreachableError, "does not answer"),
+        ("cut off", EndpointUnreachableError, "the connection ended in the middle of the reply"),
+        ("no HTTP", EndpointUnreachableError, "it does not speak HTTP"),
+        ("a page", EndpointError, "its reply is none of SPARQL's: .*; is that the address where it takes SPARQL?"),
+        ("moved", EndpointError, "301 .*; it points to http://elsewhere.example/; give that address, if"),
+        ("locked", EndpointError, "401 .*; give a name and password in the address"),
+        ("broken", EndpointError, "500 .*: out of luck"),
+        ("endless", EndpointError, "the reply is larger than 256 MiB; ask for less"),
     ],
 )
 def test_a_server_that_misbehaves_is_described(
-    how: str, error: type[Exception], message: str, misbehaving: Misbehaving, monkeypatch: pytest.MonkeyPatch
+    how: str, error: type[Exception], message: str, misbehaving: FaultyServerStarter, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(
         "mindstage.knowledge.stores.endpoint.REPLY_LIMIT", 256 * 1024**2 if how != "endless" else 1024**2
     )
     message = message.replace("256 MiB", "1 MiB")
     url = misbehaving(how)
-    kb = KnowledgeBase(endpoint=Endpoint(url, timeout_s=0.5 if how in {"silent", "trickling"} else 30.0))
+    kb = KnowledgeBase(endpoint=SparqlEndpoint(url, timeout_s=0.5 if how in {"silent", "trickling"} else 30.0))
     with pytest.raises(error, match=message):
         kb.maps()
 
 
-def test_name_and_password_of_the_address_are_given_to_the_server(misbehaving: Misbehaving) -> None:
+def test_name_and_password_of_the_address_are_given_to_the_server(misbehaving: FaultyServerStarter) -> None:
     url = misbehaving("asking").replace("://", "://me:s%20ecret@")
-    assert KnowledgeBase(endpoint=url).sparql("ASK {}").truth
+    assert KnowledgeBase(endpoint=url).sparql("ASK {}").boolean
 
 
-def test_a_server_that_takes_no_changes_is_named(misbehaving: Misbehaving) -> None:
-    endpoint = Endpoint(misbehaving("reading only"))
-    with pytest.raises(EndpointRefused, match=r"405 .*; is that the address .*, and does it allow that\?"):
+def test_a_server_that_takes_no_changes_is_named(misbehaving: FaultyServerStarter) -> None:
+    endpoint = SparqlEndpoint(misbehaving("reading only"))
+    with pytest.raises(EndpointError, match=r"405 .*; is that the address .*, and does it allow that\?"):
         endpoint.update("INSERT DATA { <a:a> <a:b> <a:c> }")
 
 
-def test_changes_go_beside_the_queries_or_where_they_are_told_to(misbehaving: Misbehaving) -> None:
+def test_changes_go_beside_the_queries_or_where_they_are_told_to(misbehaving: FaultyServerStarter) -> None:
     url = misbehaving("telling where")
     for endpoint, where in (
-        (Endpoint(f"{url}/query"), "/update"),
-        (Endpoint(f"{url}/sparql"), "/update"),
-        (Endpoint(f"{url}/repositories/home"), "/repositories/home"),
-        (Endpoint(f"{url}/query", update_url=f"{url}/changes"), "/changes"),
+        (SparqlEndpoint(f"{url}/query"), "/update"),
+        (SparqlEndpoint(f"{url}/sparql"), "/update"),
+        (SparqlEndpoint(f"{url}/repositories/home"), "/repositories/home"),
+        (SparqlEndpoint(f"{url}/query", update_url=f"{url}/changes"), "/changes"),
     ):
-        with pytest.raises(EndpointRefused, match=f"at {where}$"):
+        with pytest.raises(EndpointError, match=f"at {where}$"):
             endpoint.update("CLEAR ALL")

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from mindstage.errors import SourceUnreadable
-from tests.knowledge.maps import body, knowing, room
+from mindstage.errors import SourceParseError
+from tests.knowledge.maps import body_turtle, knowledge_base_from, room_map
 
 RDF = "http://www.w3.org/1999/02/22-rdf-syntax-ns#"
 HEAD = f'<rdf:RDF xmlns:rdf="{RDF}" xmlns:k="http://knowrob.org/kb/knowrob.owl#" xmlns:e="http://e#">\n'
@@ -19,11 +19,11 @@ OWL_XML = """<?xml version="1.0"?>
 """
 
 
-def refused(tmp_path: Path, content: bytes | str, *, name: str = "map.owl") -> SourceUnreadable:
+def refused(tmp_path: Path, content: bytes | str, *, name: str = "map.owl") -> SourceParseError:
     path = tmp_path / name
     path.write_bytes(content.encode() if isinstance(content, str) else content)
-    with pytest.raises(SourceUnreadable) as caught:
-        knowing(path)
+    with pytest.raises(SourceParseError) as caught:
+        knowledge_base_from(path)
     assert caught.value.source == str(path)
     return caught.value
 
@@ -31,7 +31,7 @@ def refused(tmp_path: Path, content: bytes | str, *, name: str = "map.owl") -> S
 def read_maps(tmp_path: Path, content: bytes | str, *, name: str = "map.owl") -> tuple[str, ...]:
     path = tmp_path / name
     path.write_bytes(content.encode() if isinstance(content, str) else content)
-    return knowing(path).maps()
+    return knowledge_base_from(path).maps()
 
 
 def test_the_document_that_these_tests_spoil_is_good(tmp_path: Path) -> None:
@@ -74,38 +74,38 @@ def test_turtle_too_is_refused_with_line_and_cause(tmp_path: Path) -> None:
 
 
 def test_a_missing_file_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(SourceUnreadable, match="no such file"):
-        knowing(tmp_path / "nowhere.owl")
+    with pytest.raises(SourceParseError, match="no such file"):
+        knowledge_base_from(tmp_path / "nowhere.owl")
 
 
 def test_a_folder_is_no_map(tmp_path: Path) -> None:
-    with pytest.raises(SourceUnreadable, match="folder"):
-        knowing(tmp_path)
+    with pytest.raises(SourceParseError, match="folder"):
+        knowledge_base_from(tmp_path)
 
 
 def test_statements_about_statements_are_refused(tmp_path: Path) -> None:
-    text = room("e:Jo e:says <<( e:the e:moon e:shines )>> .")
+    text = room_map("e:Jo e:says <<( e:the e:moon e:shines )>> .")
     (tmp_path / "map.ttl").write_text(text, encoding="utf-8")
-    with pytest.raises(SourceUnreadable, match="statement about statements"):
-        knowing(tmp_path / "map.ttl").world()
+    with pytest.raises(SourceParseError, match="statement about statements"):
+        knowledge_base_from(tmp_path / "map.ttl").world()
 
 
 # -- formats -----------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", ["map.ttl", "map.owl", "map.rdf", "map.txt", "map"])
-def test_turtle_is_recognised_under_any_name(name: str, tmp_path: Path) -> None:
-    assert len(read_maps(tmp_path, room(), name=name)) == 1
+def test_turtle_is_recognized_under_any_name(name: str, tmp_path: Path) -> None:
+    assert len(read_maps(tmp_path, room_map(), name=name)) == 1
 
 
 @pytest.mark.parametrize("name", ["map.owl", "map.rdf", "map.XML", "map.txt", "map"])
-def test_rdf_xml_is_recognised_under_any_name(name: str, tmp_path: Path) -> None:
+def test_rdf_xml_is_recognized_under_any_name(name: str, tmp_path: Path) -> None:
     assert len(read_maps(tmp_path, DOCUMENT, name=name)) == 1
     assert len(read_maps(tmp_path, '<?xml version="1.0"?>' + DOCUMENT, name=name)) == 1
 
 
 @pytest.mark.parametrize("name", ["map.nt", "map.txt"])
-def test_n_triples_are_recognised(name: str, tmp_path: Path) -> None:
+def test_n_triples_are_recognized(name: str, tmp_path: Path) -> None:
     line = f"<http://e#map> <{RDF}type> <http://knowrob.org/kb/knowrob.owl#SemanticEnvironmentMap> .\n"
     assert len(read_maps(tmp_path, line, name=name)) == 1
 
@@ -121,7 +121,7 @@ def test_other_encodings_are_read(encoding: str, tmp_path: Path) -> None:
     name = {"utf-8-sig": "UTF-8", "latin-1": "ISO-8859-1"}.get(encoding, encoding.upper())
     text = f'<?xml version="1.0" encoding="{name}"?>\n' + DOCUMENT.replace("a note", "Küche")
     (tmp_path / "map.owl").write_bytes(text.encode(encoding))
-    world = knowing(tmp_path / "map.owl").world()
+    world = knowledge_base_from(tmp_path / "map.owl").world()
     assert "Küche" in str(world.facts)
 
 
@@ -191,7 +191,7 @@ def test_a_bomb_in_a_document_that_needs_repair_is_refused_too(tmp_path: Path) -
 
 def test_a_long_entity_that_is_used_once_is_only_long(tmp_path: Path) -> None:
     (tmp_path / "map.owl").write_text(with_entities(f'<!ENTITY last "{"ha" * 20_000}">'), encoding="utf-8")
-    assert "ha" * 20_000 in str(knowing(tmp_path / "map.owl").world().facts)
+    assert "ha" * 20_000 in str(knowledge_base_from(tmp_path / "map.owl").world().facts)
 
 
 # -- leaving no trace --------------------------------------------------------------------------------------------------
@@ -199,12 +199,12 @@ def test_a_long_entity_that_is_used_once_is_only_long(tmp_path: Path) -> None:
 
 def test_a_bad_file_leaves_the_knowledge_base_as_it_was(tmp_path: Path) -> None:
     good, better, bad = (tmp_path / name for name in ("good.ttl", "better.ttl", "bad.ttl"))
-    good.write_text(room(body("cup").replace(":room", ":good"), map="good"), encoding="utf-8")
-    better.write_text(room("k:Cup rdfs:subClassOf k:Vessel .", map="better"), encoding="utf-8")
+    good.write_text(room_map(body_turtle("cup").replace(":room", ":good"), map="good"), encoding="utf-8")
+    better.write_text(room_map("k:Cup rdfs:subClassOf k:Vessel .", map="better"), encoding="utf-8")
     bad.write_text("this is no turtle", encoding="utf-8")
-    knowledge = knowing(good)
+    knowledge = knowledge_base_from(good)
     before = knowledge.maps(), knowledge.findings()
-    with pytest.raises(SourceUnreadable):
+    with pytest.raises(SourceParseError):
         knowledge.load([better, bad])
     assert (knowledge.maps(), knowledge.findings()) == before
     assert knowledge.ancestors("http://knowrob.org/kb/knowrob.owl#Cup") == ()  # type: ignore[arg-type]

@@ -5,12 +5,12 @@ from __future__ import annotations
 import pytest
 
 from mindstage.knowledge import Severity
-from mindstage.world import Fact, Iri, Literal, Physics, Reference
-from tests.knowledge.maps import XSD, Read, body, knowrob, m, room
+from mindstage.world import BodyPhysics, Iri, IriRef, Literal, PropertyAssertion
+from tests.knowledge.maps import XSD, ReadMap, body_turtle, individual, knowrob_iri, room_map
 
 
-def float_fact(property: str, text: str) -> Fact:
-    return Fact(knowrob(property), Literal(text, Iri(XSD + "float")))
+def float_fact(property: str, text: str) -> PropertyAssertion:
+    return PropertyAssertion(knowrob_iri(property), Literal(text, Iri(XSD + "float")))
 
 
 @pytest.mark.parametrize(
@@ -29,38 +29,42 @@ def float_fact(property: str, text: str) -> Fact:
         ("1 2 3", "one 0 0 0"),
     ],
 )
-def test_a_pose_that_is_none_leaves_its_body_out_and_names_it(at: str, turned: str, read: Read) -> None:
-    world, findings = read(room(body("cup", at=at, turned=turned), body("mug", "k:parent :cup")))
+def test_a_pose_that_is_none_leaves_its_body_out_and_names_it(at: str, turned: str, read: ReadMap) -> None:
+    world, findings = read(
+        room_map(body_turtle("cup", position=at, quaternion=turned), body_turtle("mug", "k:parent :cup"))
+    )
     assert [thing.id for thing in world.bodies] == ["mug"]
-    assert {resource.iri for resource in world.resources} == {m("cup"), m("cup-pose")}
+    assert {resource.iri for resource in world.resources} == {individual("cup"), individual("cup-pose")}
     (error,) = (finding for finding in findings if finding.severity is Severity.ERROR)
-    assert error.individual == m("cup")
-    assert any(finding.individual == m("cup-pose") for finding in findings)
-    assert any(finding.individual == m("mug") and m("cup") in finding.what for finding in findings)
+    assert error.individual == individual("cup")
+    assert any(finding.individual == individual("cup-pose") for finding in findings)
+    assert any(finding.individual == individual("mug") and individual("cup") in finding.problem for finding in findings)
 
 
 @pytest.mark.parametrize("pose", ["", "k:pose :nowhere ;", 'k:pose "1 2 3" ;', "k:pose :cup ;", "k:pose :room ;"])
-def test_no_pose_leaves_its_body_out_and_names_it(pose: str, read: Read) -> None:
-    world, findings = read(room(f':cup a k:Cup ; {pose} k:describedInMap :room ; k:translation "1 2 3" .'))
+def test_no_pose_leaves_its_body_out_and_names_it(pose: str, read: ReadMap) -> None:
+    world, findings = read(room_map(f':cup a k:Cup ; {pose} k:describedInMap :room ; k:translation "1 2 3" .'))
     assert world.bodies == ()
-    assert world.resources[0].iri == m("cup")
-    assert [finding.individual for finding in findings if finding.severity is Severity.ERROR] == [m("cup")]
+    assert world.resources[0].iri == individual("cup")
+    assert [finding.individual for finding in findings if finding.severity is Severity.ERROR] == [individual("cup")]
 
 
-def test_of_two_poses_the_first_counts(read: Read) -> None:
+def test_of_two_poses_the_first_counts(read: ReadMap) -> None:
     world, (finding,) = read(
-        room(body("cup"), ':cup k:pose :other . :other k:translation "4 5 6" ; k:quaternion "1 0 0 0" .')
+        room_map(body_turtle("cup"), ':cup k:pose :other . :other k:translation "4 5 6" ; k:quaternion "1 0 0 0" .')
     )
     (cup,) = world.bodies
     assert cup.pose.position == (1.0, 2.0, 3.0)
-    assert cup.facts == tuple(Fact(knowrob("pose"), Reference(m(name))) for name in ("cup-pose", "other"))
-    assert [resource.iri for resource in world.resources] == [m("other")]
-    assert finding.individual == m("cup")
+    assert cup.facts == tuple(
+        PropertyAssertion(knowrob_iri("pose"), IriRef(individual(name))) for name in ("cup-pose", "other")
+    )
+    assert [resource.iri for resource in world.resources] == [individual("other")]
+    assert finding.individual == individual("cup")
 
 
-def test_a_pose_that_is_one_counts_before_a_pose_that_is_none(read: Read) -> None:
+def test_a_pose_that_is_one_counts_before_a_pose_that_is_none(read: ReadMap) -> None:
     world, _ = read(
-        room(
+        room_map(
             ":cup a k:Cup ; k:describedInMap :room ; k:pose :bad, :good .",
             ':bad k:translation "a b c" . :good k:translation "4 5 6" ; k:quaternion "1 0 0 0" .',
         )
@@ -68,7 +72,9 @@ def test_a_pose_that_is_one_counts_before_a_pose_that_is_none(read: Read) -> Non
     (cup,) = world.bodies
     assert cup.pose.position == (4.0, 5.0, 6.0)
     # The one that counts comes first, so that the writer gives its name to it.
-    assert cup.facts == tuple(Fact(knowrob("pose"), Reference(m(name))) for name in ("good", "bad"))
+    assert cup.facts == tuple(
+        PropertyAssertion(knowrob_iri("pose"), IriRef(individual(name))) for name in ("good", "bad")
+    )
 
 
 @pytest.mark.parametrize(
@@ -83,53 +89,55 @@ def test_a_pose_that_is_one_counts_before_a_pose_that_is_none(read: Read) -> Non
         ("heightOfObject", "inf"),
     ],
 )
-def test_a_value_that_cannot_be_understood_is_a_fact_and_named(property: str, text: str, read: Read) -> None:
-    world, (finding,) = read(room(body("cup", f'k:{property} "{text}"')))
+def test_a_value_that_cannot_be_understood_is_a_fact_and_named(property: str, text: str, read: ReadMap) -> None:
+    world, (finding,) = read(room_map(body_turtle("cup", f'k:{property} "{text}"')))
     (cup,) = world.bodies
-    assert (cup.physics, cup.size) == (Physics(), None)
-    assert cup.facts == (Fact(knowrob(property), Literal(text)),)
-    assert (finding.individual, finding.property) == (m("cup"), knowrob(property))
-    assert text in finding.what
+    assert (cup.physics, cup.size) == (BodyPhysics(), None)
+    assert cup.facts == (PropertyAssertion(knowrob_iri(property), Literal(text)),)
+    assert (finding.individual, finding.property) == (individual("cup"), knowrob_iri(property))
+    assert text in finding.problem
 
 
-def test_of_two_masses_the_first_counts(read: Read) -> None:
-    world, (finding,) = read(room(body("cup", 'k:mass "2.0"^^xsd:float, "3.0"^^xsd:float')))
+def test_of_two_masses_the_first_counts(read: ReadMap) -> None:
+    world, (finding,) = read(room_map(body_turtle("cup", 'k:mass "2.0"^^xsd:float, "3.0"^^xsd:float')))
     assert world.bodies[0].physics.mass_kg == 2.0
     assert world.bodies[0].facts == (float_fact("mass", "3.0"),)
-    assert finding.property == knowrob("mass")
+    assert finding.property == knowrob_iri("mass")
 
 
-def test_materials_that_are_not_whole_stay_facts(read: Read) -> None:
-    world, (finding,) = read(room(body("cup", "ms:material [ ms:index 0 ]")))
+def test_materials_that_are_not_whole_stay_facts(read: ReadMap) -> None:
+    world, (finding,) = read(room_map(body_turtle("cup", "ms:material [ ms:index 0 ]")))
     assert world.bodies[0].materials == ()
     assert len(world.bodies[0].facts) == 1
-    assert finding.individual == m("cup")
+    assert finding.individual == individual("cup")
 
 
-def test_a_map_that_nobody_calls_one_is_a_map_and_that_is_said(read: Read) -> None:
-    text = room(body("cup")).replace("a owl:NamedIndividual, k:SemanticEnvironmentMap", "a owl:NamedIndividual")
+def test_a_map_that_nobody_calls_one_is_a_map_and_that_is_said(read: ReadMap) -> None:
+    text = room_map(body_turtle("cup")).replace(
+        "a owl:NamedIndividual, k:SemanticEnvironmentMap", "a owl:NamedIndividual"
+    )
     world, (finding,) = read(text)
     assert [thing.id for thing in world.bodies] == ["cup"]
-    assert finding.individual == m("room")
+    assert finding.individual == individual("room")
 
 
-def test_a_finding_is_a_sentence(read: Read) -> None:
-    _, (finding,) = read(room(body("cup", 'k:mass "heavy"')))
+def test_a_finding_is_a_sentence(read: ReadMap) -> None:
+    _, (finding,) = read(room_map(body_turtle("cup", 'k:mass "heavy"')))
     assert str(finding) == (
-        f"warning: {m('cup')}, {knowrob('mass')}: 'heavy' is not a finite number of 0 or more; "
+        f"warning: {individual('cup')}, {knowrob_iri('mass')}: 'heavy' is not a finite number of 0 or more; "
         "it stays a fact without meaning"
     )
 
 
 @pytest.mark.parametrize("tags", ['"{"', '"[1]"', f'"{"[" * 10_000}"', "e:Jo"])
-def test_tags_of_ours_that_are_no_json_are_a_fact_and_named(tags: str, read: Read) -> None:
-    world, (finding,) = read(room(body("cup", f"ms:tags {tags}")))
+def test_tags_of_ours_that_are_no_json_are_a_fact_and_named(tags: str, read: ReadMap) -> None:
+    world, (finding,) = read(room_map(body_turtle("cup", f"ms:tags {tags}")))
     assert (world.bodies[0].tags, len(world.bodies[0].facts)) == ((), 1)
-    assert finding.individual == m("cup")
+    assert finding.individual == individual("cup")
 
 
 @pytest.mark.parametrize("material", ["e:Steel", '"steel"', '[ ms:index 0 ; ms:name "a" ; e:shiny true ]'])
-def test_materials_that_are_something_else_stay_facts(material: str, read: Read) -> None:
-    world, (finding,) = read(room(body("cup", f"ms:material {material}")))
+def test_materials_that_are_something_else_stay_facts(material: str, read: ReadMap) -> None:
+    world, (finding,) = read(room_map(body_turtle("cup", f"ms:material {material}")))
     assert (world.bodies[0].materials, len(world.bodies[0].facts)) == ((), 1)
-    assert finding.individual == m("cup")
+    assert finding.individual == individual("cup")

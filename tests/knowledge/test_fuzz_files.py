@@ -12,58 +12,60 @@ from pathlib import Path
 import pytest
 
 from mindstage.knowledge import bundled_kitchen
-from tests.knowledge.fuzz_budget import keep, rounds
-from tests.knowledge.fuzz_maps import LINKED
-from tests.knowledge.fuzz_watch import VERBS, Watch
-from tests.knowledge.mangling import mangled
-from tests.knowledge.small_robot import KITCHEN
+from tests.knowledge.fuzz_budget import fuzz_seeds, save_case
+from tests.knowledge.fuzz_maps import LINKED_MAP
+from tests.knowledge.fuzz_watch import VERBS, WorkerSupervisor
+from tests.knowledge.mangling import corrupted
+from tests.knowledge.small_robot import KITCHEN_URDF
 
 SAMPLES = ("ameva-task-two", "iai-kitchen-original", "iai-kitchen-spawned", "knowrob1-ccrl", "soma-iai-room")
 
 
 @pytest.fixture(scope="module")
-def watch(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Watch]:
-    with Watch(tmp_path_factory.mktemp("worker")) as watch:
+def watch(tmp_path_factory: pytest.TempPathFactory) -> Iterator[WorkerSupervisor]:
+    with WorkerSupervisor(tmp_path_factory.mktemp("worker")) as watch:
         yield watch
 
 
-def fuzz(name: str, data: bytes, file: Path, watch: Watch, *, robots: tuple[Path, ...] = ()) -> None:
+def fuzz(name: str, data: bytes, file: Path, watch: WorkerSupervisor, *, robots: tuple[Path, ...] = ()) -> None:
     """Reads a file whole, and then with one damage after the other."""
     file.write_bytes(data)
     whole = watch.read(file, robots=robots)
-    assert (whole.defect, whole.refused) == ("", ""), f"the undamaged {name}"
+    assert (whole.defect, whole.error) == ("", ""), f"the undamaged {name}"
     assert whole.bodies
     outcomes: Counter[bool] = Counter()
-    for number in rounds():
-        file.write_bytes(mangled(data, number))
+    for number in fuzz_seeds():
+        file.write_bytes(corrupted(data, number))
         answer = watch.read(file, robots=robots, verb=VERBS[number % len(VERBS)])
         if answer.defect:
-            pytest.fail(f"{keep(file, called=f'{name} {number}')}: {answer.defect}")
+            pytest.fail(f"{save_case(file, name=f'{name} {number}')}: {answer.defect}")
         outcomes[bool(answer.maps)] += 1
     assert outcomes[True], "all of it was refused: the damage is too great to find anything"
 
 
 @pytest.mark.parametrize("name", SAMPLES)
-def test_a_damaged_sample_is_read_or_refused(name: str, shared_data: Path, tmp_path: Path, watch: Watch) -> None:
+def test_a_damaged_sample_is_read_or_refused(
+    name: str, shared_data: Path, tmp_path: Path, watch: WorkerSupervisor
+) -> None:
     fuzz(name, (shared_data / "maps" / f"{name}.owl").read_bytes(), tmp_path / "map.owl", watch)
 
 
-def test_a_damaged_bundled_kitchen_is_read_or_refused(tmp_path: Path, watch: Watch) -> None:
+def test_a_damaged_bundled_kitchen_is_read_or_refused(tmp_path: Path, watch: WorkerSupervisor) -> None:
     fuzz("kitchen", bundled_kitchen().read_bytes(), tmp_path / "map.owl", watch)
 
 
-def test_a_damaged_description_of_a_robot_is_read_or_refused(tmp_path: Path, watch: Watch) -> None:
-    fuzz("robot", KITCHEN.encode(), tmp_path / "kitchen.urdf", watch)
+def test_a_damaged_description_of_a_robot_is_read_or_refused(tmp_path: Path, watch: WorkerSupervisor) -> None:
+    fuzz("robot", KITCHEN_URDF.encode(), tmp_path / "kitchen.urdf", watch)
 
 
-def test_a_map_beside_a_robot_is_read_or_refused_when_damaged(tmp_path: Path, watch: Watch) -> None:
+def test_a_map_beside_a_robot_is_read_or_refused_when_damaged(tmp_path: Path, watch: WorkerSupervisor) -> None:
     robot = tmp_path / "kitchen.urdf"
-    robot.write_text(KITCHEN, encoding="utf-8")
-    fuzz("linked", LINKED.encode(), tmp_path / "linked.ttl", watch, robots=(robot,))
+    robot.write_text(KITCHEN_URDF, encoding="utf-8")
+    fuzz("linked", LINKED_MAP.encode(), tmp_path / "linked.ttl", watch, robots=(robot,))
 
 
 def test_the_same_number_makes_the_same_damage() -> None:
-    data = KITCHEN.encode()
-    assert [mangled(data, number) for number in range(20)] == [mangled(data, number) for number in range(20)]
-    assert mangled(data, 0) == data
-    assert len({mangled(data, number) for number in range(1, 20)}) > 15
+    data = KITCHEN_URDF.encode()
+    assert [corrupted(data, number) for number in range(20)] == [corrupted(data, number) for number in range(20)]
+    assert corrupted(data, 0) == data
+    assert len({corrupted(data, number) for number in range(1, 20)}) > 15

@@ -12,18 +12,18 @@ from pathlib import Path
 
 import pytest
 
-from tests.knowledge.fuzz_watch import Watch
-from tests.knowledge.maps import body, constraint, room
-from tests.knowledge.other_maps import soma
-from tests.knowledge.small_robot import box, joint, link, robot
+from tests.knowledge.fuzz_watch import WorkerSupervisor
+from tests.knowledge.maps import body_turtle, room_map, slide_joint
+from tests.knowledge.other_maps import soma_map
+from tests.knowledge.small_robot import box_urdf, joint_urdf, link_urdf, robot_urdf
 
 MANY = 1500
 """Enough that whoever looks at each pair of them, or goes each of their ways, does not end in time."""
 
 
 @pytest.fixture(scope="module")
-def watch(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Watch]:
-    with Watch(tmp_path_factory.mktemp("worker")) as watch:
+def watch(tmp_path_factory: pytest.TempPathFactory) -> Iterator[WorkerSupervisor]:
+    with WorkerSupervisor(tmp_path_factory.mktemp("worker")) as watch:
         yield watch
 
 
@@ -95,7 +95,7 @@ def imports(iri: str) -> str:
     ],
 )
 def test_nothing_is_ever_fetched(
-    made: Callable[[str], str], tmp_path: Path, watch: Watch, trap: tuple[str, list[str]]
+    made: Callable[[str], str], tmp_path: Path, watch: WorkerSupervisor, trap: tuple[str, list[str]]
 ) -> None:
     at, came = trap
     text = made(at)
@@ -105,18 +105,20 @@ def test_nothing_is_ever_fetched(
     assert came == []
 
 
-def test_a_robot_fetches_no_mesh(tmp_path: Path, watch: Watch, trap: tuple[str, list[str]]) -> None:
+def test_a_robot_fetches_no_mesh(tmp_path: Path, watch: WorkerSupervisor, trap: tuple[str, list[str]]) -> None:
     at, came = trap
     meshes = (
         f'<visual><geometry><mesh filename="{scheme}://{at}/a.stl"/></geometry></visual>' for scheme in ("http", "file")
     )
     file = tmp_path / "kitchen.urdf"
-    file.write_text(robot(link("a", *meshes)), encoding="utf-8")
+    file.write_text(robot_urdf(link_urdf("a", *meshes)), encoding="utf-8")
     assert watch.read(file).defect == ""
     assert came == []
 
 
-def test_whoever_does_go_outside_is_noticed(tmp_path: Path, watch: Watch, trap: tuple[str, list[str]]) -> None:
+def test_whoever_does_go_outside_is_noticed(
+    tmp_path: Path, watch: WorkerSupervisor, trap: tuple[str, list[str]]
+) -> None:
     at, came = trap
     code = f"""
 import sys
@@ -146,13 +148,15 @@ print(len(guard.tries), guard.opened)
         *("file:../../../../../../../../etc/passwd", "data:text/turtle,a", "file:%00"),
     ],
 )
-def test_an_import_that_leads_out_or_to_no_file_is_told_and_left(iri: str, tmp_path: Path, watch: Watch) -> None:
+def test_an_import_that_leads_out_or_to_no_file_is_told_and_left(
+    iri: str, tmp_path: Path, watch: WorkerSupervisor
+) -> None:
     (tmp_path / "loop").symlink_to(tmp_path / "loop")
     os.mkfifo(tmp_path / "pipe")
     file = tmp_path / "map.owl"
     file.write_text(imports(iri), encoding="utf-8")
     answer = watch.read(file, ontologies=[tmp_path])
-    assert (answer.defect, answer.refused, answer.maps) == ("", "", 1)
+    assert (answer.defect, answer.error, answer.maps) == ("", "", 1)
     assert answer.exit_code == 1
     assert any("it imports" in finding and "went on without it" in finding for finding in answer.findings)
 
@@ -160,12 +164,12 @@ def test_an_import_that_leads_out_or_to_no_file_is_told_and_left(iri: str, tmp_p
 @pytest.mark.parametrize(
     "name", ["/dev/zero", "file:///dev/zero", "pipe.stl", "/proc/kcore", "loop.obj", "package://../a.stl"]
 )
-def test_a_mesh_that_is_no_file_has_no_size(name: str, tmp_path: Path, watch: Watch) -> None:
+def test_a_mesh_that_is_no_file_has_no_size(name: str, tmp_path: Path, watch: WorkerSupervisor) -> None:
     (tmp_path / "loop.obj").symlink_to(tmp_path / "loop.obj")
     os.mkfifo(tmp_path / "pipe.stl")
     file = tmp_path / "kitchen.urdf"
     file.write_text(
-        robot(link("a", f'<visual><geometry><mesh filename="{name}"/></geometry></visual>')), encoding="utf-8"
+        robot_urdf(link_urdf("a", f'<visual><geometry><mesh filename="{name}"/></geometry></visual>')), encoding="utf-8"
     )
     answer = watch.read(file)
     assert (answer.defect, answer.bodies) == ("", 1)
@@ -189,12 +193,14 @@ LAUGHS = "".join(f'<!ENTITY a{n} "{f"&a{n - 1};" * 10}">' for n in range(1, 12))
     ids=["many times ten", "in small letters", "one long one", "a circle", "not well-formed", "in an attribute"],
 )
 @pytest.mark.parametrize("suffix", [".owl", ".xml", ".urdf"])
-def test_entities_that_grow_without_end_are_refused(text: str, suffix: str, tmp_path: Path, watch: Watch) -> None:
+def test_entities_that_grow_without_end_are_refused(
+    text: str, suffix: str, tmp_path: Path, watch: WorkerSupervisor
+) -> None:
     file = tmp_path / f"map{suffix}"
     file.write_text(text.replace("rdf:RDF", "robot") if suffix == ".urdf" else text, encoding="utf-8")
     answer = watch.read(file)
     assert answer.defect == ""
-    assert "SourceUnreadable" in answer.refused
+    assert "SourceUnreadable" in answer.error
     assert answer.exit_code == 2
 
 
@@ -204,60 +210,70 @@ def web(levels: int = 6, width: int = 60) -> str:
     for level in range(levels):
         below = ", ".join(f":n{level + 1}-{n}" for n in range(width))
         lines += [f":n{level}-{n} dul:hasRegion {below} ." for n in range(width)]
-    return soma(":cup a owl:NamedIndividual, soma:Cup .", *lines)
+    return soma_map(":cup a owl:NamedIndividual, soma:Cup .", *lines)
 
 
 def relative_frames() -> str:
     pose = '[ soma:isRelativeTo :c{} ; k:translation "1 0 0" ; k:quaternion "0 0 0 1" ]'
-    return soma(*(f":c{n} a soma:Cup ; soma:hasLocalization {pose.format((n + 1) % MANY)} ." for n in range(MANY)))
+    return soma_map(*(f":c{n} a soma:Cup ; soma:hasLocalization {pose.format((n + 1) % MANY)} ." for n in range(MANY)))
 
 
 def nested_things() -> str:
-    return room(body("cup", f"k:child {'[ k:child ' * MANY}[]{']' * MANY}"))
+    return room_map(body_turtle("cup", f"k:child {'[ k:child ' * MANY}[]{']' * MANY}"))
 
 
 LARGE: dict[str, Callable[[], str]] = {
     "a web of ways": web,
     "poses relative to one another in a circle": relative_frames,
     "things inside things": nested_things,
-    "parents in a circle": lambda: room(*(body(f"b{n}", f"k:child :b{(n + 1) % MANY}") for n in range(MANY))),
-    "a thing with all as its children": lambda: room(
-        body("b0", f"k:child {', '.join(f':b{n}' for n in range(MANY))}"), *(body(f"b{n}") for n in range(1, MANY))
+    "parents in a circle": lambda: room_map(
+        *(body_turtle(f"b{n}", f"k:child :b{(n + 1) % MANY}") for n in range(MANY))
     ),
-    "joints between two things": lambda: room(
-        body("a"), body("b"), *(constraint(f"j{n}", "a", "b") for n in range(MANY // 3))
+    "a thing with all as its children": lambda: room_map(
+        body_turtle("b0", f"k:child {', '.join(f':b{n}' for n in range(MANY))}"),
+        *(body_turtle(f"b{n}") for n in range(1, MANY)),
     ),
-    "things with one id": lambda: room(*(body(f"b{n}", 'ms:id "b"') for n in range(MANY))),
-    "things with one local name": lambda: room(
-        *(body("b").replace(":b ", f"<http://example.org/{n}#b> ").replace(":b-p", f":b{n}-p") for n in range(MANY))
+    "joints between two things": lambda: room_map(
+        body_turtle("a"), body_turtle("b"), *(slide_joint(f"j{n}", "a", "b") for n in range(MANY // 3))
     ),
-    "poses of one thing": lambda: room(body("a"), *(body("a").replace(":a-pose", f":p{n}") for n in range(MANY))),
-    "classes above one another": lambda: room(
-        body("cup", cls="e:c0"), *(f"e:c{n} rdfs:subClassOf e:c{n + 1} ." for n in range(MANY))
+    "things with one id": lambda: room_map(*(body_turtle(f"b{n}", 'ms:id "b"') for n in range(MANY))),
+    "things with one local name": lambda: room_map(
+        *(
+            body_turtle("b").replace(":b ", f"<http://example.org/{n}#b> ").replace(":b-p", f":b{n}-p")
+            for n in range(MANY)
+        )
     ),
-    "classes of one thing": lambda: room(body("cup", f"a {', '.join(f'e:c{n}' for n in range(MANY))}")),
-    "maps": lambda: room(*(f":m{n} a k:SemanticEnvironmentMap ." for n in range(20))),
-    "a list": lambda: room(body("cup", f"e:list ({' '.join(map(str, range(MANY)))})")),
-    "a long text": lambda: room(body("cup", f'rdfs:label "{"x" * 10_000_000}"')),
-    "a long number": lambda: room(body("cup", f'k:mass "{"9" * 1_000_000}" ; k:tagsData "{"A,b;" * 100_000}"')),
+    "poses of one thing": lambda: room_map(
+        body_turtle("a"), *(body_turtle("a").replace(":a-pose", f":p{n}") for n in range(MANY))
+    ),
+    "classes above one another": lambda: room_map(
+        body_turtle("cup", cls="e:c0"), *(f"e:c{n} rdfs:subClassOf e:c{n + 1} ." for n in range(MANY))
+    ),
+    "classes of one thing": lambda: room_map(body_turtle("cup", f"a {', '.join(f'e:c{n}' for n in range(MANY))}")),
+    "maps": lambda: room_map(*(f":m{n} a k:SemanticEnvironmentMap ." for n in range(20))),
+    "a list": lambda: room_map(body_turtle("cup", f"e:list ({' '.join(map(str, range(MANY)))})")),
+    "a long text": lambda: room_map(body_turtle("cup", f'rdfs:label "{"x" * 10_000_000}"')),
+    "a long number": lambda: room_map(
+        body_turtle("cup", f'k:mass "{"9" * 1_000_000}" ; k:tagsData "{"A,b;" * 100_000}"')
+    ),
 }
 
 
 @pytest.mark.parametrize("name", LARGE)
-def test_many_of_one_kind_end_in_time(name: str, tmp_path: Path, watch: Watch) -> None:
+def test_many_of_one_kind_end_in_time(name: str, tmp_path: Path, watch: WorkerSupervisor) -> None:
     file = tmp_path / "map.ttl"
     file.write_text(LARGE[name](), encoding="utf-8")
     answer = watch.read(file)
-    assert (answer.defect, answer.refused) == ("", "")
+    assert (answer.defect, answer.error) == ("", "")
     assert answer.maps
 
 
-def test_a_text_that_no_parser_holds_is_refused(tmp_path: Path, watch: Watch) -> None:
+def test_a_text_that_no_parser_holds_is_refused(tmp_path: Path, watch: WorkerSupervisor) -> None:
     file = tmp_path / "map.ttl"
-    file.write_text(room(body("cup", f'rdfs:label "{"x" * 20_000_000}"')), encoding="utf-8")
+    file.write_text(room_map(body_turtle("cup", f'rdfs:label "{"x" * 20_000_000}"')), encoding="utf-8")
     answer = watch.read(file)
     assert (answer.defect, answer.exit_code) == ("", 2)
-    assert "too long to be held in memory" in answer.refused
+    assert "too long to be held in memory" in answer.error
 
 
 @pytest.mark.parametrize(
@@ -284,18 +300,20 @@ def test_a_text_that_no_parser_holds_is_refused(tmp_path: Path, watch: Watch) ->
     ids=range(17),
 )
 @pytest.mark.parametrize("suffix", [".owl", ".ttl", ".urdf"])
-def test_a_flood_of_signs_ends_in_time(text: str, suffix: str, tmp_path: Path, watch: Watch) -> None:
+def test_a_flood_of_signs_ends_in_time(text: str, suffix: str, tmp_path: Path, watch: WorkerSupervisor) -> None:
     file = tmp_path / f"map{suffix}"
     file.write_text(text, encoding="utf-8")
     assert watch.read(file).defect == ""
 
 
-def test_a_robot_of_many_links_ends_in_time(tmp_path: Path, watch: Watch) -> None:
+def test_a_robot_of_many_links_ends_in_time(tmp_path: Path, watch: WorkerSupervisor) -> None:
     many = MANY // 3
-    links = [link(f"l{n}", box("1 1 1")) for n in range(many)]
-    joints = [joint(f"j{n}", "revolute", f"l{n}", f"l{(n + 1) % many}", "<axis xyz='0 0 1'/>") for n in range(many)]
+    links = [link_urdf(f"l{n}", box_urdf("1 1 1")) for n in range(many)]
+    joints = [
+        joint_urdf(f"j{n}", "revolute", f"l{n}", f"l{(n + 1) % many}", "<axis xyz='0 0 1'/>") for n in range(many)
+    ]
     file = tmp_path / "kitchen.urdf"
-    file.write_text(robot(*links, *joints), encoding="utf-8")
+    file.write_text(robot_urdf(*links, *joints), encoding="utf-8")
     answer = watch.read(file)
     assert (answer.defect, answer.bodies) == ("", many)
 
@@ -309,8 +327,8 @@ def test_a_worker_in_trouble_is_ended_and_the_next_one_works(
 ) -> None:
     monkeypatch.setattr("tests.knowledge.fuzz_watch.CPU_LIMIT_S", 1.0)
     good = tmp_path / "map.ttl"
-    good.write_text(room(body("cup")), encoding="utf-8")
-    with Watch(tmp_path) as watch:
+    good.write_text(room_map(body_turtle("cup")), encoding="utf-8")
+    with WorkerSupervisor(tmp_path) as watch:
         monkeypatch.setattr(
             watch, "_command", [sys.executable, "-c", f"import os, sys\nsys.stdin.readline()\n{trouble}"]
         )

@@ -15,18 +15,18 @@ from hypothesis import HealthCheck, given, seed, settings
 from hypothesis import strategies as st
 from hypothesis.strategies import SearchStrategy
 
-from tests.knowledge.fuzz_budget import keep, rounds
-from tests.knowledge.fuzz_maps import LINKED, MAPS, Spoilt, spoilt, spoilt_robots
-from tests.knowledge.fuzz_watch import VERBS, Watch
-from tests.knowledge.small_robot import KITCHEN
+from tests.knowledge.fuzz_budget import fuzz_seeds, save_case
+from tests.knowledge.fuzz_maps import LINKED_MAP, MAPS_BY_DIALECT, MutatedMap, mutated_maps, mutated_urdfs
+from tests.knowledge.fuzz_watch import VERBS, WorkerSupervisor
+from tests.knowledge.small_robot import KITCHEN_URDF
 
 EXAMPLES = 10
 """Of one round."""
 
 
 @pytest.fixture(scope="module")
-def watch(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Watch]:
-    with Watch(tmp_path_factory.mktemp("worker")) as watch:
+def watch(tmp_path_factory: pytest.TempPathFactory) -> Iterator[WorkerSupervisor]:
+    with WorkerSupervisor(tmp_path_factory.mktemp("worker")) as watch:
         yield watch
 
 
@@ -44,59 +44,59 @@ def fuzz(inputs: SearchStrategy[Any], check: Callable[[Any, str], None]) -> None
     def once(made: Any, verb: str) -> None:
         check(made, verb)
 
-    for number in rounds():
+    for number in fuzz_seeds():
         seed(number)(few(given(made=inputs, verb=st.sampled_from(VERBS))(once)))()
 
 
-def read(watch: Watch, file: Path, verb: str, called: str, robots: Sequence[Path] = ()) -> None:
+def read(watch: WorkerSupervisor, file: Path, verb: str, called: str, robots: Sequence[Path] = ()) -> None:
     answer = watch.read(file, robots=robots, verb=verb)
     if answer.defect:
-        raise AssertionError(f"{keep(file, called=called)}: {answer.defect}")
+        raise AssertionError(f"{save_case(file, name=called)}: {answer.defect}")
 
 
-@pytest.mark.parametrize("dialect", MAPS)
-def test_a_map_of_any_statements_is_read_or_refused(dialect: str, tmp_path: Path, watch: Watch) -> None:
+@pytest.mark.parametrize("dialect", MAPS_BY_DIALECT)
+def test_a_map_of_any_statements_is_read_or_refused(dialect: str, tmp_path: Path, watch: WorkerSupervisor) -> None:
     robots = []
-    if MAPS[dialect] is LINKED:
+    if MAPS_BY_DIALECT[dialect] is LINKED_MAP:
         robots = [tmp_path / "kitchen.urdf"]
-        robots[0].write_text(KITCHEN, encoding="utf-8")
+        robots[0].write_text(KITCHEN_URDF, encoding="utf-8")
     file = tmp_path / "map.ttl"
 
-    def check(made: Spoilt, verb: str) -> None:
+    def check(made: MutatedMap, verb: str) -> None:
         ox.serialize(made.quads, file, ox.RdfFormat.TURTLE)
         read(watch, file, verb, f"any {dialect}", robots)
 
-    fuzz(spoilt(dialect), check)
+    fuzz(mutated_maps(dialect), check)
 
 
-def test_a_description_of_any_elements_is_read_or_refused(tmp_path: Path, watch: Watch) -> None:
+def test_a_description_of_any_elements_is_read_or_refused(tmp_path: Path, watch: WorkerSupervisor) -> None:
     file = tmp_path / "kitchen.urdf"
 
     def check(text: str, verb: str) -> None:
         file.write_text(text, encoding="utf-8")
         read(watch, file, verb, "any robot")
 
-    fuzz(spoilt_robots(), check)
+    fuzz(mutated_urdfs(), check)
 
 
-def test_a_map_finds_any_description_beside_it(tmp_path: Path, watch: Watch) -> None:
+def test_a_map_finds_any_description_beside_it(tmp_path: Path, watch: WorkerSupervisor) -> None:
     file, robot = tmp_path / "linked.ttl", tmp_path / "kitchen.urdf"
-    file.write_text(LINKED, encoding="utf-8")
+    file.write_text(LINKED_MAP, encoding="utf-8")
 
     def check(text: str, verb: str) -> None:
         robot.write_text(text, encoding="utf-8")
         answer = watch.read(file, robots=[robot], verb=verb)
         if answer.defect:
-            raise AssertionError(f"{keep(robot, called='any robot beside a map')}: {answer.defect}")
+            raise AssertionError(f"{save_case(robot, name='any robot beside a map')}: {answer.defect}")
 
-    fuzz(spoilt_robots(), check)
+    fuzz(mutated_urdfs(), check)
 
 
-@pytest.mark.parametrize("dialect", MAPS)
-def test_what_is_spoilt_here_was_good(dialect: str, tmp_path: Path, watch: Watch) -> None:
+@pytest.mark.parametrize("dialect", MAPS_BY_DIALECT)
+def test_what_is_spoilt_here_was_good(dialect: str, tmp_path: Path, watch: WorkerSupervisor) -> None:
     robot, file = tmp_path / "kitchen.urdf", tmp_path / "map.ttl"
-    robot.write_text(KITCHEN, encoding="utf-8")
-    file.write_text(MAPS[dialect], encoding="utf-8")
-    answer = watch.read(file, robots=[robot] if MAPS[dialect] is LINKED else [])
-    assert (answer.defect, answer.refused, answer.maps) == ("", "", 1)
+    robot.write_text(KITCHEN_URDF, encoding="utf-8")
+    file.write_text(MAPS_BY_DIALECT[dialect], encoding="utf-8")
+    answer = watch.read(file, robots=[robot] if MAPS_BY_DIALECT[dialect] is LINKED_MAP else [])
+    assert (answer.defect, answer.error, answer.maps) == ("", "", 1)
     assert answer.bodies >= 2

@@ -5,9 +5,9 @@ from __future__ import annotations
 import pyoxigraph as ox
 import pytest
 
-from mindstage.knowledge.graph import Graph, graph_of
-from mindstage.knowledge.wording.nesting import NESTING, nested
-from mindstage.world import Anonymous, Fact, FactValue, Iri, Literal, Reference
+from mindstage.knowledge.graph import Graph, graph_from_quads
+from mindstage.knowledge.wording.nesting import MAX_NESTING, nest_blank_nodes
+from mindstage.world import BlankNode, FactValue, Iri, IriRef, Literal, PropertyAssertion
 
 XSD = "http://www.w3.org/2001/XMLSchema#"
 PREFIXES = f"@prefix e: <http://e#> . @prefix xsd: <{XSD}> . "
@@ -15,7 +15,7 @@ PREFIXES = f"@prefix e: <http://e#> . @prefix xsd: <{XSD}> . "
 
 def graph(turtle: str, taken: set[str] | None = None) -> Graph:
     quads = ox.parse(PREFIXES + turtle, ox.RdfFormat.TURTLE, base_iri="file:///x")
-    return nested(graph_of(quads, set() if taken is None else taken))
+    return nest_blank_nodes(graph_from_quads(quads, set() if taken is None else taken))
 
 
 def e(name: str) -> Iri:
@@ -43,14 +43,18 @@ def test_what_is_told_twice_is_told_once() -> None:
 
 def test_a_node_that_is_mentioned_once_goes_inside() -> None:
     told = graph("e:a e:b [ e:d 1 ; e:c [ e:e e:f ] ] .")
-    inner = Anonymous((Fact(e("e"), Reference(e("f"))),))
+    inner = BlankNode((PropertyAssertion(e("e"), IriRef(e("f"))),))
     one = Literal("1", Iri(XSD + "integer"))
-    assert told == {e("a"): [Fact(e("b"), Anonymous((Fact(e("c"), inner), Fact(e("d"), one))))]}
+    assert told == {
+        e("a"): [
+            PropertyAssertion(e("b"), BlankNode((PropertyAssertion(e("c"), inner), PropertyAssertion(e("d"), one))))
+        ]
+    }
 
 
 def test_so_does_one_that_has_a_label_and_one_of_which_nothing_is_said() -> None:
     assert graph("e:a e:b _:x . _:x e:c e:d .") == graph("e:a e:b [ e:c e:d ] .")
-    assert only_value(graph("e:a e:b _:x ."), e("a")) == Anonymous()
+    assert only_value(graph("e:a e:b _:x ."), e("a")) == BlankNode()
 
 
 def test_equal_nodes_stay_two() -> None:
@@ -60,7 +64,7 @@ def test_equal_nodes_stay_two() -> None:
 def test_a_node_that_is_mentioned_twice_keeps_its_label() -> None:
     told = graph("e:a e:b _:x ; e:c _:x . _:x e:d e:e .")
     assert list(told) == [e("a"), "_:x"]
-    assert [fact.value for fact in told[e("a")]] == [Reference(Iri("_:x"))] * 2
+    assert [fact.value for fact in told[e("a")]] == [IriRef(Iri("_:x"))] * 2
 
 
 def test_a_node_that_nothing_mentions_gets_a_label() -> None:
@@ -78,7 +82,7 @@ def test_nodes_in_a_circle_keep_their_labels(circle: str, labels: set[str]) -> N
 def test_what_hangs_on_a_circle_goes_inside() -> None:
     told = graph("_:x e:a _:y . _:y e:a _:x ; e:b [ e:c e:d ] .")
     assert set(told) == {"_:x", "_:y"}
-    assert told[Iri("_:y")][1].value == Anonymous((Fact(e("c"), Reference(e("d"))),))
+    assert told[Iri("_:y")][1].value == BlankNode((PropertyAssertion(e("c"), IriRef(e("d"))),))
 
 
 def test_a_label_stands_for_one_thing_in_all_graphs() -> None:
@@ -92,11 +96,11 @@ def test_a_label_stands_for_one_thing_in_all_graphs() -> None:
 
 
 def test_a_long_list_is_cut_into_pieces_that_nothing_chokes_on() -> None:
-    items = " ".join(str(number) for number in range(3 * NESTING))
+    items = " ".join(str(number) for number in range(3 * MAX_NESTING))
     told = graph(f"e:a e:b ({items}) .")
     assert len(told) == 4
-    assert sum(_count(fact) for facts in told.values() for fact in facts) == 6 * NESTING + 1
+    assert sum(_count(fact) for facts in told.values() for fact in facts) == 6 * MAX_NESTING + 1
 
 
-def _count(fact: Fact) -> int:
-    return 1 + sum(map(_count, fact.value.facts)) if isinstance(fact.value, Anonymous) else 1
+def _count(fact: PropertyAssertion) -> int:
+    return 1 + sum(map(_count, fact.value.facts)) if isinstance(fact.value, BlankNode) else 1

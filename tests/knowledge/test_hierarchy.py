@@ -9,7 +9,7 @@ import pytest
 from mindstage.knowledge import KnowledgeBase
 from mindstage.knowledge.taxonomy import ClassHierarchy
 from mindstage.world import Iri
-from tests.knowledge.maps import knowing, knowrob, room
+from tests.knowledge.maps import knowledge_base_from, knowrob_iri, room_map
 
 A, B, C, D, E, F = (Iri(f"http://e#{name}") for name in "ABCDEF")
 
@@ -53,23 +53,23 @@ def test_the_most_specific_of_unrelated_classes_is_the_first(diamond: ClassHiera
 
 def test_equal_classes_are_below_one_another(tmp_path: Path) -> None:
     path = tmp_path / "map.ttl"
-    path.write_text(room("k:Mug owl:equivalentClass k:Cup . k:Cup rdfs:subClassOf k:Vessel ."), encoding="utf-8")
-    knowledge = knowing(path)
-    assert knowledge.ancestors(knowrob("Mug")) == (knowrob("Cup"), knowrob("Vessel"))
-    assert knowledge.descendants(knowrob("Vessel")) == {knowrob("Cup"), knowrob("Mug")}
+    path.write_text(room_map("k:Mug owl:equivalentClass k:Cup . k:Cup rdfs:subClassOf k:Vessel ."), encoding="utf-8")
+    knowledge = knowledge_base_from(path)
+    assert knowledge.ancestors(knowrob_iri("Mug")) == (knowrob_iri("Cup"), knowrob_iri("Vessel"))
+    assert knowledge.descendants(knowrob_iri("Vessel")) == {knowrob_iri("Cup"), knowrob_iri("Mug")}
 
 
 def test_the_bundled_household_is_known_from_the_start() -> None:
-    latch, handle = Iri("http://mindstage.org/ontology#DoorLatch"), knowrob("Handle")
+    latch, handle = Iri("http://mindstage.org/ontology#DoorLatch"), knowrob_iri("Handle")
     assert handle in KnowledgeBase().ancestors(latch)
     assert KnowledgeBase(bundled_ontology=False).ancestors(latch) == ()
 
 
 def test_more_is_known_after_more_was_loaded(tmp_path: Path) -> None:
     first, second = tmp_path / "first.ttl", tmp_path / "second.ttl"
-    first.write_text(room("k:Mug rdfs:subClassOf k:Cup ."), encoding="utf-8")
-    second.write_text(room("k:Cup rdfs:subClassOf k:Vessel ."), encoding="utf-8")
-    knowledge = knowing(first)
-    assert knowledge.ancestors(knowrob("Mug")) == (knowrob("Cup"),)
+    first.write_text(room_map("k:Mug rdfs:subClassOf k:Cup ."), encoding="utf-8")
+    second.write_text(room_map("k:Cup rdfs:subClassOf k:Vessel ."), encoding="utf-8")
+    knowledge = knowledge_base_from(first)
+    assert knowledge.ancestors(knowrob_iri("Mug")) == (knowrob_iri("Cup"),)
     knowledge.load([second])
-    assert knowledge.ancestors(knowrob("Mug")) == (knowrob("Cup"), knowrob("Vessel"))
+    assert knowledge.ancestors(knowrob_iri("Mug")) == (knowrob_iri("Cup"), knowrob_iri("Vessel"))

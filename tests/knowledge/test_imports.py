@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from mindstage.errors import SourceUnreadable
+from mindstage.errors import SourceParseError
 from mindstage.knowledge import KnowledgeBase, Severity
 from mindstage.world import Iri
-from tests.knowledge.maps import body, knowing, room
+from tests.knowledge.maps import body_turtle, knowledge_base_from, room_map
 
 CLASS = "http://example.org/terms#Leaf"
 
@@ -20,13 +20,13 @@ def importing(*imports: str, iri: str = "http://example.org/room.owl") -> str:
 
 def write(path: Path, *statements: str) -> Path:
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(room(*statements).replace("k:SemanticEnvironmentMap", "e:Nothing"), encoding="utf-8")
+    path.write_text(room_map(*statements).replace("k:SemanticEnvironmentMap", "e:Nothing"), encoding="utf-8")
     return path
 
 
 def write_map(path: Path, *statements: str) -> Path:
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(room(*statements), encoding="utf-8")
+    path.write_text(room_map(*statements), encoding="utf-8")
     return path
 
 
@@ -45,36 +45,36 @@ def packages(tmp_path: Path) -> Path:
 
 def test_packages_are_looked_up_below_the_folders(packages: Path, tmp_path: Path) -> None:
     map = write_map(tmp_path / "map.ttl", importing("package://first/owl/a.ttl"))
-    knowledge = knowing(map, ontologies=(packages,))
+    knowledge = knowledge_base_from(map, ontologies=(packages,))
     assert knows(knowledge)
     assert knowledge.findings() == ()
 
 
 def test_a_folder_may_be_the_package_itself(packages: Path, tmp_path: Path) -> None:
     map = write_map(tmp_path / "map.ttl", importing("package://second/b.ttl"))
-    assert knows(knowing(map, ontologies=(packages / "second",)))
+    assert knows(knowledge_base_from(map, ontologies=(packages / "second",)))
 
 
 def test_packages_lie_deeper_in_a_workspace(packages: Path, tmp_path: Path) -> None:
     (packages / "second" / "package.xml").write_text("<package/>", encoding="utf-8")
     packages.rename(tmp_path / "workspace")
     map = write_map(tmp_path / "map.ttl", importing("package://second/b.ttl"))
-    assert knows(knowing(map, ontologies=(tmp_path,)))
+    assert knows(knowledge_base_from(map, ontologies=(tmp_path,)))
 
 
 def test_a_missing_package_is_named_with_who_wants_it(tmp_path: Path) -> None:
-    map = write_map(tmp_path / "map.ttl", importing("package://first/owl/a.ttl"), body("cup"))
-    knowledge = knowing(map)
+    map = write_map(tmp_path / "map.ttl", importing("package://first/owl/a.ttl"), body_turtle("cup"))
+    knowledge = knowledge_base_from(map)
     (finding,) = knowledge.findings()
     assert finding.severity is Severity.WARNING
     assert finding.individual == str(map)
-    assert "package://first/owl/a.ttl" in finding.what
+    assert "package://first/owl/a.ttl" in finding.problem
     assert len(knowledge.world().bodies) == 1
 
 
 def test_a_file_that_is_loaded_already_is_the_package_that_is_wanted(packages: Path, tmp_path: Path) -> None:
     map = write_map(tmp_path / "map.ttl", importing("package://second/b.ttl"))
-    knowledge = knowing(map, ontologies=(packages / "second" / "b.ttl",))
+    knowledge = knowledge_base_from(map, ontologies=(packages / "second" / "b.ttl",))
     assert knows(knowledge)
     assert knowledge.findings() == ()
 
@@ -86,23 +86,23 @@ def test_a_file_that_is_loaded_already_is_the_package_that_is_wanted(packages: P
 def test_a_package_is_not_left(way_out: str, packages: Path, tmp_path: Path) -> None:
     write(tmp_path / "x.ttl", "e:Leaf rdfs:subClassOf e:Stem .")
     map = write_map(tmp_path / "map.ttl", importing(way_out))
-    knowledge = knowing(map, ontologies=(packages,))
+    knowledge = knowledge_base_from(map, ontologies=(packages,))
     (finding,) = knowledge.findings()
     assert finding.severity is Severity.ERROR
     assert not knows(knowledge)
-    with pytest.raises(SourceUnreadable, match="leads out"):
-        knowing(map, ontologies=(packages, way_out))
+    with pytest.raises(SourceParseError, match="leads out"):
+        knowledge_base_from(map, ontologies=(packages, way_out))
 
 
 def test_an_ontology_may_be_a_package_name(packages: Path, tmp_path: Path) -> None:
     map = write_map(tmp_path / "map.ttl")
-    assert knows(knowing(map, ontologies=("package://first/owl/a.ttl", packages)))
-    with pytest.raises(SourceUnreadable, match=str(packages)):
-        knowing(map, ontologies=("package://first/owl/c.ttl", packages))
+    assert knows(knowledge_base_from(map, ontologies=("package://first/owl/a.ttl", packages)))
+    with pytest.raises(SourceParseError, match=str(packages)):
+        knowledge_base_from(map, ontologies=("package://first/owl/c.ttl", packages))
 
 
 def test_folders_stay_known_for_what_is_loaded_later(packages: Path, tmp_path: Path) -> None:
-    knowledge = knowing(ontologies=(packages,))
+    knowledge = knowledge_base_from(ontologies=(packages,))
     knowledge.load([write_map(tmp_path / "map.ttl", importing("package://first/owl/a.ttl"))])
     assert knows(knowledge)
 
@@ -110,46 +110,46 @@ def test_folders_stay_known_for_what_is_loaded_later(packages: Path, tmp_path: P
 @pytest.mark.parametrize("name", ["file:parts/stem.ttl", "parts/stem.ttl", "file:parts/../parts/stem.ttl"])
 def test_files_are_relative_to_who_imports_them(name: str, tmp_path: Path) -> None:
     write(tmp_path / "in" / "parts" / "stem.ttl", "e:Leaf rdfs:subClassOf e:Stem .")
-    knowledge = knowing(write_map(tmp_path / "in" / "map.ttl", importing(name)))
+    knowledge = knowledge_base_from(write_map(tmp_path / "in" / "map.ttl", importing(name)))
     assert knows(knowledge)
     assert knowledge.findings() == ()
 
 
 def test_files_may_be_named_in_full(tmp_path: Path) -> None:
     part = write(tmp_path / "with blanks" / "stem.ttl", "e:Leaf rdfs:subClassOf e:Stem .")
-    assert knows(knowing(write_map(tmp_path / "map.ttl", importing(part.as_uri()))))
+    assert knows(knowledge_base_from(write_map(tmp_path / "map.ttl", importing(part.as_uri()))))
 
 
 def test_what_a_stranger_wrote_reads_no_other_file(tmp_path: Path) -> None:
     part = write(tmp_path / "stem.ttl", "e:Leaf rdfs:subClassOf e:Stem .")
-    map = write_map(tmp_path / "map.ttl", importing(part.as_uri()), body("cup"))
+    map = write_map(tmp_path / "map.ttl", importing(part.as_uri()), body_turtle("cup"))
     knowledge = KnowledgeBase()
     knowledge.load(map, follow_imports=False)
     assert not knows(knowledge)
     (finding,) = knowledge.findings()
-    assert "imports of it are not followed" in finding.what
+    assert "imports of it are not followed" in finding.problem
     assert len(knowledge.world().bodies) == 1
 
 
 @pytest.mark.parametrize("name", ["file:nowhere.ttl", "file://other-machine/stem.ttl", "http://e/stem", "ros:stem"])
 def test_what_is_not_here_is_not_fetched_but_named(name: str, tmp_path: Path) -> None:
-    knowledge = knowing(write_map(tmp_path / "map.ttl", importing(name)))
+    knowledge = knowledge_base_from(write_map(tmp_path / "map.ttl", importing(name)))
     (finding,) = knowledge.findings()
-    assert name in finding.what
+    assert name in finding.problem
 
 
 @pytest.mark.parametrize("name", ["http://e/stem", "http://e/stem#", "http://e/stem/1.0"])
 def test_a_name_on_the_web_is_met_by_what_is_loaded(name: str, tmp_path: Path) -> None:
     version = "<http://e/stem> owl:versionIRI <http://e/stem/1.0> ."
     stem = write(tmp_path / "stem.ttl", importing(iri="http://e/stem"), version)
-    knowledge = knowing(write_map(tmp_path / "map.ttl", importing(name)), ontologies=(stem,))
+    knowledge = knowledge_base_from(write_map(tmp_path / "map.ttl", importing(name)), ontologies=(stem,))
     assert knowledge.findings() == ()
 
 
 def test_the_bundled_ontology_meets_its_own_name(tmp_path: Path) -> None:
     map = write_map(tmp_path / "map.ttl", importing("http://mindstage.org/ontology/household.ttl"))
-    assert knowing(map, bundled_ontology=True).findings() == ()
-    assert len(knowing(map, bundled_ontology=False).findings()) == 1
+    assert knowledge_base_from(map, bundled_ontology=True).findings() == ()
+    assert len(knowledge_base_from(map, bundled_ontology=False).findings()) == 1
 
 
 def test_circles_end(tmp_path: Path) -> None:
@@ -157,25 +157,25 @@ def test_circles_end(tmp_path: Path) -> None:
         tmp_path / "a.ttl", importing("file:b.ttl", "file:a.ttl", iri="http://e/a"), "e:Leaf rdfs:subClassOf e:Stem ."
     )
     write(tmp_path / "b.ttl", importing("file:a.ttl", iri="http://e/b"))
-    knowledge = knowing(write_map(tmp_path / "map.ttl", importing("file:a.ttl", "file:map.ttl")))
+    knowledge = knowledge_base_from(write_map(tmp_path / "map.ttl", importing("file:a.ttl", "file:map.ttl")))
     assert knows(knowledge)
     assert knowledge.findings() == ()
 
 
 def test_an_import_that_cannot_be_read_is_named_with_its_cause(tmp_path: Path) -> None:
     (tmp_path / "bad.owl").write_text("<rdf:RDF>", encoding="utf-8")
-    map = write_map(tmp_path / "map.ttl", importing("file:bad.owl"), body("cup"))
-    knowledge = knowing(map)
+    map = write_map(tmp_path / "map.ttl", importing("file:bad.owl"), body_turtle("cup"))
+    knowledge = knowledge_base_from(map)
     (finding,) = knowledge.findings()
     assert finding.severity is Severity.ERROR
-    assert "bad.owl" in finding.what
-    assert "cut off" in finding.what
+    assert "bad.owl" in finding.problem
+    assert "cut off" in finding.problem
     assert len(knowledge.world().bodies) == 1
 
 
 def test_individuals_may_stand_in_an_imported_file(tmp_path: Path) -> None:
-    write(tmp_path / "things.ttl", body("cup", 'k:mass "177.512833"^^xsd:float'), "e:Jo e:likes e:Cy .")
-    world = knowing(write_map(tmp_path / "map.ttl", importing("file:things.ttl"))).world()
+    write(tmp_path / "things.ttl", body_turtle("cup", 'k:mass "177.512833"^^xsd:float'), "e:Jo e:likes e:Cy .")
+    world = knowledge_base_from(write_map(tmp_path / "map.ttl", importing("file:things.ttl"))).world()
     assert [thing.physics.mass_kg for thing in world.bodies] == [177.512833]
     assert any(resource.iri.endswith("#Jo") for resource in world.resources)
 
@@ -191,17 +191,19 @@ def test_sizes_from_an_ontology_keep_their_digits(tmp_path: Path) -> None:
             for axis, extent in extents
         ),
     )
-    world = knowing(write_map(tmp_path / "map.ttl", importing("file:classes.ttl"), body("cup"))).world()
+    world = knowledge_base_from(
+        write_map(tmp_path / "map.ttl", importing("file:classes.ttl"), body_turtle("cup"))
+    ).world()
     assert world.bodies[0].size == (177.512833, 16777217.000001, 0.1)
     assert [resource.iri for resource in world.resources] == ["http://example.org/room.owl"]
 
 
 def test_the_kitchen_of_the_thesis_imports_its_ontologies(shared_data: Path) -> None:
     map = shared_data / "maps" / "iai-kitchen-original.owl"
-    knowledge = knowing(map, ontologies=(shared_data / "ontology",))
+    knowledge = knowledge_base_from(map, ontologies=(shared_data / "ontology",))
     assert knowledge.findings() == ()
     handle, knob = (Iri(f"http://knowrob.org/kb/knowrob.owl#{name}") for name in ("Handle", "IAIHandleW60"))
     assert handle in knowledge.ancestors(knob)
     assert knob in knowledge.descendants(handle)
     assert knowledge.is_a(knob, handle)
-    assert {finding.severity for finding in knowing(map).findings()} == {Severity.WARNING}
+    assert {finding.severity for finding in knowledge_base_from(map).findings()} == {Severity.WARNING}

@@ -9,10 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mindstage.knowledge.names import local_name
-from mindstage.knowledge.reasoning import Index, Namebook, NameKind
-from mindstage.knowledge.reasoning.properties import node_of
+from mindstage.knowledge.reasoning import EntityType, NameIndex, Reasoner
+from mindstage.knowledge.reasoning.properties import node_from_label
 from mindstage.world import Iri
-from tests.knowledge.maps import OWL, RDFS, knowrob
+from tests.knowledge.maps import OWL, RDFS, knowrob_iri
 
 RDF = "http://www.w3.org/1999/02/22-rdf-syntax-ns#"
 TOLD = ox.NamedNode("http://example.org/told")
@@ -33,9 +33,9 @@ lists = st.sampled_from([*BLANKS, RDF + "nil"])
 triples = st.one_of(
     st.tuples(expressions, st.sampled_from([RDFS + "subClassOf", OWL + "equivalentClass"]), expressions),
     st.tuples(classes, st.just(OWL + "disjointWith"), expressions),
-    st.tuples(things, st.just(RDF + "type"), st.sampled_from([*CLASSES, *BLANKS, knowrob("Pose"), OWL + "Class"])),
-    st.tuples(st.sampled_from([*THINGS, MAP]), st.just(RDF + "type"), st.just(knowrob("SemanticEnvironmentMap"))),
-    st.tuples(things, st.just(knowrob("describedInMap")), st.sampled_from([MAP, THINGS[0]])),
+    st.tuples(things, st.just(RDF + "type"), st.sampled_from([*CLASSES, *BLANKS, knowrob_iri("Pose"), OWL + "Class"])),
+    st.tuples(st.sampled_from([*THINGS, MAP]), st.just(RDF + "type"), st.just(knowrob_iri("SemanticEnvironmentMap"))),
+    st.tuples(things, st.just(knowrob_iri("describedInMap")), st.sampled_from([MAP, THINGS[0]])),
     st.tuples(things, properties, things),
     st.tuples(properties, st.sampled_from([RDFS + "subPropertyOf", OWL + "inverseOf"]), properties),
     st.tuples(properties, st.just(OWL + "propertyChainAxiom"), lists),
@@ -62,75 +62,75 @@ changes = st.lists(
 
 
 def quads(told: list[Triple], graph: ox.NamedNode) -> list[ox.Quad]:
-    return [ox.Quad(node_of(Iri(s)), ox.NamedNode(p), node_of(Iri(o)), graph) for s, p, o in told]
+    return [ox.Quad(node_from_label(Iri(s)), ox.NamedNode(p), node_from_label(Iri(o)), graph) for s, p, o in told]
 
 
-def everything(index: Index) -> dict[str, object]:
+def everything(index: Reasoner) -> dict[str, object]:
     """All that an index can be asked."""
     axioms, individuals, nodes = index.axioms, index.individuals, [*THINGS, *BLANKS]
     return {
         "above": {cls: dict(index.classes.above(cls)) for cls in CLASSES},
         "below": {cls: dict(index.classes.below(cls)) for cls in CLASSES},
-        "own": {cls: axioms.own(cls) for cls in CLASSES},
-        "naming": {(p, cls): list(index.naming(p, cls)) for p in PROPERTIES for cls in CLASSES},
-        "stating": {p: list(index.stating(p)) for p in PROPERTIES},
-        "apart": {(one, other): index.apart(one, other) for one in CLASSES for other in CLASSES},
-        "conditions": set(axioms.conditions),
-        "classes": {cls for cls in [*CLASSES, *THINGS] if index.knows_class(cls)},
+        "own": {cls: axioms.own_restrictions(cls) for cls in CLASSES},
+        "naming": {(p, cls): list(index.restrictions_with_filler(p, cls)) for p in PROPERTIES for cls in CLASSES},
+        "stating": {p: list(index.restrictions_on(p)) for p in PROPERTIES},
+        "apart": {(one, other): index.are_disjoint(one, other) for one in CLASSES for other in CLASSES},
+        "conditions": set(axioms.sufficient_conditions),
+        "classes": {cls for cls in [*CLASSES, *THINGS] if index.is_class(cls)},
         "types": {thing: (index.types.get(thing), index.types_of(thing)) for thing in nodes},
-        "grounds": {thing: dict(index.membership.grounds(thing)) for thing in nodes},
+        "grounds": {thing: dict(index.instance_checker.justifications(thing)) for thing in nodes},
         "members": {(cls, map): index.members(cls, map) for cls in CLASSES for map in (None, MAP)},
-        "residents": {map: set(residents) for map, residents in index.residents.items()},
+        "residents": {map: set(residents) for map, residents in index.members_by_map.items()},
         "maps": index.maps_of,
         "untyped": set(individuals.untyped),
         "declared": {kind: set(declared) for kind, declared in individuals.declared.items()},
-        "expressions": {thing: set(told) for thing, told in individuals.expressions.items()},
-        "here": {key: set(here) for key, here in individuals.here.items()},
-        "properties": {p: index.properties.implied(p) for p in PROPERTIES},
+        "expressions": {thing: set(told) for thing, told in individuals.anonymous_types.items()},
+        "here": {key: set(here) for key, here in individuals.members_by_map_and_class.items()},
+        "properties": {p: index.properties.super_properties(p) for p in PROPERTIES},
         "steps": {
             (p, t): sorted(map(repr, index.properties.steps(((p, True),), t))) for p in PROPERTIES for t in nodes
         },
         "values": {(p, t): set(index.properties.values(p, t)) for p in PROPERTIES for t in nodes},
-        "property names": {p for p in PROPERTIES if index.knows_property(p)},
+        "property names": {p for p in PROPERTIES if index.is_property(p)},
     }
 
 
-def meanings(names: Namebook) -> dict[str, object]:
-    return {name: names.kind_of(name) for name in map(local_name, [*CLASSES, *THINGS, *PROPERTIES, MAP])}
+def meanings(names: NameIndex) -> dict[str, object]:
+    return {name: names.find_any(name) for name in map(local_name, [*CLASSES, *THINGS, *PROPERTIES, MAP])}
 
 
 @given(st.lists(triples, max_size=12), changes)
 def test_after_any_changes_it_is_as_if_built_afresh(start: list[Triple], steps: list[tuple[str, list]]) -> None:
     store, numbers = ox.Store(), count()
     store.extend(quads(start, TOLD))
-    index = Index(store)
-    names = Namebook(store, index)
+    index = Reasoner(store)
+    names = NameIndex(store, index)
     meanings(names)
     everything(index)
     for what, told in steps:
         if what == "load":
             graph = ox.NamedNode(f"http://example.org/file/{next(numbers)}")
             store.extend(quads(told, graph))
-            names.learn(index.read(graph))
+            names.add(index.add_graph(graph))
         else:
             there = sorted(store, key=str)
             touched = quads(told, TOLD) if what == "tell" else [there[at % len(there)] for at in told if there]
             for quad in touched:
                 store.add(quad) if what == "tell" else store.remove(quad)
-            index.reread(touched)
-            names.learn(Iri(node.value) for quad in touched for node in quad.triple if isinstance(node, ox.NamedNode))
-        afresh = Index(store)
+            index.update(touched)
+            names.add(Iri(node.value) for quad in touched for node in quad.triple if isinstance(node, ox.NamedNode))
+        afresh = Reasoner(store)
         assert everything(index) == everything(afresh)
-        assert meanings(names) == meanings(Namebook(store, afresh))
+        assert meanings(names) == meanings(NameIndex(store, afresh))
 
 
 def test_names_mean_what_they_are_now() -> None:
     store = ox.Store()
-    index = Index(store)
-    names = Namebook(store, index)
+    index = Reasoner(store)
+    names = NameIndex(store, index)
     (told,) = quads([(THINGS[0], RDF + "type", CLASSES[0])], TOLD)
-    for change, meaning in ((store.add, (CLASSES[0], NameKind.CLASS)), (store.remove, None), (store.add, None)):
+    for change, meaning in ((store.add, (CLASSES[0], EntityType.CLASS)), (store.remove, None), (store.add, None)):
         change(told)
-        index.reread([told])
-        names.learn([CLASSES[0], THINGS[0]])
-        assert names.kind_of("A") == (meaning if change == store.remove else (CLASSES[0], NameKind.CLASS))
+        index.update([told])
+        names.add([CLASSES[0], THINGS[0]])
+        assert names.find_any("A") == (meaning if change == store.remove else (CLASSES[0], EntityType.CLASS))

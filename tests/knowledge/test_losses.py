@@ -12,12 +12,12 @@ from hypothesis import strategies as st
 from mindstage.knowledge import MapFormat, lost_statements, write_map
 from mindstage.world import Statement
 from tests.kitchenette import kitchenette
-from tests.knowledge.maps import body, constraint, knowing, m, room
+from tests.knowledge.maps import body_turtle, individual, knowledge_base_from, room_map, slide_joint
 
-ROOM = room(
-    body("table", ':e e:of [ e:a 1 ; e:b [ e:c "d" ] ]'.removeprefix(":e ")),
-    body("cup", 'k:mass "0.50"^^xsd:float', "k:parent :table"),
-    constraint("slide", "table", "cup"),
+ROOM = room_map(
+    body_turtle("table", ':e e:of [ e:a 1 ; e:b [ e:c "d" ] ]'.removeprefix(":e ")),
+    body_turtle("cup", 'k:mass "0.50"^^xsd:float', "k:parent :table"),
+    slide_joint("slide", "table", "cup"),
     ':cup e:near _:x . _:x e:is "something" . :table e:near _:x .',
 )
 
@@ -26,7 +26,7 @@ def lost(before: str, after: str, folder: Path) -> tuple[Statement, ...]:
     origins = []
     for name, text in (("before", before), ("after", after)):
         (folder / f"{name}.ttl").write_text(text, encoding="utf-8")
-        origins.append(knowing(folder / f"{name}.ttl").origin())
+        origins.append(knowledge_base_from(folder / f"{name}.ttl").source_view())
     return lost_statements(*origins)
 
 
@@ -75,7 +75,7 @@ def test_a_pose_may_have_a_name_or_none(tmp_path: Path) -> None:
     nameless = ROOM.replace(pose, "").replace(":cup-pose", f"[ {pose.removeprefix(':cup-pose ').rstrip(' .')} ]")
     assert lost(nameless, ROOM, tmp_path) == ()
     (line, *_) = lost(nameless, ROOM.replace(pose, pose.replace("3.0", "4.0")), tmp_path)
-    assert line.id == m("cup")
+    assert line.id == individual("cup")
 
 
 @settings(max_examples=25)
@@ -87,7 +87,7 @@ def test_any_statement_that_is_left_out_is_found(at: int, folder: Path) -> None:
     origins = []
     for name, said in (("before", [*quads, gone]), ("after", quads)):
         ox.serialize(said, folder / f"{name}.nt", ox.RdfFormat.N_TRIPLES)
-        origins.append(knowing(folder / f"{name}.nt").origin(world.iri))
+        origins.append(knowledge_base_from(folder / f"{name}.nt").source_view(world.iri))
     assert lost_statements(*origins)
 
 
@@ -95,6 +95,9 @@ def test_what_the_engine_rounds_is_no_loss(tmp_path: Path) -> None:
     after = ROOM.replace('"1.0 2.0 3.0"', '"1.0 2.0 3.000001"').replace('"0.50"^^', '"0.6"^^')
     for name, text in (("before", ROOM), ("after", after)):
         (tmp_path / f"{name}.ttl").write_text(text, encoding="utf-8")
-    before, rounded = (knowing(tmp_path / f"{name}.ttl").origin() for name in ("before", "after"))
-    assert lost_statements(before, rounded, moved={m("cup"), m("table"), m("slide")}) == ()
-    assert {line.id for line in lost_statements(before, rounded, moved={m("cup")})} == {m("table"), m("slide")}
+    before, rounded = (knowledge_base_from(tmp_path / f"{name}.ttl").source_view() for name in ("before", "after"))
+    assert lost_statements(before, rounded, moved={individual("cup"), individual("table"), individual("slide")}) == ()
+    assert {line.id for line in lost_statements(before, rounded, moved={individual("cup")})} == {
+        individual("table"),
+        individual("slide"),
+    }

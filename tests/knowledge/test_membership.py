@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import pytest
 
-from mindstage.errors import NameUnknown
+from mindstage.errors import NameNotFoundError
 from mindstage.knowledge import KnowledgeBase
 from mindstage.knowledge.names import local_name
 from mindstage.world import Iri
-from tests.knowledge.maps import M, Tell, body, m
+from tests.knowledge.maps import ROOM_NAMESPACE, MakeKnowledgeBase, body_turtle, individual
 
 
 def members(kb: KnowledgeBase, cls: str) -> list[str]:
@@ -17,7 +17,7 @@ def members(kb: KnowledgeBase, cls: str) -> list[str]:
 
 def why(kb: KnowledgeBase, cls: str, individual: str) -> tuple[str, ...]:
     (row,) = kb.ask("individual_of_class", cls=cls, individual=individual)
-    return kb.why("individual_of_class", row)
+    return kb.explain("individual_of_class", row)
 
 
 def some(property: str, filler: str) -> str:
@@ -27,7 +27,7 @@ def some(property: str, filler: str) -> str:
 # -- domain and range --------------------------------------------------------------------------------------------------
 
 
-def test_what_nobody_gave_a_type_gets_one_by_the_domain_and_range_of_a_property(told: Tell) -> None:
+def test_what_nobody_gave_a_type_gets_one_by_the_domain_and_range_of_a_property(told: MakeKnowledgeBase) -> None:
     kb = told(
         "e:opens rdfs:domain e:Key ; rdfs:range e:Lock . e:Key rdfs:subClassOf e:Tool . e:opens rdfs:label 'opens' .",
         ":a k:describedInMap :room ; e:opens :b . :b k:describedInMap :room .",
@@ -37,11 +37,11 @@ def test_what_nobody_gave_a_type_gets_one_by_the_domain_and_range_of_a_property(
     assert why(kb, "Lock", "b") == ("a opens b", "whatever is a opens of something is a Lock")
     (row,) = kb.ask("what_is", individual="a")
     assert [local_name(cls) for cls in row.classes] == ["Key"]
-    assert kb.why("what_is", row) == ("a opens b", "whatever has a opens is a Key", "Key is a Tool")
+    assert kb.explain("what_is", row) == ("a opens b", "whatever has a opens is a Key", "Key is a Tool")
 
 
-def test_who_has_a_type_keeps_to_it(told: Tell) -> None:
-    kb = told("e:opens rdfs:domain e:Key . e:Key a owl:Class .", body("a", "e:opens :b"))
+def test_who_has_a_type_keeps_to_it(told: MakeKnowledgeBase) -> None:
+    kb = told("e:opens rdfs:domain e:Key . e:Key a owl:Class .", body_turtle("a", "e:opens :b"))
     assert members(kb, "Key") == []
     kb.retract("a", "type", "Cup")
     assert members(kb, "Key") == ["a"]
@@ -49,7 +49,7 @@ def test_who_has_a_type_keeps_to_it(told: Tell) -> None:
     assert why(kb, "Key", "a") == ("a type Key",)
 
 
-def test_properties_that_imply_others_and_inverse_ones_have_their_domains_too(told: Tell) -> None:
+def test_properties_that_imply_others_and_inverse_ones_have_their_domains_too(told: MakeKnowledgeBase) -> None:
     kb = told(
         "e:opens rdfs:domain e:Key . e:unlocks rdfs:subPropertyOf e:opens . e:openedBy owl:inverseOf e:opens .",
         ":a k:describedInMap :room ; e:unlocks 'all' . :b k:describedInMap :room . :c e:openedBy :b .",
@@ -59,7 +59,7 @@ def test_properties_that_imply_others_and_inverse_ones_have_their_domains_too(to
     assert why(kb, "Key", "b")[0] == "c openedBy b"
 
 
-def test_a_domain_that_is_an_intersection_gives_all_of_it_and_a_union_nothing_certain(told: Tell) -> None:
+def test_a_domain_that_is_an_intersection_gives_all_of_it_and_a_union_nothing_certain(told: MakeKnowledgeBase) -> None:
     kb = told(
         "e:p rdfs:domain [ owl:intersectionOf ( e:A e:B ) ] . e:q rdfs:domain [ owl:unionOf ( e:C e:D ) ] .",
         ":x k:describedInMap :room ; e:p 1 ; e:q 2 . e:C a owl:Class .",
@@ -68,23 +68,23 @@ def test_a_domain_that_is_an_intersection_gives_all_of_it_and_a_union_nothing_ce
     assert members(kb, "C") == []
 
 
-def test_a_thing_that_only_another_one_speaks_of_may_be_asked_about_by_its_whole_name(told: Tell) -> None:
-    kb = told("e:opens rdfs:range e:Lock .", body("a", "e:opens :b"))
-    (row,) = kb.ask("what_is", individual=f"{M}b")
+def test_a_thing_that_only_another_one_speaks_of_may_be_asked_about_by_its_whole_name(told: MakeKnowledgeBase) -> None:
+    kb = told("e:opens rdfs:range e:Lock .", body_turtle("a", "e:opens :b"))
+    (row,) = kb.ask("what_is", individual=f"{ROOM_NAMESPACE}b")
     assert ([local_name(cls) for cls in row.classes], row.map) == (["Lock"], None)
-    with pytest.raises(NameUnknown):
-        kb.ask("what_is", individual=f"{M}nobody")
+    with pytest.raises(NameNotFoundError):
+        kb.ask("what_is", individual=f"{ROOM_NAMESPACE}nobody")
 
 
 # -- definitions -------------------------------------------------------------------------------------------------------
 
 
-def test_what_falls_under_a_definition_is_a_member(told: Tell) -> None:
+def test_what_falls_under_a_definition_is_a_member(told: MakeKnowledgeBase) -> None:
     full = f"[ owl:intersectionOf ( k:Cup {some('e:holds', 'e:Drink')} ) ]"
     kb = told(
         f"e:FullCup owl:equivalentClass {full} . e:FullCup rdfs:subClassOf e:Treat . e:Tea rdfs:subClassOf e:Drink .",
-        body("a", "e:holds :tea"),
-        body("b"),
+        body_turtle("a", "e:holds :tea"),
+        body_turtle("b"),
         ":tea a e:Tea .",
     )
     assert members(kb, "Treat") == ["a"]
@@ -121,27 +121,29 @@ def test_what_falls_under_a_definition_is_a_member(told: Tell) -> None:
         ("[ a owl:Class ; owl:complementOf e:Food ]", False),
     ],
 )
-def test_what_a_definition_needs_is_what_statements_show(told: Tell, definition: str, is_member: bool) -> None:
+def test_what_a_definition_needs_is_what_statements_show(
+    told: MakeKnowledgeBase, definition: str, is_member: bool
+) -> None:
     kb = told(
         f"e:Special owl:equivalentClass {definition} . e:heldBy a owl:ObjectProperty ; owl:inverseOf e:holds .",
-        body("a", "e:holds :tea, :water", "e:colour 'red'", "e:likes :a"),
+        body_turtle("a", "e:holds :tea, :water", "e:colour 'red'", "e:likes :a"),
         ":tea a e:Drink ; e:madeOf :leaf . :leaf a e:Leaf . :water a e:Water . :milk a e:Drink . :c a e:Other .",
     )
     assert members(kb, "Special") == (["a"] if is_member else [])
 
 
-def test_one_definition_leads_to_the_next_and_a_circle_of_them_ends(told: Tell) -> None:
+def test_one_definition_leads_to_the_next_and_a_circle_of_them_ends(told: MakeKnowledgeBase) -> None:
     kb = told(
         f"e:A owl:equivalentClass {some('e:next', 'e:B')} . e:B owl:equivalentClass {some('e:next', 'e:C')} .",
         f"e:X owl:equivalentClass {some('e:next', 'e:Y')} . e:Y owl:equivalentClass {some('e:next', 'e:X')} .",
-        body("a", "e:next :b"),
-        body("b", "e:next :c"),
-        body("c", "e:next :a", cls="e:C"),
+        body_turtle("a", "e:next :b"),
+        body_turtle("b", "e:next :c"),
+        body_turtle("c", "e:next :a", cls="e:C"),
     )
     assert (members(kb, "A"), members(kb, "B"), members(kb, "X")) == (["a"], ["b"], [])
 
 
-def test_a_type_without_a_name_says_what_it_consists_of(told: Tell) -> None:
+def test_a_type_without_a_name_says_what_it_consists_of(told: MakeKnowledgeBase) -> None:
     kb = told(
         f":a k:describedInMap :room ; a [ owl:intersectionOf ( k:Cup {some('e:holds', 'e:Drink')} ) ] .",
         f"e:Full owl:equivalentClass {some('e:holds', 'e:Drink')} .",
@@ -155,7 +157,7 @@ def test_a_type_without_a_name_says_what_it_consists_of(told: Tell) -> None:
 # -- what is apart, and what follows by chains -------------------------------------------------------------------------
 
 
-def test_a_container_for_what_is_not_of_a_class_takes_what_is_told_to_be_apart_from_it(told: Tell) -> None:
+def test_a_container_for_what_is_not_of_a_class_takes_what_is_told_to_be_apart_from_it(told: MakeKnowledgeBase) -> None:
     dry = "[ owl:intersectionOf ( e:Food [ owl:complementOf e:Perishable ] ) ]"
     kb = told(
         f"e:Pantry rdfs:subClassOf {some('k:typePrimaryFunction-containerFor', dry)} .",
@@ -167,31 +169,33 @@ def test_a_container_for_what_is_not_of_a_class_takes_what_is_told_to_be_apart_f
     assert {"Rice", "Tea"} <= stored
     assert not {"Milk", "Salt", "Perishable"} & stored  # nobody says what salt is not
     (row,) = kb.ask("storage_place", item="Rice")
-    assert kb.why("storage_place", row)[-1] == (
+    assert kb.explain("storage_place", row)[-1] == (
         "every Pantry: typePrimaryFunction-containerFor some (Food and (not Perishable))"
     )
 
 
-def test_a_chain_of_properties_makes_parts(told: Tell) -> None:
+def test_a_chain_of_properties_makes_parts(told: MakeKnowledgeBase) -> None:
     kb = told(
         "k:properPhysicalParts owl:propertyChainAxiom ( e:hasSide [ owl:inverseOf e:screwedTo ] ) .",
-        body("shelf", "e:hasSide :left"),
-        body("left"),
-        body("board", "e:screwedTo :left"),
+        body_turtle("shelf", "e:hasSide :left"),
+        body_turtle("left"),
+        body_turtle("board", "e:screwedTo :left"),
     )
     (row,) = kb.ask("part_of", whole="shelf")
     assert local_name(row.part) == "board"
-    assert kb.why("part_of", row) == ("shelf hasSide left", "board screwedTo left")
+    assert kb.explain("part_of", row) == ("shelf hasSide left", "board screwedTo left")
     assert [local_name(row.whole) for row in kb.ask("part_of", part="board")] == ["shelf"]
 
 
-def test_a_chain_may_lead_to_itself(told: Tell) -> None:
+def test_a_chain_may_lead_to_itself(told: MakeKnowledgeBase) -> None:
     kb = told(
         "e:locatedIn owl:propertyChainAxiom ( e:locatedIn e:partOf ) . e:partOf a owl:TransitiveProperty .",
         ":cup e:locatedIn :drawer . :drawer e:partOf :desk . :desk e:partOf :room1 . :room1 e:partOf :house .",
         ":house e:partOf :room1 .",
     )
     located = Iri("http://example.org/terms#locatedIn")
-    values = kb.index.properties.values(located, m("cup"))
+    values = kb.reasoner.properties.values(located, individual("cup"))
     assert {local_name(value) for value in values} == {"drawer", "desk", "room1", "house"}
-    assert {local_name(value) for value in kb.index.properties.values(located, m("house"), backwards=True)} == {"cup"}
+    assert {
+        local_name(value) for value in kb.reasoner.properties.values(located, individual("house"), backwards=True)
+    } == {"cup"}

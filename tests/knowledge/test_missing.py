@@ -8,7 +8,7 @@ import pytest
 
 from mindstage.knowledge import KnowledgeBase, bundled_kitchen
 from mindstage.knowledge.names import local_name
-from tests.knowledge.maps import body, knowing, room
+from tests.knowledge.maps import body_turtle, knowledge_base_from, room_map
 
 
 @pytest.fixture(scope="module")
@@ -99,7 +99,7 @@ def test_without_an_answer_it_says_what_nobody_told(
 ) -> None:
     answers = kitchen.ask(name, **args)
     assert not answers
-    assert why in answers.missing[0].why
+    assert why in answers.missing[0].reason
 
 
 @pytest.mark.parametrize(
@@ -119,48 +119,48 @@ def test_what_does_not_open_is_told_apart_from_what_nobody_measured(
     args: dict[str, str], why: str, kitchen: KnowledgeBase
 ) -> None:
     (lack,) = kitchen.ask("openings", **args).missing
-    assert lack.why.startswith(why)
+    assert lack.reason.startswith(why)
 
 
 def test_a_kitchen_without_a_word_about_purposes_says_so(tmp_path: Path) -> None:
     path = tmp_path / "room.ttl"
-    path.write_text(room(body("cup")), encoding="utf-8")
-    kb = knowing(path)
+    path.write_text(room_map(body_turtle("cup")), encoding="utf-8")
+    kb = knowledge_base_from(path)
     (lack,) = kb.ask("storage_place").missing
-    assert lack.why == "no class says typePrimaryFunction-containerFor some …"
+    assert lack.reason == "no class says typePrimaryFunction-containerFor some …"
     (lack,) = kb.ask("device_for_action").missing
-    assert lack.why == "no class says deviceUsed some …"
+    assert lack.reason == "no class says deviceUsed some …"
     (lack,) = kb.ask("storage_place_in_environment").missing
-    assert lack.why.startswith("everything in all maps keeps nothing: no class")
+    assert lack.reason.startswith("everything in all maps keeps nothing: no class")
     (lack,) = kb.ask("class_properties").missing
-    assert lack.why == "no class says anything of its members"
+    assert lack.reason == "no class says anything of its members"
 
 
 def test_what_is_known_but_not_here_is_said_so(tmp_path: Path) -> None:
     path = tmp_path / "room.ttl"
-    path.write_text(room(body("cup")), encoding="utf-8")
-    kb = knowing(path, bundled_ontology=True)
+    path.write_text(room_map(body_turtle("cup")), encoding="utf-8")
+    kb = knowledge_base_from(path, bundled_ontology=True)
     (lack,) = kb.ask("storage_place_in_environment", item="CowsMilk").missing
-    assert lack.why == "no individual in any map is a Refrigerator"
+    assert lack.reason == "no individual in any map is a Refrigerator"
     (lack,) = kb.ask("device_for_action_in_environment", action="BakingFood", map="room").missing
-    assert lack.why == "no individual in room is a HeatSource"
+    assert lack.reason == "no individual in room is a HeatSource"
     assert kb.ask("storage_place_in_environment", item="Robot").missing == kb.ask("storage_place", item="Robot").missing
 
 
 def test_a_map_that_nobody_describes_and_a_thing_in_none_are_told_as_missing(tmp_path: Path) -> None:
     path = tmp_path / "room.ttl"
-    path.write_text(room("k:Cup a owl:Class . :cup a k:Cup . e:Lonely a owl:Class ."), encoding="utf-8")
-    kb = knowing(path)
+    path.write_text(room_map("k:Cup a owl:Class . :cup a k:Cup . e:Lonely a owl:Class ."), encoding="utf-8")
+    kb = knowledge_base_from(path)
     assert kb.ask("everything_in_map").missing == ()
     (lack,) = kb.ask("everything_in_map", map="room").missing
-    assert lack.why == "nothing is in room: no describedInMap leads there"
+    assert lack.reason == "nothing is in room: no describedInMap leads there"
     (lack,) = kb.ask("everything_in_map", individual="cup").missing
     assert (local_name(lack.cls), local_name(lack.property)) == ("Cup", "describedInMap")
     (lack,) = kb.ask("subclass_of", cls="Lonely").missing
-    assert lack.why == "Lonely has no class above it: no subClassOf says so"
+    assert lack.reason == "Lonely has no class above it: no subClassOf says so"
     (lack,) = kb.ask("siblings", cls="Lonely").missing
-    assert lack.why == "Lonely has no such sibling: no subClassOf says what it is"
+    assert lack.reason == "Lonely has no such sibling: no subClassOf says what it is"
     (lack,) = kb.ask("identical_maps").missing
-    assert lack.why == "there are 1 maps, and it takes two to differ"
+    assert lack.reason == "there are 1 maps, and it takes two to differ"
     (lack,) = KnowledgeBase(bundled_ontology=False).ask("maps").missing
-    assert lack.why.startswith("no semantic map is known")
+    assert lack.reason.startswith("no semantic map is known")

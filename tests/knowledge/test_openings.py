@@ -11,12 +11,12 @@ from msgspec.structs import replace
 
 from mindstage.engines import MujocoEngine, NullEngine
 from mindstage.knowledge import KnowledgeBase, bundled_kitchen
-from mindstage.knowledge.moment import Moment, Present
+from mindstage.knowledge.moment import StateAccess, WorldState
 from mindstage.knowledge.names import local_name
-from mindstage.knowledge.questions import Opening, State, openings
-from mindstage.stage import Stage
-from mindstage.world import BodyId, Constraint, Iri, Motion, World
-from tests.engines.scenes import BASE, body, hinge, hold, slide, world
+from mindstage.knowledge.questions import JointOpenness, OpenState, openings
+from mindstage.stage import Simulation
+from mindstage.world import AxisMotion, BodyId, Iri, Joint, World
+from tests.engines.scenes import BASE, attachment, body, prismatic_joint, revolute_joint, world
 from tests.kitchenette import KNOWROB, kitchenette
 
 
@@ -28,24 +28,24 @@ def kitchen() -> KnowledgeBase:
 
 
 @pytest.fixture
-def stage(kitchen: KnowledgeBase) -> Iterator[Stage]:
-    with Stage(kitchen, MujocoEngine()) as stage:
+def stage(kitchen: KnowledgeBase) -> Iterator[Simulation]:
+    with Simulation(kitchen, MujocoEngine()) as stage:
         stage.spawn()
         yield stage
 
 
-def pull(stage: Stage, handle: str, by: tuple[float, float, float]) -> None:
+def pull(stage: Simulation, handle: str, by: tuple[float, float, float]) -> None:
     """As a hand would, for three seconds."""
-    at = stage.frame.poses[stage.frame.ids.index(BodyId(handle))][:3]
+    at = stage.state.poses[stage.state.ids.index(BodyId(handle))][:3]
     x, y, z = np.add(at, by).tolist()
-    stage.grip(BodyId(handle), point=(0.0, 0.0, 0.0), target=(x, y, z))
+    stage.pull(BodyId(handle), point=(0.0, 0.0, 0.0), target=(x, y, z))
     stage.step(3.0)
     stage.release()
 
 
-def test_a_fridge_is_open_once_its_handle_was_pulled_and_closed_after_a_reset(stage: Stage) -> None:
+def test_a_fridge_is_open_once_its_handle_was_pulled_and_closed_after_a_reset(stage: Simulation) -> None:
     (closed,) = stage.ask(openings, thing="fridge")
-    assert (closed.state, closed.source, closed.unit) == (State.CLOSED, "mujoco", "rad")
+    assert (closed.state, closed.source, closed.unit) == (OpenState.CLOSED, "mujoco", "rad")
     nothing = stage.ask(openings, state="open")
     assert (list(nothing), nothing.missing) == ([], ()), "it was measured, and nothing is open"
     pull(stage, "fridge_door_handle", (0.1, -0.55, 0.0))
@@ -54,17 +54,17 @@ def test_a_fridge_is_open_once_its_handle_was_pulled_and_closed_after_a_reset(st
     assert row.share is not None
     assert 0.5 < row.share <= 1.0
     assert row.way == pytest.approx(row.share * np.pi / 4, abs=1e-5)
-    turned, source = stage.knowledge.why(openings, row)
+    turned, source = stage.knowledge.explain(openings, row)
     assert turned.startswith("fridge_door of fridge has turned by 0.")
     assert source == "as mujoco has it now"
     (told,) = stage.knowledge.ask(openings, thing="fridge")
-    assert (told.state, told.way, told.source) == (State.CLOSED, 0.0, "map")
-    assert stage.knowledge.why(openings, told)[1] == "as the map tells; no engine was asked"
+    assert (told.state, told.way, told.source) == (OpenState.CLOSED, 0.0, "map")
+    assert stage.knowledge.explain(openings, told)[1] == "as the map tells; no engine was asked"
     stage.reset()
     assert not stage.ask(openings, state="open")
 
 
-def test_a_drawer_is_open_by_as_much_as_it_slid(stage: Stage) -> None:
+def test_a_drawer_is_open_by_as_much_as_it_slid(stage: Simulation) -> None:
     pull(stage, "drawer_left_1_handle", (0.0, -0.3, 0.0))
     (row,) = stage.ask(openings, thing="drawer_unit_left", state="open")
     assert local_name(row.front) == "drawer_left_1"
@@ -74,16 +74,16 @@ def test_a_drawer_is_open_by_as_much_as_it_slid(stage: Stage) -> None:
 
 
 def test_an_engine_without_joints_leaves_the_map_s_word(kitchen: KnowledgeBase) -> None:
-    with Stage(kitchen, NullEngine()) as stage:
+    with Simulation(kitchen, NullEngine()) as stage:
         stage.spawn()
-        assert {(row.state, row.source) for row in stage.ask(openings)} == {(State.CLOSED, "map")}
+        assert {(row.state, row.source) for row in stage.ask(openings)} == {(OpenState.CLOSED, "map")}
         (lack,) = stage.ask(openings, state="open").missing
-        assert lack.why.startswith("nobody measured what is open")
+        assert lack.reason.startswith("nobody measured what is open")
 
 
 def test_every_front_of_the_kitchen_has_one_answer_whatever_the_roles(kitchen: KnowledgeBase) -> None:
     rows = kitchen.ask(openings)
-    assert len(rows) == len(kitchen.world().constraints)
+    assert len(rows) == len(kitchen.world().joints)
     of = {local_name(row.front): local_name(row.thing) for row in rows}
     assert of["microwave_door"] == "microwave"
     assert of["drawer_middle_1"] == of["drawer_middle_2"] == "drawer_unit_middle"
@@ -98,7 +98,7 @@ def test_a_door_belongs_to_the_container_that_it_closes(community: bool, shared_
         ontologies=[shared_data / "ontology"] if community else [],
     )
     classes = {
-        local_name(str(kb.index.class_of(row.front))): local_name(str(kb.index.class_of(row.thing)))
+        local_name(str(kb.reasoner.class_of(row.front))): local_name(str(kb.reasoner.class_of(row.thing)))
         for row in kb.ask(openings)
     }
     assert classes["IAIFridgeDoor"] == "IAIFridgeCasing", "the constraint names the block that the casing stands in"
@@ -110,40 +110,40 @@ def test_a_door_belongs_to_the_container_that_it_closes(community: bool, shared_
 # -- limits ------------------------------------------------------------------------------------------------------------
 
 
-def asked(scene: World, **joints: tuple[float, ...]) -> list[Opening]:
+def asked(scene: World, **joints: tuple[float, ...]) -> list[JointOpenness]:
     """The answers for a place in which constraints are where they are said to be."""
     kb = KnowledgeBase()
-    moment = Moment(world=scene, told=(scene,), joints=joints, source="hand")  # type: ignore[arg-type]
-    return list(openings.ask(kb, {}, present=Present(kb, lambda: moment)))
+    moment = WorldState(world=scene, spawned=(scene,), joint_positions=joints, source="hand")  # type: ignore[arg-type]
+    return list(openings.ask(kb, {}, present=StateAccess(kb, lambda: moment)))
 
 
-def cabinet(joint: Constraint, cls: str = KNOWROB + "Drawer") -> World:
+def cabinet(joint: Joint, cls: str = KNOWROB + "Drawer") -> World:
     front = replace(body("front", (0.3, 0, 0.5), (0.5, 0.5, 0.2), "dynamic"), cls=Iri(cls))
     return world(body("case", (0, 0, 0.5), (0.6, 0.6, 1.0)), front, joint)
 
 
-SLIDE = slide("joint", "case", "front", (0.3, 0, 0.5), limit=0.4)
-FREE = replace(SLIDE, linear=replace(SLIDE.linear, x=Motion.FREE))
-TURNS = hinge("joint", "case", "front", (0.3, 0, 0.5), limit=1.0)
-TURNS_FREE = replace(TURNS, angular=replace(TURNS.angular, swing1=Motion.FREE))
+SLIDE = prismatic_joint("joint", "case", "front", (0.3, 0, 0.5), limit=0.4)
+FREE = replace(SLIDE, linear=replace(SLIDE.linear, x=AxisMotion.FREE))
+TURNS = revolute_joint("joint", "case", "front", (0.3, 0, 0.5), limit=1.0)
+TURNS_FREE = replace(TURNS, angular=replace(TURNS.angular, swing1=AxisMotion.FREE))
 
 
 @pytest.mark.parametrize(
     ("joint", "axis", "way", "state", "share"),
     [
-        (SLIDE, 0, 0.0199, State.CLOSED, 0.04975),
-        (SLIDE, 0, 0.0201, State.OPEN, 0.05025),
-        (SLIDE, 0, -0.3, State.OPEN, 0.75),
-        (FREE, 0, 0.0199, State.CLOSED, None),
-        (FREE, 0, 0.0201, State.OPEN, None),
-        (TURNS, 5, 0.0499, State.CLOSED, 0.0499),
-        (TURNS, 5, -0.05, State.OPEN, 0.05),
-        (TURNS_FREE, 5, 0.0999, State.CLOSED, None),
-        (TURNS_FREE, 5, 0.1001, State.OPEN, None),
+        (SLIDE, 0, 0.0199, OpenState.CLOSED, 0.04975),
+        (SLIDE, 0, 0.0201, OpenState.OPEN, 0.05025),
+        (SLIDE, 0, -0.3, OpenState.OPEN, 0.75),
+        (FREE, 0, 0.0199, OpenState.CLOSED, None),
+        (FREE, 0, 0.0201, OpenState.OPEN, None),
+        (TURNS, 5, 0.0499, OpenState.CLOSED, 0.0499),
+        (TURNS, 5, -0.05, OpenState.OPEN, 0.05),
+        (TURNS_FREE, 5, 0.0999, OpenState.CLOSED, None),
+        (TURNS_FREE, 5, 0.1001, OpenState.OPEN, None),
     ],
 )
 def test_it_is_open_from_the_stated_limit_on(
-    joint: Constraint, axis: int, way: float, state: State, share: float | None
+    joint: Joint, axis: int, way: float, state: OpenState, share: float | None
 ) -> None:
     positions = [0.0] * 6
     positions[axis] = way
@@ -169,7 +169,7 @@ def test_doors_drawers_and_lids_open_something_and_knobs_do_not(cls: str, count:
 
 def test_a_joint_that_the_engine_does_not_know_is_as_the_map_told_it() -> None:
     (row,) = asked(cabinet(SLIDE), other=(0.1, 0, 0, 0, 0, 0))
-    assert (row.state, row.source) == (State.CLOSED, "map")
+    assert (row.state, row.source) == (OpenState.CLOSED, "map")
 
 
 def test_what_is_locked_is_no_opening() -> None:
@@ -181,21 +181,23 @@ def test_a_door_that_stands_open_still_belongs_to_what_it_closes_when_shut() -> 
         body("block", (0, 0, 1), (0.6, 0.6, 2)),
         replace(body("casing", (0.02, 0, 1.4), (0.56, 0.58, 1.1)), cls=Iri(KNOWROB + "Refrigerator")),
         replace(body("front", (0.32, 0, 1.4), (0.04, 0.58, 1.1), "dynamic"), cls=Iri(KNOWROB + "Door")),
-        hinge("joint", "block", "front", (0.32, 0.3, 1.4)),
-        hold("block", "casing"),
+        revolute_joint("joint", "block", "front", (0.32, 0.3, 1.4)),
+        attachment("block", "casing"),
     )
     away = replace(shut.body("front").pose, position=(0.6, 0.3, 1.4))
     now = replace(shut, bodies=tuple(replace(each, pose=away) if each.id == "front" else each for each in shut.bodies))
     kb = KnowledgeBase()
-    moment = Moment(world=now, told=(shut,), joints={BodyId("joint"): (0, 0, 0, 0, 0, 0.7)}, source="hand")
-    (row,) = openings.ask(kb, {}, present=Present(kb, lambda: moment))
-    assert (local_name(row.thing), row.state) == ("casing", State.OPEN)
+    moment = WorldState(
+        world=now, spawned=(shut,), joint_positions={BodyId("joint"): (0, 0, 0, 0, 0, 0.7)}, source="hand"
+    )
+    (row,) = openings.ask(kb, {}, present=StateAccess(kb, lambda: moment))
+    assert (local_name(row.thing), row.state) == ("casing", OpenState.OPEN)
 
 
 def test_a_world_that_no_map_tells_of_is_answered_for_too() -> None:
-    with Stage(KnowledgeBase(), MujocoEngine()) as stage:
+    with Simulation(KnowledgeBase(), MujocoEngine()) as stage:
         stage.spawn(kitchenette())
         pull(stage, "DrawerHandle", (-0.3, 0.0, 0.0))
         (row,) = stage.ask(openings, thing="Cupboard")
-        assert (local_name(row.front), row.state) == ("Drawer", State.OPEN)
+        assert (local_name(row.front), row.state) == ("Drawer", OpenState.OPEN)
         assert row.map == kitchenette().iri

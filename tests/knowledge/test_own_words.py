@@ -11,22 +11,22 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 
 from mindstage.knowledge import (
-    Conventions,
-    Frame,
+    Handedness,
     KnowledgeBase,
+    LengthUnit,
     MapDialect,
     MapFormat,
-    Units,
+    UnitConventions,
     lost_statements,
     save_map,
     write_map,
 )
-from mindstage.world import Attachment, Body, BodyId, Iri, Mobility, Physics, Pose, World, difference
-from tests.knowledge.maps import KNOWROB, assert_same, body, constraint, knowing, room
-from tests.knowledge.other_maps import knowrob1, perceived, soma
-from tests.knowledge.small_robot import KITCHEN
+from mindstage.world import Attachment, Body, BodyId, BodyPhysics, Iri, Mobility, Pose, World, diff
+from tests.knowledge.maps import KNOWROB, assert_worlds_equal, body_turtle, knowledge_base_from, room_map, slide_joint
+from tests.knowledge.other_maps import knowrob1_map, perception, soma_map
+from tests.knowledge.small_robot import KITCHEN_URDF
 from tests.knowledge.test_ameva import fridge
-from tests.knowledge.test_anything import settled, spoilt_maps
+from tests.knowledge.test_anything import mutated_maps, normalized
 from tests.worlds import worlds
 
 MS = "http://mindstage.org/ontology#"
@@ -51,21 +51,23 @@ DRAWER = """:box a soma:Cupboard ; soma:hasLocalization [ soma:hasSpaceRegion [ 
 HINGE = """:case a k:Cupboard ; k:describedInMap :old ; k:properPhysicalParts :door, :hinge ; k:widthOfObject -0.5 .
 :door a k:Door ; k:properPhysicalParts :handle . :handle a k:Handle .
 :hinge a k:HingedJoint ; k:minJointValue "0.1" ; k:maxJointValue "1.5" ; k:connectedTo-Rigidly :door, :case ."""
-EARLY = room(
-    body("table", 'k:tagsData "SemLog;Id,table;Mobility,Static;Mass,3.5;"'),
-    body("door", 'k:tagsData "SemLog;Id,door;Mobility,Dynamic;Gravity,True;"'),
-    constraint("slide", "table", "door").replace("k:describedInMap :room ;", ""),
+EARLY = room_map(
+    body_turtle("table", 'k:tagsData "SemLog;Id,table;Mobility,Static;Mass,3.5;"'),
+    body_turtle("door", 'k:tagsData "SemLog;Id,door;Mobility,Dynamic;Gravity,True;"'),
+    slide_joint("slide", "table", "door").replace("k:describedInMap :room ;", ""),
 )
 SMALL = {
     "AMEVA": fridge(),
-    "KnowRob 1": knowrob1(
+    "KnowRob 1": knowrob1_map(
         HINGE,
-        *(perceived(thing, "5", n, 0, 1) for n, thing in enumerate(("case", "door", "handle"))),
-        perceived("door", "9", 0.9, 0.1, 1),
+        *(perception(thing, "5", n, 0, 1) for n, thing in enumerate(("case", "door", "handle"))),
+        perception("door", "9", 0.9, 0.1, 1),
     ),
-    "SOMA": soma(DRAWER),
+    "SOMA": soma_map(DRAWER),
     "SemLog, early": EARLY,
-    "SemLog": room(body("table"), body("cup"), constraint("slide", "table", "cup"), ":table k:child :cup ."),
+    "SemLog": room_map(
+        body_turtle("table"), body_turtle("cup"), slide_joint("slide", "table", "cup"), ":table k:child :cup ."
+    ),
 }
 each_dialect = pytest.mark.parametrize("dialect", SMALL)
 
@@ -79,15 +81,15 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def small(dialect: str, folder: Path) -> KnowledgeBase:
     path = folder / "map.ttl"
     path.write_text(SMALL[dialect], encoding="utf-8")
-    knowledge = knowing(path)
-    assert knowledge.origin().dialect == dialect
+    knowledge = knowledge_base_from(path)
+    assert knowledge.source_view().dialect == dialect
     return knowledge
 
 
 def returned(world: World, knowledge: KnowledgeBase, folder: Path, format: MapFormat) -> KnowledgeBase:
     path = folder / f"back{SUFFIXES[format]}"
-    save_map(world, path, origin=knowledge.origin(world.iri))
-    return knowing(path)
+    save_map(world, path, source_view=knowledge.source_view(world.iri))
+    return knowledge_base_from(path)
 
 
 def predicates(path: Path) -> set[str]:
@@ -100,41 +102,45 @@ def predicates(path: Path) -> set[str]:
 @pytest.mark.parametrize("format", MapFormat)
 @each_sample
 def test_a_map_comes_back_as_it_was(name: str, format: MapFormat, shared_data: Path, tmp_path: Path) -> None:
-    knowledge = knowing(shared_data / "maps" / f"{name}.owl", bundled_ontology=True)
-    world, origin = knowledge.world(), knowledge.origin()
+    knowledge = knowledge_base_from(shared_data / "maps" / f"{name}.owl", bundled_ontology=True)
+    world, origin = knowledge.world(), knowledge.source_view()
     assert origin.dialect == SAMPLES[name]
     back = returned(world, knowledge, tmp_path, format)
-    assert back.origin().dialect == origin.dialect
-    assert_same(world, back.world())
-    assert lost_statements(origin, back.origin()) == ()
-    assert lost_statements(back.origin(), origin) == ()
+    assert back.source_view().dialect == origin.dialect
+    assert_worlds_equal(world, back.world())
+    assert lost_statements(origin, back.source_view()) == ()
+    assert lost_statements(back.source_view(), origin) == ()
 
 
 @each_dialect
 def test_a_small_map_comes_back_as_it_was(dialect: str, tmp_path: Path) -> None:
     knowledge = small(dialect, tmp_path)
     back = returned(knowledge.world(), knowledge, tmp_path, MapFormat.RDF_XML)
-    assert back.origin().dialect == dialect
-    assert_same(knowledge.world(), back.world())
-    assert lost_statements(knowledge.origin(), back.origin()) == ()
-    assert lost_statements(back.origin(), knowledge.origin()) == ()
+    assert back.source_view().dialect == dialect
+    assert_worlds_equal(knowledge.world(), back.world())
+    assert lost_statements(knowledge.source_view(), back.source_view()) == ()
+    assert lost_statements(back.source_view(), knowledge.source_view()) == ()
 
 
 @pytest.mark.parametrize("dialect", MapDialect)
 def test_what_is_told_twice_is_kept_twice(dialect: MapDialect, tmp_path: Path) -> None:
     """Also where one of the two is not how we would say it."""
     for first, second in (("e:truth", "xsd:boolean"), ("xsd:boolean", "e:truth")):
-        cup = body("cup", f'k:gravity "true"^^{first}, "true"^^{second}', 'k:mass "0.50"^^xsd:float, "0.5"^^e:kg')
-        (tmp_path / "map.ttl").write_text(room(cup), encoding="utf-8")
-        knowledge = knowing(tmp_path / "map.ttl")
+        cup = body_turtle(
+            "cup", f'k:gravity "true"^^{first}, "true"^^{second}', 'k:mass "0.50"^^xsd:float, "0.5"^^e:kg'
+        )
+        (tmp_path / "map.ttl").write_text(room_map(cup), encoding="utf-8")
+        knowledge = knowledge_base_from(tmp_path / "map.ttl")
         save_map(knowledge.world(), tmp_path / "back.ttl", dialect=dialect)
-        back = knowing(tmp_path / "back.ttl")
-        assert_same(knowledge.world(), back.world())
-        assert lost_statements(knowledge.origin(), back.origin()) == ()
+        back = knowledge_base_from(tmp_path / "back.ttl")
+        assert_worlds_equal(knowledge.world(), back.world())
+        assert lost_statements(knowledge.source_view(), back.source_view()) == ()
 
 
 def test_numbers_come_back_digit_by_digit(tmp_path: Path) -> None:
-    save_map(small("AMEVA", tmp_path).world(), tmp_path / "back.ttl", origin=small("AMEVA", tmp_path).origin())
+    save_map(
+        small("AMEVA", tmp_path).world(), tmp_path / "back.ttl", source_view=small("AMEVA", tmp_path).source_view()
+    )
     text = (tmp_path / "back.ttl").read_text(encoding="utf-8")
     assert '"126.0 172.0 97.0"' in text
     assert MS not in text
@@ -142,14 +148,14 @@ def test_numbers_come_back_digit_by_digit(tmp_path: Path) -> None:
 
 @each_sample
 def test_from_dialect_to_dialect_and_back(name: str, shared_data: Path, tmp_path: Path) -> None:
-    knowledge = knowing(shared_data / "maps" / f"{name}.owl")
-    world, origin = knowledge.world(), knowledge.origin()
+    knowledge = knowledge_base_from(shared_data / "maps" / f"{name}.owl")
+    world, origin = knowledge.world(), knowledge.source_view()
     for number, dialect in enumerate((MapDialect.SOMA, MapDialect.SEMLOG, MapDialect.SOMA)):
         path = tmp_path / f"{number}.ttl"
         save_map(knowledge.world(world.iri), path, dialect=dialect)
-        knowledge = knowing(path)
-        assert_same(world, knowledge.world(world.iri))
-        assert lost_statements(origin, knowledge.origin()) == ()
+        knowledge = knowledge_base_from(path)
+        assert_worlds_equal(world, knowledge.world(world.iri))
+        assert lost_statements(origin, knowledge.source_view()) == ()
 
 
 @settings(max_examples=30)
@@ -157,22 +163,22 @@ def test_from_dialect_to_dialect_and_back(name: str, shared_data: Path, tmp_path
 def test_any_world_comes_back(world: World, folder: Path) -> None:
     path = folder / "any.ttl"
     path.write_text(write_map(world, format=MapFormat.TURTLE), encoding="utf-8")
-    knowledge = knowing(path)
+    knowledge = knowledge_base_from(path)
     back = returned(knowledge.world(world.iri), knowledge, folder, MapFormat.TURTLE)
-    assert_same(knowledge.world(world.iri), back.world(world.iri))
-    assert lost_statements(knowledge.origin(world.iri), back.origin(world.iri)) == ()
+    assert_worlds_equal(knowledge.world(world.iri), back.world(world.iri))
+    assert lost_statements(knowledge.source_view(world.iri), back.source_view(world.iri)) == ()
 
 
 @settings(max_examples=30)
-@given(said=spoilt_maps())
+@given(said=mutated_maps())
 def test_whatever_a_map_tells_comes_back(said: list[ox.Quad], folder: Path) -> None:
     path = folder / "spoilt.ttl"
     ox.serialize(said, path, ox.RdfFormat.TURTLE)
-    knowledge = knowing(path)
+    knowledge = knowledge_base_from(path)
     for map in knowledge.maps():
         back = returned(knowledge.world(map), knowledge, folder, MapFormat.TURTLE)
-        assert settled(back.world(map)) == settled(knowledge.world(map))
-        assert lost_statements(knowledge.origin(map), back.origin(map)) == ()
+        assert normalized(back.world(map)) == normalized(knowledge.world(map))
+        assert lost_statements(knowledge.source_view(map), back.source_view(map)) == ()
 
 
 @settings(max_examples=40)
@@ -182,11 +188,11 @@ def test_whatever_is_missing_the_rest_comes_back(data: st.DataObject, dialect: s
     away = data.draw(st.sets(st.integers(0, len(quads) - 1), max_size=8))
     path = folder / "cut.ttl"
     ox.serialize([quad for at, quad in enumerate(quads) if at not in away], path, ox.RdfFormat.TURTLE)
-    knowledge = knowing(path)
+    knowledge = knowledge_base_from(path)
     for map in knowledge.maps():
         back = returned(knowledge.world(map), knowledge, folder, MapFormat.TURTLE)
-        assert_same(knowledge.world(map), back.world(map))
-        assert lost_statements(knowledge.origin(map), back.origin(map)) == ()
+        assert_worlds_equal(knowledge.world(map), back.world(map))
+        assert lost_statements(knowledge.source_view(map), back.source_view(map)) == ()
 
 
 # -- something has changed ---------------------------------------------------------------------------------------------
@@ -199,7 +205,7 @@ def changed(world: World, what: str) -> World:
     if what == "let go":
         return replace(world, attachments=world.attachments[1:])
     if what == "made movable":
-        physics = Physics(mobility=Mobility.KINEMATIC, mass_kg=7.25)
+        physics = BodyPhysics(mobility=Mobility.KINEMATIC, mass_kg=7.25)
         return replace(world, bodies=(replace(first, physics=physics), *rest))
     new = Body(id=BodyId("new"), iri=Iri(f"{world.iri}-new"), cls=Iri(KNOWROB + "Cup"), pose=ELSEWHERE)
     attachment = Attachment(parent=first.id, child=new.id)
@@ -215,12 +221,12 @@ def test_a_world_that_has_changed_comes_back(what: str, dialect: str, tmp_path: 
     if dialect == "AMEVA":
         assert_same_in_si(world, back)
     else:
-        assert_same(world, back)
+        assert_worlds_equal(world, back)
 
 
 def assert_same_in_si(a: World, b: World) -> None:
     """The same but for what is kept of numbers before they were in SI: other ones are given now."""
-    found = difference(a, b)
+    found = diff(a, b)
     assert {change.kind for change in found.changed} <= {"facts"}
     parts = ("#pose>", "#linearConstraint>")
     assert all(MS + "given" in str(line) or any(map(str(line).__contains__, parts)) for line in found.lost)
@@ -234,12 +240,12 @@ def test_what_has_moved_is_told_in_the_words_of_the_dialect(dialect: str, tmp_pa
     world = knowledge.world()
     moved = changed(world, "moved")
     path = tmp_path / "back.ttl"
-    notes = save_map(moved, path, origin=knowledge.origin())
+    notes = save_map(moved, path, source_view=knowledge.source_view())
     assert any("changed" in note for note in notes) == (dialect != "AMEVA")  # whose words are SemLog's
     known = [quad.triple for quad in ox.parse(path=path) if _is_known(quad, dialect)]
     ox.serialize(known, tmp_path / "known.nt", ox.RdfFormat.N_TRIPLES)
-    seen = knowing(tmp_path / "known.nt")
-    assert seen.origin().dialect == dialect
+    seen = knowledge_base_from(tmp_path / "known.nt")
+    assert seen.source_view().dialect == dialect
     pose = seen.world().body(world.bodies[0].id).pose
     assert pose.position == pytest.approx(ELSEWHERE.position, abs=1e-12)
     assert pose.quaternion == pytest.approx(ELSEWHERE.quaternion, abs=1e-12)
@@ -252,7 +258,7 @@ def _is_known(quad: ox.Quad, dialect: str) -> bool:
 
 def test_what_has_moved_stands_in_the_map_s_own_units(tmp_path: Path) -> None:
     knowledge = small("AMEVA", tmp_path)
-    save_map(changed(knowledge.world(), "moved"), tmp_path / "back.ttl", origin=knowledge.origin())
+    save_map(changed(knowledge.world(), "moved"), tmp_path / "back.ttl", source_view=knowledge.source_view())
     assert '"123.456789012345 70.0 0.1"' in (tmp_path / "back.ttl").read_text(encoding="utf-8")
 
 
@@ -261,7 +267,7 @@ def test_an_earlier_perception_stays_and_the_last_one_counts(tmp_path: Path) -> 
     world = knowledge.world()
     door = world.body("door")
     moved = replace(world, bodies=tuple(replace(b, pose=ELSEWHERE) if b is door else b for b in world.bodies))
-    save_map(moved, tmp_path / "back.ttl", origin=knowledge.origin())
+    save_map(moved, tmp_path / "back.ttl", source_view=knowledge.source_view())
     text = (tmp_path / "back.ttl").read_text(encoding="utf-8")
     assert all(f"timepoint_{when}" in text for when in (5, 9, 10))
 
@@ -270,40 +276,40 @@ def test_units_that_the_user_told_stand_in_the_map(tmp_path: Path) -> None:
     path = tmp_path / "map.ttl"
     path.write_text(SMALL["SemLog"], encoding="utf-8")
     knowledge = KnowledgeBase(bundled_ontology=False)
-    knowledge.load(path, conventions=Conventions(units=Units.CENTIMETRES, frame=Frame.UNREAL))
+    knowledge.load(path, conventions=UnitConventions(units=LengthUnit.CENTIMETERS, frame=Handedness.UNREAL))
     back = returned(knowledge.world(), knowledge, tmp_path, MapFormat.TURTLE)
-    assert_same(knowledge.world(), back.world())
+    assert_worlds_equal(knowledge.world(), back.world())
     assert '"1.0 2.0 3.0"' in (tmp_path / "back.ttl").read_text(encoding="utf-8")
     assert {MS + "units", MS + "frame"} <= predicates(tmp_path / "back.ttl")
-    assert lost_statements(knowledge.origin(), back.origin()) == ()
+    assert lost_statements(knowledge.source_view(), back.source_view()) == ()
 
 
 def test_a_map_that_leans_on_a_description_comes_back_without_needing_it(tmp_path: Path) -> None:
-    (tmp_path / "kitchen.urdf").write_text(KITCHEN, encoding="utf-8")
+    (tmp_path / "kitchen.urdf").write_text(KITCHEN_URDF, encoding="utf-8")
     path = tmp_path / "map.ttl"
-    path.write_text(soma(':drawer a soma:Drawer ; urdf:hasBaseLinkName "counter_drawer_main" .'), encoding="utf-8")
+    path.write_text(soma_map(':drawer a soma:Drawer ; urdf:hasBaseLinkName "counter_drawer_main" .'), encoding="utf-8")
     knowledge = KnowledgeBase(bundled_ontology=False)
-    knowledge.load(path, robots=tmp_path / "kitchen.urdf")
+    knowledge.load(path, urdf_files=tmp_path / "kitchen.urdf")
     back = returned(knowledge.world(), knowledge, tmp_path, MapFormat.TURTLE)
-    assert_same(knowledge.world(), back.world())
+    assert_worlds_equal(knowledge.world(), back.world())
     assert back.findings() == ()
-    assert lost_statements(knowledge.origin(), back.origin()) == ()
+    assert lost_statements(knowledge.source_view(), back.source_view()) == ()
 
 
 def test_a_map_that_was_converted_stays_so_or_goes_back_to_its_own_numbers(tmp_path: Path) -> None:
     world = small("AMEVA", tmp_path).world()
     save_map(world, tmp_path / "si.ttl")
-    knowledge = knowing(tmp_path / "si.ttl")
+    knowledge = knowledge_base_from(tmp_path / "si.ttl")
     back = returned(knowledge.world(), knowledge, tmp_path, MapFormat.TURTLE)
-    assert back.origin().dialect == knowledge.origin().dialect == "SemLog"
-    assert_same(world, back.world())
-    assert lost_statements(knowledge.origin(), back.origin()) == ()
-    save_map(world, tmp_path / "own.ttl", origin=knowledge.origin().given())
-    own = knowing(tmp_path / "own.ttl")
-    assert own.origin().dialect == "AMEVA"
+    assert back.source_view().dialect == knowledge.source_view().dialect == "SemLog"
+    assert_worlds_equal(world, back.world())
+    assert lost_statements(knowledge.source_view(), back.source_view()) == ()
+    save_map(world, tmp_path / "own.ttl", source_view=knowledge.source_view().before_conversion())
+    own = knowledge_base_from(tmp_path / "own.ttl")
+    assert own.source_view().dialect == "AMEVA"
     assert_same_in_si(world, own.world())
     assert '"126.0 172.0 97.0"' in (tmp_path / "own.ttl").read_text(encoding="utf-8")
-    assert small("SOMA", tmp_path).origin().given() is None
+    assert small("SOMA", tmp_path).source_view().before_conversion() is None
 
 
 @each_dialect
@@ -311,10 +317,10 @@ def test_what_we_have_written_comes_back_as_well(dialect: str, tmp_path: Path) -
     """In SOMA's words, and with what has moved restated in the map's own."""
     first = small(dialect, tmp_path)
     save_map(first.world(), tmp_path / "soma.ttl", dialect=MapDialect.SOMA)
-    save_map(changed(first.world(), "moved"), tmp_path / "moved.ttl", origin=first.origin())
+    save_map(changed(first.world(), "moved"), tmp_path / "moved.ttl", source_view=first.source_view())
     for name in ("soma", "moved"):
-        knowledge = knowing(tmp_path / f"{name}.ttl")
+        knowledge = knowledge_base_from(tmp_path / f"{name}.ttl")
         back = returned(knowledge.world(), knowledge, tmp_path, MapFormat.TURTLE)
-        assert_same(knowledge.world(), back.world())
-        assert lost_statements(knowledge.origin(), back.origin()) == ()
-        assert lost_statements(back.origin(), knowledge.origin()) == ()
+        assert_worlds_equal(knowledge.world(), back.world())
+        assert lost_statements(knowledge.source_view(), back.source_view()) == ()
+        assert lost_statements(back.source_view(), knowledge.source_view()) == ()

@@ -8,22 +8,22 @@ from pathlib import Path
 
 import pytest
 
-from mindstage.errors import ArgumentRefused, NameAmbiguous, NameUnknown, QuestionUnknown
+from mindstage.errors import AmbiguousNameError, InvalidArgumentError, NameNotFoundError, QuestionNotFoundError
 from mindstage.knowledge import KnowledgeBase, bundled_kitchen
 from mindstage.knowledge.names import local_name
 from mindstage.knowledge.questions import (
     HandleOf,
     Question,
-    Storage,
+    StoragePlace,
     cell_text,
     handle_of,
+    list_questions,
     question,
-    questions,
     storage_place,
 )
-from mindstage.knowledge.remembering import Remembered
+from mindstage.knowledge.remembering import AnswerCache
 from mindstage.world import Iri
-from tests.knowledge.maps import KNOWROB, M, body, knowing, room
+from tests.knowledge.maps import KNOWROB, ROOM_NAMESPACE, body_turtle, knowledge_base_from, room_map
 
 IAI = "iai-kitchen-original.owl"
 
@@ -45,7 +45,7 @@ def laboratory(request: pytest.FixtureRequest, shared_data: Path) -> KnowledgeBa
 
 
 def classes(kb: KnowledgeBase, individuals: list[Iri]) -> list[str]:
-    return sorted(local_name(str(kb.index.class_of(individual))) for individual in individuals)
+    return sorted(local_name(str(kb.reasoner.class_of(individual))) for individual in individuals)
 
 
 # -- the thesis --------------------------------------------------------------------------------------------------------
@@ -80,7 +80,7 @@ def test_an_action_has_its_devices(laboratory: KnowledgeBase, action: str, devic
 @pytest.mark.parametrize("individual", ["IAIFridgeDoor", "IAIOvenDoor", "IAIOvenCase"])
 def test_the_fridge_door_and_the_oven_have_one_handle_each(laboratory: KnowledgeBase, individual: str) -> None:
     (row,) = laboratory.ask("handle_of", individual=individual)
-    assert laboratory.index.is_member(row.handle, Iri(KNOWROB + "Handle"))
+    assert laboratory.reasoner.is_member(row.handle, Iri(KNOWROB + "Handle"))
 
 
 def test_the_numbers_of_the_thesis(laboratory: KnowledgeBase) -> None:
@@ -90,7 +90,7 @@ def test_the_numbers_of_the_thesis(laboratory: KnowledgeBase) -> None:
 
 
 def test_the_maps_of_the_thesis_differ_by_what_it_left_out(shared_data: Path) -> None:
-    kb = knowing(shared_data / "maps" / IAI, shared_data / "maps" / "iai-kitchen-spawned.owl")
+    kb = knowledge_base_from(shared_data / "maps" / IAI, shared_data / "maps" / "iai-kitchen-spawned.owl")
     one, other = (row.map for row in kb.ask("maps"))
     (row,) = kb.ask("identical_maps", a=one, b=other, tolerance=2e-6)
     assert not row.identical
@@ -98,7 +98,7 @@ def test_the_maps_of_the_thesis_differ_by_what_it_left_out(shared_data: Path) ->
 
 
 def test_each_difference_of_the_thesis_s_maps_is_told_with_its_error(shared_data: Path) -> None:
-    kb = knowing(shared_data / "maps" / IAI, shared_data / "maps" / "iai-kitchen-spawned.owl")
+    kb = knowledge_base_from(shared_data / "maps" / IAI, shared_data / "maps" / "iai-kitchen-spawned.owl")
     one, other = kb.maps()
     rows = kb.ask("differences", a=one, b=other)
     (same,) = kb.ask("identical_maps", a=one, b=other)
@@ -114,9 +114,14 @@ def test_each_difference_of_the_thesis_s_maps_is_told_with_its_error(shared_data
 
 def test_an_individual_that_only_one_map_has_is_a_difference(tmp_path: Path) -> None:
     one, other = tmp_path / "one.ttl", tmp_path / "other.ttl"
-    one.write_text(room(body("cup"), body("mug")), encoding="utf-8")
-    other.write_text(room(body("cup", at="1.0 2.0 3.5"), map="room").replace(M, f"{M[:-1]}2#"), encoding="utf-8")
-    kb = knowing(one, other)
+    one.write_text(room_map(body_turtle("cup"), body_turtle("mug")), encoding="utf-8")
+    other.write_text(
+        room_map(body_turtle("cup", position="1.0 2.0 3.5"), map="room").replace(
+            ROOM_NAMESPACE, f"{ROOM_NAMESPACE[:-1]}2#"
+        ),
+        encoding="utf-8",
+    )
+    kb = knowledge_base_from(one, other)
     a, b = (row.map for row in kb.ask("maps"))
     rows = kb.ask("differences", a=a, b=b)
     assert [(row.id, row.in_b) for row in rows if not row.field] == [("mug", None)]
@@ -127,7 +132,7 @@ def test_an_individual_that_only_one_map_has_is_a_difference(tmp_path: Path) -> 
 # -- every question ----------------------------------------------------------------------------------------------------
 
 
-each_question = pytest.mark.parametrize("asked", questions(), ids=lambda asked: asked.name)
+each_question = pytest.mark.parametrize("asked", list_questions(), ids=lambda asked: asked.name)
 
 
 @each_question
@@ -163,29 +168,29 @@ def test_a_question_says_what_it_asks_and_shows_how(asked: Question) -> None:
 def test_each_answer_tells_why(asked: Question, kitchen: KnowledgeBase) -> None:
     answers = kitchen.ask(asked)
     for row in answers[:: max(1, len(answers) // 20)]:
-        lines = kitchen.why(asked, row)
+        lines = kitchen.explain(asked, row)
         assert lines, row
         assert all(lines), lines
         assert not any("http" in line for line in lines), "names are short where people read"
 
 
 def test_two_maps_tell_why_they_are_not_the_same(shared_data: Path) -> None:
-    kb = knowing(shared_data / "maps" / IAI, shared_data / "maps" / "iai-kitchen-spawned.owl")
+    kb = knowledge_base_from(shared_data / "maps" / IAI, shared_data / "maps" / "iai-kitchen-spawned.owl")
     one, other = kb.maps()
     (row,) = kb.ask("identical_maps", a=one, b=other)
-    first, *lines = kb.why("identical_maps", row)
+    first, *lines = kb.explain("identical_maps", row)
     assert first.startswith("114 and 114 bodies, 22 and 22 constraints were compared")
     assert {line.split()[0] for line in lines} == set(row.differing)
     assert any(
         " size: " in line and "177.51" in line and "29.585472" in line and line.endswith(" apart") for line in lines
     )
     rows = kb.ask("differences", a=one, b=other)
-    assert [line for row in rows for line in kb.why("differences", row)] == lines
+    assert [line for row in rows for line in kb.explain("differences", row)] == lines
 
 
 def test_the_reason_is_a_chain_of_what_was_told(kitchen: KnowledgeBase) -> None:
     (row,) = kitchen.ask(storage_place, item="CowsMilk")
-    assert kitchen.why(storage_place, row) == (
+    assert kitchen.explain(storage_place, row) == (
         "CowsMilk is a CowsMilk-Product is a DairyProduct is a Perishable",
         "every Refrigerator: typePrimaryFunction-containerFor some Perishable",
     )
@@ -213,7 +218,7 @@ def test_what_an_individual_is_comes_from_its_world(kitchen: KnowledgeBase) -> N
 
 def test_what_a_constraint_is_tells_what_it_joins_and_how_that_moves(kitchen: KnowledgeBase) -> None:
     (row,) = kitchen.ask("what_is", individual="fridge_door_hinge")
-    (hinge,) = (each for each in kitchen.world().constraints if each.iri == row.individual)
+    (hinge,) = (each for each in kitchen.world().joints if each.iri == row.individual)
     assert (row.pose, row.tags, row.facts) == (hinge.pose, hinge.tags, hinge.facts)
     assert (row.joint.linear, row.joint.angular) == (hinge.linear, hinge.angular)
     assert [local_name(end) for end in (row.joint.parent, row.joint.child)] == ["fridge", "fridge_door"]
@@ -230,39 +235,39 @@ def test_names_may_be_short_prefixed_or_whole(name: str, kitchen: KnowledgeBase)
 
 @pytest.mark.parametrize("name", ["CowsMilc", "cowsmilk", "knowrob:CowMilk", f"{KNOWROB}CowsMilkk"])
 def test_a_misspelt_name_gets_the_near_ones(name: str, kitchen: KnowledgeBase) -> None:
-    with pytest.raises(NameUnknown, match=r"no class '.*' is known; near: 'CowsMilk'"):
+    with pytest.raises(NameNotFoundError, match=r"no class '.*' is known; near: 'CowsMilk'"):
         kitchen.ask("storage_place", item=name)
 
 
 def test_a_name_that_two_classes_have_must_be_given_whole(tmp_path: Path) -> None:
     path = tmp_path / "room.ttl"
-    path.write_text(room(body("cup"), ":Cup a owl:Class ."), encoding="utf-8")
-    kb = knowing(path)
-    with pytest.raises(NameAmbiguous, match=f"{M}Cup"):
+    path.write_text(room_map(body_turtle("cup"), ":Cup a owl:Class ."), encoding="utf-8")
+    kb = knowledge_base_from(path)
+    with pytest.raises(AmbiguousNameError, match=f"{ROOM_NAMESPACE}Cup"):
         kb.ask("individual_of_class", cls="Cup")
     assert len(kb.ask("individual_of_class", cls="knowrob:Cup")) == 1
 
 
 def test_the_name_of_a_class_stands_for_its_only_individual(tmp_path: Path) -> None:
     path = tmp_path / "room.ttl"
-    path.write_text(room(body("a", cls="k:Oven"), body("b"), body("c")), encoding="utf-8")
-    kb = knowing(path)
+    path.write_text(room_map(body_turtle("a", cls="k:Oven"), body_turtle("b"), body_turtle("c")), encoding="utf-8")
+    kb = knowledge_base_from(path)
     (row,) = kb.ask("everything_in_map", individual="Oven")
-    assert row.individual == M + "a"
-    with pytest.raises(NameAmbiguous, match="'Cup' may be any of 2 individual names: b, c; give one of them"):
+    assert row.individual == ROOM_NAMESPACE + "a"
+    with pytest.raises(AmbiguousNameError, match="'Cup' may be any of 2 individual names: b, c; give one of them"):
         kb.ask("everything_in_map", individual="Cup")
-    with pytest.raises(NameUnknown, match="no individual 'Ovn' is known; near: 'Oven'"):
+    with pytest.raises(NameNotFoundError, match="no individual 'Ovn' is known; near: 'Oven'"):
         kb.ask("everything_in_map", individual="Ovn")
 
 
 @pytest.mark.parametrize("name", ["storage_plce", "STORAGE_PLACE"])
 def test_an_unknown_question_gets_the_near_ones(name: str, kitchen: KnowledgeBase) -> None:
-    with pytest.raises(QuestionUnknown, match="near: 'storage_place'"):
+    with pytest.raises(QuestionNotFoundError, match="near: 'storage_place'"):
         kitchen.ask(name)
 
 
 def test_a_question_unlike_any_other_gets_the_whole_list(kitchen: KnowledgeBase) -> None:
-    with pytest.raises(QuestionUnknown, match=r"there is .*handle_of"):
+    with pytest.raises(QuestionNotFoundError, match=r"there is .*handle_of"):
         kitchen.ask("xyzzy")
 
 
@@ -274,21 +279,21 @@ def test_a_question_unlike_any_other_gets_the_whole_list(kitchen: KnowledgeBase)
     ],
 )
 def test_wrong_arguments_are_refused(args: dict[str, object], message: str, kitchen: KnowledgeBase) -> None:
-    with pytest.raises(ArgumentRefused, match=message):
+    with pytest.raises(InvalidArgumentError, match=message):
         kitchen.ask("storage_place", **args)
 
 
 @pytest.mark.parametrize("tolerance", ["much", -1.0, float("nan")])
 def test_a_tolerance_is_a_number_from_0(tolerance: object, kitchen: KnowledgeBase) -> None:
-    with pytest.raises(ArgumentRefused, match="tolerance"):
+    with pytest.raises(InvalidArgumentError, match="tolerance"):
         kitchen.ask("identical_maps", a="kitchen", b="kitchen", tolerance=tolerance)
 
 
 def test_a_row_of_another_question_has_no_reason_here(kitchen: KnowledgeBase) -> None:
     (row,) = kitchen.ask(handle_of, individual="fridge_door")
     assert isinstance(row, HandleOf)
-    with pytest.raises(ArgumentRefused, match="HandleOf is no answer to it"):
-        kitchen.why("storage_place", row)
+    with pytest.raises(InvalidArgumentError, match="HandleOf is no answer to it"):
+        kitchen.explain("storage_place", row)
 
 
 def test_two_questions_cannot_have_one_name() -> None:
@@ -298,7 +303,7 @@ def test_two_questions_cannot_have_one_name() -> None:
 
 def test_a_question_without_any_map_or_ontology_has_no_answers() -> None:
     kb = KnowledgeBase(bundled_ontology=False)
-    assert [asked.name for asked in questions() if kb.ask(asked)] == []
+    assert [asked.name for asked in list_questions() if kb.ask(asked)] == []
 
 
 # -- values -----------------------------------------------------------------------------------------------------------
@@ -328,7 +333,7 @@ def test_what_was_asked_before_is_answered_the_same_until_something_changes() ->
 
 def test_answers_are_a_sequence_of_typed_rows(kitchen: KnowledgeBase) -> None:
     answers = kitchen.ask(storage_place, item="Bread")
-    assert isinstance(answers[0], Storage)
+    assert isinstance(answers[0], StoragePlace)
     assert list(answers[:1]) == [answers[0]]
     assert "Breadbasket" in repr(answers)
 
@@ -350,19 +355,21 @@ def test_only_questions_build_the_index(use: Callable[[KnowledgeBase], object]) 
 
 def test_what_is_loaded_later_is_in_the_next_answer(tmp_path: Path) -> None:
     path = tmp_path / "room.ttl"
-    path.write_text(room(body("cup", cls="k:Refrigerator")), encoding="utf-8")
+    path.write_text(room_map(body_turtle("cup", cls="k:Refrigerator")), encoding="utf-8")
     kb = KnowledgeBase()
     assert not kb.ask("storage_place_in_environment", item="CowsMilk")
     kb.load(path)
-    assert [row.individual for row in kb.ask("storage_place_in_environment", item="CowsMilk")] == [M + "cup"]
+    assert [row.individual for row in kb.ask("storage_place_in_environment", item="CowsMilk")] == [
+        ROOM_NAMESPACE + "cup"
+    ]
 
 
 def test_no_more_is_remembered_than_there_is_room_for(kitchen: KnowledgeBase) -> None:
-    remembered = Remembered(most_rows=30)
+    remembered = AnswerCache(max_rows=30)
     few, more = kitchen.ask("subclass_of", cls="Refrigerator"), kitchen.ask("subclass_of", cls="CowsMilk")
     assert 10 < len(few) <= 30 < len(few) + len(more)
-    remembered.keep(("few",), few)
-    remembered.keep(("all",), kitchen.ask("subclass_of"))
+    remembered.put(("few",), few)
+    remembered.put(("all",), kitchen.ask("subclass_of"))
     assert (remembered.get(("few",)), remembered.get(("all",))) == (few, None)
-    remembered.keep(("more",), more)
+    remembered.put(("more",), more)
     assert (remembered.get(("few",)), remembered.get(("more",))) == (None, more)

@@ -12,7 +12,7 @@ import pytest
 from typer.testing import CliRunner
 
 from mindstage.cli.app import app
-from mindstage.knowledge.questions import questions
+from mindstage.knowledge.questions import list_questions
 
 ROOT = Path(__file__).parents[2]
 SCRIPT = ROOT / "scripts" / "make_questions.py"
@@ -26,7 +26,7 @@ def test_the_page_is_what_the_script_writes() -> None:
 
 
 def test_every_question_is_on_it_with_an_example() -> None:
-    assert {example.split()[1] for example in EXAMPLES} == {asked.name for asked in questions()}
+    assert {example.split()[1] for example in EXAMPLES} == {asked.name for asked in list_questions()}
 
 
 @pytest.mark.parametrize("example", EXAMPLES)

@@ -12,11 +12,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mindstage.errors import SourceUnreadable
+from mindstage.errors import SourceParseError
 from mindstage.knowledge import Severity
 from mindstage.knowledge.sources.files import SourceFile, read_file
-from tests.knowledge.malformed import GOOD, MALFORMED
-from tests.knowledge.maps import knowing
+from tests.knowledge.malformed import MALFORMED, WELL_FORMED
+from tests.knowledge.maps import knowledge_base_from
 
 each_malformation = pytest.mark.parametrize("name", MALFORMED)
 
@@ -42,7 +42,7 @@ def reading(path: Path) -> tuple[SourceFile, set[ox.Quad]]:
     try:
         return file, set(ox.parse(file.data, file.format, base_iri=file.iri))
     except SyntaxError as error:
-        file = file.repaired(error)
+        file = file.repair(error)
         return file, set(ox.parse(file.data, file.format, base_iri=file.iri))
 
 
@@ -61,7 +61,7 @@ def counts_of_swi(swipl: Path, files: Iterable[Path], tmp_path: Path) -> list[in
 
 
 def test_the_document_that_is_spoilt_needs_no_repair(tmp_path: Path) -> None:
-    file, statements = reading(written(tmp_path, GOOD))
+    file, statements = reading(written(tmp_path, WELL_FORMED))
     assert file.repairs == ()
     assert len(statements) == 5
 
@@ -69,17 +69,20 @@ def test_the_document_that_is_spoilt_needs_no_repair(tmp_path: Path) -> None:
 @each_malformation
 def test_a_malformed_document_is_read_and_the_repair_is_told_with_its_line(name: str, tmp_path: Path) -> None:
     case = MALFORMED[name]
-    good = reading(written(tmp_path, GOOD))[1]
+    good = reading(written(tmp_path, WELL_FORMED))[1]
     path = written(tmp_path, case.text)
     file, statements = reading(path)
-    assert any(repair.line == case.line and case.what in f"{repair.what} {repair.did}" for repair in file.repairs)
-    if case.same:
+    assert any(
+        repair.line == case.line and case.expected_text in f"{repair.problem} {repair.action}"
+        for repair in file.repairs
+    )
+    if case.is_equivalent:
         assert statements == good
-    knowledge = knowing(path)
+    knowledge = knowledge_base_from(path)
     told = [finding for finding in knowledge.findings() if finding.individual == str(path)]
     assert told
-    assert all(finding.severity is Severity.WARNING and finding.did for finding in told)
-    assert any(finding.what.startswith(f"line {case.line}: ") for finding in told)
+    assert all(finding.severity is Severity.WARNING and finding.action for finding in told)
+    assert any(finding.problem.startswith(f"line {case.line}: ") for finding in told)
 
 
 def test_what_swi_prolog_reads_is_read(swipl: Path, tmp_path: Path) -> None:
@@ -117,31 +120,31 @@ def test_a_real_map_that_is_spoilt_says_what_swi_prolog_hears(
 
 
 def test_letters_of_another_encoding_than_told_are_read_and_told(tmp_path: Path) -> None:
-    path = written(tmp_path, GOOD.replace("A cup", "Küche").encode("latin-1"))
+    path = written(tmp_path, WELL_FORMED.replace("A cup", "Küche").encode("latin-1"))
     file, statements = reading(path)
     assert any("Küche" in str(quad.object) for quad in statements)
     assert file.repairs[0].line == 15
-    assert "0xfc is no UTF-8" in file.repairs[0].what
+    assert "0xfc is no UTF-8" in file.repairs[0].problem
 
 
 @pytest.mark.parametrize("encoding", ["klingon", "utf-16", "UTF-32LE", "ucs-2"])
 def test_an_encoding_that_cannot_be_the_files_own_is_told(encoding: str, tmp_path: Path) -> None:
-    text = GOOD.replace('"utf-8"', f'"{encoding}"').replace("A cup", "Küche")
+    text = WELL_FORMED.replace('"utf-8"', f'"{encoding}"').replace("A cup", "Küche")
     file, statements = reading(written(tmp_path, text))
     assert any("Küche" in str(quad.object) for quad in statements)
-    assert encoding in file.repairs[0].what
+    assert encoding in file.repairs[0].problem
 
 
 def test_text_before_the_declaration_is_left_out_and_told(tmp_path: Path) -> None:
-    file, statements = reading(written(tmp_path, f"Here is my map:\n\n{GOOD}"))
+    file, statements = reading(written(tmp_path, f"Here is my map:\n\n{WELL_FORMED}"))
     assert len(statements) == 5
     assert file.repairs[0].line == 1
-    assert "Here is my map" in file.repairs[0].what
+    assert "Here is my map" in file.repairs[0].problem
 
 
 @pytest.mark.parametrize("before", ["\ufeff", "\n\n  ", "<!-- mine -->\n", "\ufeff\n"])
 def test_what_may_stand_before_a_document_is_no_finding(before: str, tmp_path: Path) -> None:
-    file, statements = reading(written(tmp_path, f"{before}{GOOD}"))
+    file, statements = reading(written(tmp_path, f"{before}{WELL_FORMED}"))
     assert len(statements) == 5
     assert file.repairs == ()
 
@@ -151,17 +154,17 @@ def test_what_may_stand_before_a_document_is_no_finding(before: str, tmp_path: P
 
 def test_many_repairs_are_counted_and_not_told_one_by_one(tmp_path: Path) -> None:
     things = "\n".join(f'<knowrob:Cup rdf:about="&m;a cup {number}"/>' for number in range(1000))
-    path = written(tmp_path, GOOD.replace("</rdf:RDF>", f"{things}\n</rdf:RDF>"))
-    findings = [finding for finding in knowing(path).findings() if finding.individual == str(path)]
+    path = written(tmp_path, WELL_FORMED.replace("</rdf:RDF>", f"{things}\n</rdf:RDF>"))
+    findings = [finding for finding in knowledge_base_from(path).findings() if finding.individual == str(path)]
     assert len(findings) == 101
-    assert "900 more places" in findings[-1].what
+    assert "900 more places" in findings[-1].problem
 
 
 def test_lines_stay_where_they_were(tmp_path: Path) -> None:
     """What fails after a repair is still told with the line of the file."""
     text = MALFORMED["an attribute twice"].text.replace("</rdf:RDF>", '<rdf:Description rdf:nodeID="1 2"/>\n</rdf:RDF>')
-    with pytest.raises(SourceUnreadable) as caught:
-        knowing(written(tmp_path, text))
+    with pytest.raises(SourceParseError) as caught:
+        knowledge_base_from(written(tmp_path, text))
     assert caught.value.line == 17
 
 
@@ -172,11 +175,11 @@ LETTERS = st.sampled_from([*"<>&;\"'=/!-[]", "<!ENTITY ", "rdf:about=", "</rdf:R
 def test_no_change_of_a_document_ends_in_anything_but_statements_or_an_error(
     data: st.DataObject, letters: list[str], tmp_path_factory: pytest.TempPathFactory
 ) -> None:
-    text = GOOD
+    text = WELL_FORMED
     for letter in letters:
         at = data.draw(st.integers(0, len(text)))
         text = text[:at] + letter + text[at + data.draw(st.integers(0, 12)) :]
     path = tmp_path_factory.mktemp("any") / "map.owl"
     path.write_text(text, encoding="utf-8")
-    with suppress(SourceUnreadable):
-        assert all(finding.what and finding.did for finding in knowing(path).findings())
+    with suppress(SourceParseError):
+        assert all(finding.problem and finding.action for finding in knowledge_base_from(path).findings())

@@ -8,12 +8,21 @@ import pytest
 
 from mindstage.knowledge import MapFormat, Severity, save_map, write_map
 from mindstage.world import Mobility
-from tests.knowledge.maps import Read, assert_same, body, constraint, knowing, knowrob, m, room
+from tests.knowledge.maps import (
+    ReadMap,
+    assert_worlds_equal,
+    body_turtle,
+    individual,
+    knowledge_base_from,
+    knowrob_iri,
+    room_map,
+    slide_joint,
+)
 
 
 def tagged(name: str, *tags: str, at: str = "1.0 2.0 3.0") -> str:
     told = "".join(f"{tag};" for tag in tags)
-    return body(name, f'k:tagsData "SemLog;Class,Cup;{told}"', at=at)
+    return body_turtle(name, f'k:tagsData "SemLog;Class,Cup;{told}"', position=at)
 
 
 def homeless(text: str, name: str) -> str:
@@ -22,64 +31,69 @@ def homeless(text: str, name: str) -> str:
     return text[:start] + text[start:].replace(" ; k:describedInMap :room", "", 1)
 
 
-def test_mobility_is_told_by_tags_alone(read: Read) -> None:
-    world, findings = read(room(tagged("cup", "Mobility,Dynamic"), tagged("wall", "Mobility,Static", at="0 0 0")))
+def test_mobility_is_told_by_tags_alone(read: ReadMap) -> None:
+    world, findings = read(room_map(tagged("cup", "Mobility,Dynamic"), tagged("wall", "Mobility,Static", at="0 0 0")))
     assert world.body("cup").physics.mobility is Mobility.DYNAMIC
     assert world.body("wall").physics.mobility is Mobility.STATIC
     assert world.body("cup").tags[-1].value == "Dynamic", "the tag stays"
     assert findings == ()
     again, _ = read(write_map(world, format=MapFormat.TURTLE))
-    assert_same(world, again)
+    assert_worlds_equal(world, again)
 
 
-def test_a_property_counts_more_than_a_tag(read: Read) -> None:
-    told = body("pan", 'k:mobility "static"', 'k:tagsData "SemLog;Mobility,Dynamic;"', at="0 0 0")
-    world, _ = read(room(tagged("cup", "Mobility,Dynamic"), told))
+def test_a_property_counts_more_than_a_tag(read: ReadMap) -> None:
+    told = body_turtle("pan", 'k:mobility "static"', 'k:tagsData "SemLog;Mobility,Dynamic;"', position="0 0 0")
+    world, _ = read(room_map(tagged("cup", "Mobility,Dynamic"), told))
     assert world.body("pan").physics.mobility is Mobility.STATIC
 
 
-def test_a_tag_that_tells_no_mobility_is_named(read: Read) -> None:
+def test_a_tag_that_tells_no_mobility_is_named(read: ReadMap) -> None:
     cup, pan = tagged("cup", "Mobility,Dynamic"), tagged("pan", "Mobility,Sometimes", at="0 0 0")
-    world, (finding,) = read(room(cup, pan))
+    world, (finding,) = read(room_map(cup, pan))
     assert world.body("pan").physics.mobility is None
-    assert (finding.individual, finding.property) == (m("pan"), knowrob("mobility"))
-    assert "'Sometimes'" in finding.what
+    assert (finding.individual, finding.property) == (individual("pan"), knowrob_iri("mobility"))
+    assert "'Sometimes'" in finding.problem
 
 
-def test_a_constraint_belongs_where_its_ends_do(read: Read, tmp_path: Path) -> None:
-    told = room(body("base"), body("door", at="0 0 0"), constraint("hinge", "base", "door"))
+def test_a_constraint_belongs_where_its_ends_do(read: ReadMap, tmp_path: Path) -> None:
+    told = room_map(body_turtle("base"), body_turtle("door", position="0 0 0"), slide_joint("hinge", "base", "door"))
     world, findings = read(homeless(told, "hinge"))
-    assert [joint.id for joint in world.constraints] == ["hinge"]
+    assert [joint.id for joint in world.joints] == ["hinge"]
     assert not [finding for finding in findings if finding.severity is Severity.ERROR]
     save_map(world, tmp_path / "out.ttl")
-    assert_same(world, knowing(tmp_path / "out.ttl").world())
+    assert_worlds_equal(world, knowledge_base_from(tmp_path / "out.ttl").world())
 
 
-def test_a_constraint_whose_ends_name_it_belongs_with_them(read: Read) -> None:
-    told = room(
-        body("base", "k:child :hinge"), body("door", "k:parent :hinge", at="0 0 0"), constraint("hinge", "x", "y")
+def test_a_constraint_whose_ends_name_it_belongs_with_them(read: ReadMap) -> None:
+    told = room_map(
+        body_turtle("base", "k:child :hinge"),
+        body_turtle("door", "k:parent :hinge", position="0 0 0"),
+        slide_joint("hinge", "x", "y"),
     )
     told = homeless(told, "hinge").replace("k:parent :x ; k:child :y", 'e:note "none"')
     world, _ = read(told)
-    (joint,) = world.constraints
+    (joint,) = world.joints
     assert (joint.parent, joint.child) == ("base", "door")
 
 
-def test_a_constraint_that_belongs_nowhere_is_kept(read: Read) -> None:
-    world, _ = read(homeless(room(body("base"), constraint("hinge", "x", "y")), "hinge"))
-    assert world.constraints == ()
-    assert m("hinge") in {resource.iri for resource in world.resources}
+def test_a_constraint_that_belongs_nowhere_is_kept(read: ReadMap) -> None:
+    world, _ = read(homeless(room_map(body_turtle("base"), slide_joint("hinge", "x", "y")), "hinge"))
+    assert world.joints == ()
+    assert individual("hinge") in {resource.iri for resource in world.resources}
 
 
 def test_a_constraint_goes_to_the_map_of_its_ends_and_to_no_other(tmp_path: Path) -> None:
-    first = homeless(room(body("base"), body("door", at="0 0 0"), constraint("hinge", "base", "door")), "hinge")
-    second = room(body("cup"), map="other").replace(":room", ":other")
+    first = homeless(
+        room_map(body_turtle("base"), body_turtle("door", position="0 0 0"), slide_joint("hinge", "base", "door")),
+        "hinge",
+    )
+    second = room_map(body_turtle("cup"), map="other").replace(":room", ":other")
     (tmp_path / "first.ttl").write_text(first, encoding="utf-8")
     (tmp_path / "second.ttl").write_text(second, encoding="utf-8")
-    knowledge = knowing(tmp_path / "first.ttl", tmp_path / "second.ttl")
-    assert [joint.id for joint in knowledge.world("room").constraints] == ["hinge"]
-    assert knowledge.world("other").constraints == ()
-    assert knowledge.analyse("room").constraints == 1
+    knowledge = knowledge_base_from(tmp_path / "first.ttl", tmp_path / "second.ttl")
+    assert [joint.id for joint in knowledge.world("room").joints] == ["hinge"]
+    assert knowledge.world("other").joints == ()
+    assert knowledge.map_statistics("room").constraints == 1
 
 
 @pytest.mark.parametrize("spoil", [True, False])
@@ -87,7 +101,7 @@ def test_the_kitchen_of_the_thesis_as_an_early_map_is_the_same_kitchen(
     spoil: bool, shared_data: Path, tmp_path: Path
 ) -> None:
     text = (shared_data / "maps" / "iai-kitchen-original.owl").read_text(encoding="utf-8")
-    expected = knowing(shared_data / "maps" / "iai-kitchen-original.owl").world()
+    expected = knowledge_base_from(shared_data / "maps" / "iai-kitchen-original.owl").world()
     early = []
     for block in text.split("\n\n"):
         lines = block.split("\n")
@@ -109,10 +123,10 @@ def test_the_kitchen_of_the_thesis_as_an_early_map_is_the_same_kitchen(
             "<owl:Ontology rdf:about=", '<owl:Ontology rdf:about="x" rdf:about='
         )
     (tmp_path / "early.owl").write_text(spoilt, encoding="utf-8")
-    world = knowing(tmp_path / "early.owl").world()
-    assert len(world.constraints) == len(expected.constraints) == 22
+    world = knowledge_base_from(tmp_path / "early.owl").world()
+    assert len(world.joints) == len(expected.joints) == 22
     assert [body.physics.mobility for body in world.bodies] == [body.physics.mobility for body in expected.bodies]
     assert {body.physics.mass_kg for body in world.bodies} == {None}
     assert [body.pose for body in world.bodies] == [body.pose for body in expected.bodies]
     save_map(world, tmp_path / "out.owl")
-    assert_same(world, knowing(tmp_path / "out.owl").world())
+    assert_worlds_equal(world, knowledge_base_from(tmp_path / "out.owl").world())

@@ -7,12 +7,12 @@ from pathlib import Path
 import pyoxigraph as ox
 import pytest
 
-from mindstage.errors import SourceUnreadable
+from mindstage.errors import SourceParseError
 from mindstage.knowledge import KnowledgeBase, save_map
-from tests.knowledge.maps import assert_same, knowing
-from tests.knowledge.small_robot import KITCHEN, box, link, robot
+from tests.knowledge.maps import assert_worlds_equal, knowledge_base_from
+from tests.knowledge.small_robot import KITCHEN_URDF, box_urdf, link_urdf, robot_urdf
 
-BASE = link("base", box("1 1 1"))
+BASE = link_urdf("base", box_urdf("1 1 1"))
 
 
 @pytest.fixture
@@ -36,7 +36,7 @@ _LINKED = """
 
 @pytest.fixture
 def linked(tmp_path: Path, file: Path) -> Path:
-    file.write_text(KITCHEN, encoding="utf-8")
+    file.write_text(KITCHEN_URDF, encoding="utf-8")
     path = tmp_path / "linked.ttl"
     path.write_text(_LINKED, encoding="utf-8")
     return path
@@ -44,20 +44,20 @@ def linked(tmp_path: Path, file: Path) -> Path:
 
 def test_a_map_gets_its_places_and_joints_from_the_description(linked: Path, file: Path, tmp_path: Path) -> None:
     knowledge = KnowledgeBase()
-    knowledge.load(linked, robots=file)
+    knowledge.load(linked, urdf_files=file)
     world = knowledge.world()
     assert (world.name, knowledge.findings()) == ("linked", ())
     assert world.body("drawer").pose.position == pytest.approx((0.95, 0.4, 0.7))
     assert world.body("drawer").cls == "http://www.ease-crc.org/ont/SOMA.owl#Drawer"
     assert world.body("cooler").size == (0.6, 0.6, 2.0)
-    assert {(each.parent, each.child) for each in world.constraints} == {
+    assert {(each.parent, each.child) for each in world.joints} == {
         ("counter_main", "drawer"),
         ("cooler", "fridge_door_link"),
     }
     assert ("drawer", "grip") in {(each.parent, each.child) for each in world.attachments}
     assert "hasBaseLinkName" in str(world.body("drawer").facts)
     save_map(world, tmp_path / "back.owl")
-    assert_same(world, knowing(tmp_path / "back.owl", bundled_ontology=True).world())
+    assert_worlds_equal(world, knowledge_base_from(tmp_path / "back.owl", bundled_ontology=True).world())
 
 
 def test_rdf_xml_can_lean_on_a_description_too(linked: Path, file: Path, tmp_path: Path) -> None:
@@ -65,13 +65,13 @@ def test_rdf_xml_can_lean_on_a_description_too(linked: Path, file: Path, tmp_pat
     path = tmp_path / "linked.owl"
     path.write_bytes(ox.serialize((quad.triple for quad in quads), format=ox.RdfFormat.RDF_XML) or b"")
     first, second = KnowledgeBase(), KnowledgeBase()
-    first.load(linked, robots=file)
-    second.load(path, robots=file)
-    assert_same(first.world(), second.world())
+    first.load(linked, urdf_files=file)
+    second.load(path, urdf_files=file)
+    assert_worlds_equal(first.world(), second.world())
 
 
 def test_without_its_description_a_map_says_which_links_it_needs(linked: Path) -> None:
-    knowledge = knowing(linked)
+    knowledge = knowledge_base_from(linked)
     assert knowledge.world().bodies == ()
     assert "as the link 'fridge'" in str(knowledge.findings())
     assert "--urdf FILE" in str(knowledge.findings())
@@ -80,17 +80,17 @@ def test_without_its_description_a_map_says_which_links_it_needs(linked: Path) -
 def test_a_link_that_no_description_has_and_one_that_nobody_names_are_told(linked: Path, file: Path) -> None:
     linked.write_text(_LINKED.replace('"fridge"', '"freezer"'), encoding="utf-8")
     other = file.with_name("other.urdf")
-    other.write_text(robot(BASE), encoding="utf-8")
+    other.write_text(robot_urdf(BASE), encoding="utf-8")
     knowledge = KnowledgeBase(bundled_ontology=False)
-    knowledge.load(linked, robots=[file, other])
-    assert len(knowledge.world().constraints) == 2
+    knowledge.load(linked, urdf_files=[file, other])
+    assert len(knowledge.world().joints) == 2
     told = str(knowledge.findings())
     assert "as the link 'freezer'" in told
     assert "no map names one of its links" in told
 
 
 def test_what_is_given_as_a_description_must_be_one(linked: Path) -> None:
-    with pytest.raises(SourceUnreadable, match="not well-formed XML"):
-        KnowledgeBase(bundled_ontology=False).load(linked, robots=linked)
-    with pytest.raises(SourceUnreadable, match="No such file"):
-        KnowledgeBase(bundled_ontology=False).load(linked, robots=linked.with_name("gone.urdf"))
+    with pytest.raises(SourceParseError, match="not well-formed XML"):
+        KnowledgeBase(bundled_ontology=False).load(linked, urdf_files=linked)
+    with pytest.raises(SourceParseError, match="No such file"):
+        KnowledgeBase(bundled_ontology=False).load(linked, urdf_files=linked.with_name("gone.urdf"))

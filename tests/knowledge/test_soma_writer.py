@@ -11,11 +11,11 @@ from hypothesis import given
 from msgspec.structs import replace
 
 from mindstage.knowledge import MapDialect, MapFormat, bundled_kitchen, save_map, write_map
-from mindstage.world import BodyId, Constraint, Iri, Motion, Pose, Shape, ShapeKind, World
-from mindstage.world.geometry import rotation_matrix, unit_pose
+from mindstage.world import AxisMotion, BodyId, Iri, Joint, Pose, PrimitiveShape, PrimitiveType, World
+from mindstage.world.geometry import normalized_pose_array, rotation_matrix
 from tests.kitchenette import kitchenette
-from tests.knowledge.maps import KNOWROB, assert_same, knowing
-from tests.knowledge.test_anything import settled, spoilt_maps
+from tests.knowledge.maps import KNOWROB, assert_worlds_equal, knowledge_base_from
+from tests.knowledge.test_anything import mutated_maps, normalized
 from tests.worlds import worlds
 
 MS = "http://mindstage.org/ontology#"
@@ -34,7 +34,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def through_soma(world: World, folder: Path, format: MapFormat = MapFormat.TURTLE) -> World:
     path = folder / f"soma{SUFFIXES[format]}"
     path.write_text(write_map(world, format=format, dialect=MapDialect.SOMA), encoding="utf-8", newline="")
-    return knowing(path).world(world.iri)
+    return knowledge_base_from(path).world(world.iri)
 
 
 def seen_by_others(path: Path, folder: Path) -> World:
@@ -43,8 +43,8 @@ def seen_by_others(path: Path, folder: Path) -> World:
     known = [quad.triple for quad in said if _is_known(quad)]
     plain = folder / "plain.nt"
     ox.serialize(known, plain, ox.RdfFormat.N_TRIPLES)
-    knowledge = knowing(plain)
-    assert knowledge.origin().dialect == "SOMA"
+    knowledge = knowledge_base_from(plain)
+    assert knowledge.source_view().dialect == "SOMA"
     return knowledge.world()
 
 
@@ -56,27 +56,27 @@ def _is_known(quad: ox.Quad) -> bool:
 @each_format
 @given(world=worlds(wild_tags=True))
 def test_any_world_comes_back(world: World, format: MapFormat, folder: Path) -> None:
-    assert_same(world, through_soma(world, folder, format))
+    assert_worlds_equal(world, through_soma(world, folder, format))
 
 
 @given(world=worlds(labels=True))
 def test_a_world_that_was_read_comes_back_to_the_letter(world: World, folder: Path) -> None:
     once = through_soma(world, folder)
-    assert settled(through_soma(once, folder)) == settled(once)
+    assert normalized(through_soma(once, folder)) == normalized(once)
 
 
-@given(said=spoilt_maps())
+@given(said=mutated_maps())
 def test_whatever_a_map_tells_comes_back(said: list[ox.Quad], folder: Path) -> None:
     path = folder / "map.ttl"
     ox.serialize(said, path, ox.RdfFormat.TURTLE)
-    knowledge = knowing(path)
+    knowledge = knowledge_base_from(path)
     for map in knowledge.maps():
         world = knowledge.world(map)
-        assert settled(through_soma(world, folder)) == settled(world)
+        assert normalized(through_soma(world, folder)) == normalized(world)
 
 
 def test_others_find_places_sizes_parts_and_joints(tmp_path: Path) -> None:
-    world = knowing(bundled_kitchen(), bundled_ontology=True).world()
+    world = knowledge_base_from(bundled_kitchen(), bundled_ontology=True).world()
     path = tmp_path / "soma.ttl"
     save_map(world, path, dialect=MapDialect.SOMA)
     seen = seen_by_others(path, tmp_path)
@@ -85,17 +85,17 @@ def test_others_find_places_sizes_parts_and_joints(tmp_path: Path) -> None:
     for body in world.bodies:
         assert (bodies[body.id].pose, bodies[body.id].size) == (body.pose, body.size)
     assert set(seen.attachments) == set(world.attachments)
-    joints = {(joint.parent, joint.child): joint for joint in seen.constraints}
-    assert joints.keys() == {(joint.parent, joint.child) for joint in world.constraints}
-    for joint in world.constraints:
+    joints = {(joint.parent, joint.child): joint for joint in seen.joints}
+    assert joints.keys() == {(joint.parent, joint.child) for joint in world.joints}
+    for joint in world.joints:
         other = joints[joint.parent, joint.child]
         np.testing.assert_allclose(_axis(other), _axis(joint), atol=1e-9)
         assert _range(other) == pytest.approx(_range(joint))
-        if joint.angular.swing1 is Motion.LIMITED:  # along a slide, any point of the axis is as good
+        if joint.angular.swing1 is AxisMotion.LIMITED:  # along a slide, any point of the axis is as good
             np.testing.assert_allclose(other.pose.position, joint.pose.position, atol=1e-9)
 
 
-def _free(joint: Constraint) -> tuple[int, float, float]:
+def _free(joint: Joint) -> tuple[int, float, float]:
     """The one way in which it moves: along or about which axis, how far either way, and from which middle."""
     linear, angular = joint.linear, joint.angular
     ways = [
@@ -106,15 +106,15 @@ def _free(joint: Constraint) -> tuple[int, float, float]:
         (angular.swing2, angular.swing2_limit, angular.swing2_middle),
         (angular.swing1, angular.swing1_limit, angular.swing1_middle),
     ]
-    ((at, (_, limit, middle)),) = [(at, way) for at, way in enumerate(ways) if way[0] is not Motion.LOCKED]
+    ((at, (_, limit, middle)),) = [(at, way) for at, way in enumerate(ways) if way[0] is not AxisMotion.LOCKED]
     return at, limit, middle
 
 
-def _axis(joint: Constraint) -> np.ndarray:
-    return rotation_matrix(unit_pose(joint.pose)[3:])[:, _free(joint)[0] % 3]
+def _axis(joint: Joint) -> np.ndarray:
+    return rotation_matrix(normalized_pose_array(joint.pose)[3:])[:, _free(joint)[0] % 3]
 
 
-def _range(joint: Constraint) -> tuple[float, float]:
+def _range(joint: Joint) -> tuple[float, float]:
     _, limit, middle = _free(joint)
     return middle - limit, middle + limit
 
@@ -135,7 +135,7 @@ def test_a_place_that_somebody_has_changed_counts(tmp_path: Path) -> None:
     told = " ".join(map(repr, body.pose.position))
     assert text.count(f'"{told}"') >= 1
     path.write_text(text.replace(f'"{told}"', '"[7.0, 8.5, -9.0]"'), encoding="utf-8")
-    assert knowing(path).world().body(body.id).pose == replace(body.pose, position=(7.0, 8.5, -9.0))
+    assert knowledge_base_from(path).world().body(body.id).pose == replace(body.pose, position=(7.0, 8.5, -9.0))
 
 
 def test_a_shape_that_somebody_has_changed_is_reported(tmp_path: Path) -> None:
@@ -144,20 +144,26 @@ def test_a_shape_that_somebody_has_changed_is_reported(tmp_path: Path) -> None:
     assert body.size is not None
     text = write_map(world, format=MapFormat.TURTLE, dialect=MapDialect.SOMA)
     path.write_text(text.replace(f'soma:hasWidth "{body.size[1]}"', 'soma:hasWidth "99.0"'), encoding="utf-8")
-    knowledge = knowing(path)
+    knowledge = knowledge_base_from(path)
     assert knowledge.world().body(body.id).size == body.size
-    assert "99" in "\n".join(finding.what for finding in knowledge.findings() if finding.individual == body.iri)
+    assert "99" in "\n".join(finding.problem for finding in knowledge.findings() if finding.individual == body.iri)
 
 
 def test_round_things_have_radii(tmp_path: Path) -> None:
-    ball = replace(kitchenette().bodies[0], size=(0.2, 0.2, 0.2), shape=Shape(kind=ShapeKind.SPHERE), facts=())
+    ball = replace(
+        kitchenette().bodies[0], size=(0.2, 0.2, 0.2), shape=PrimitiveShape(type=PrimitiveType.SPHERE), facts=()
+    )
     tin = replace(
-        ball, id=BodyId("tin"), iri=Iri(ball.iri + "2"), size=(0.1, 0.1, 0.3), shape=Shape(kind=ShapeKind.CYLINDER)
+        ball,
+        id=BodyId("tin"),
+        iri=Iri(ball.iri + "2"),
+        size=(0.1, 0.1, 0.3),
+        shape=PrimitiveShape(type=PrimitiveType.CYLINDER),
     )
     world = World(iri=kitchenette().iri, name=kitchenette().name, bodies=(ball, tin))
     path = tmp_path / "map.ttl"
     save_map(world, path, dialect=MapDialect.SOMA)
-    assert_same(world, knowing(path).world())
+    assert_worlds_equal(world, knowledge_base_from(path).world())
     seen = {body.iri: body for body in seen_by_others(path, tmp_path).bodies}
     for body in (ball, tin):
         assert (seen[body.iri].size, seen[body.iri].shape) == (body.size, body.shape)
@@ -170,13 +176,13 @@ def test_what_soma_has_no_words_for_is_said(tmp_path: Path) -> None:
 
 
 def test_a_map_of_soma_says_no_place_twice(shared_data: Path, tmp_path: Path) -> None:
-    knowledge = knowing(shared_data / "maps" / "soma-iai-room.owl")
+    knowledge = knowledge_base_from(shared_data / "maps" / "soma-iai-room.owl")
     world, path = knowledge.world(), tmp_path / "map.ttl"
     save_map(world, path, dialect=MapDialect.SOMA)
     assert path.read_text(encoding="utf-8").count("soma:hasLocalization") == 49
-    assert_same(world, knowing(path).world())
+    assert_worlds_equal(world, knowledge_base_from(path).world())
     moved = replace(world, bodies=(replace(world.bodies[0], pose=Pose((1.0, 2.0, 3.0))), *world.bodies[1:]))
     save_map(moved, path, dialect=MapDialect.SOMA)
     assert path.read_text(encoding="utf-8").count("soma:hasLocalization") == 49
-    assert_same(moved, knowing(path).world())
+    assert_worlds_equal(moved, knowledge_base_from(path).world())
     assert seen_by_others(path, tmp_path).body(world.bodies[0].id).pose == Pose((1.0, 2.0, 3.0))

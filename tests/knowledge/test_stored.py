@@ -12,13 +12,13 @@ from pathlib import Path
 
 import pytest
 
-from mindstage.errors import ArgumentRefused, SourceUnreadable, StoreUnusable
+from mindstage.errors import InvalidArgumentError, SourceParseError, StoreError
 from mindstage.knowledge import Finding, KnowledgeBase, bundled_kitchen, bundled_ontology
 from mindstage.knowledge.names import local_name
-from mindstage.knowledge.questions import questions
+from mindstage.knowledge.questions import list_questions
 from mindstage.knowledge.sources import library
-from mindstage.knowledge.stores.localstore import LocalStore
-from tests.knowledge.maps import body, m, room
+from mindstage.knowledge.stores.localstore import OxigraphStore
+from tests.knowledge.maps import body_turtle, individual, room_map
 
 CONTAINER_FOR = "typePrimaryFunction-containerFor"
 
@@ -43,7 +43,7 @@ def small(tmp_path: Path) -> tuple[Path, Path]:
     map = tmp_path / "room.ttl"
     ontology = tmp_path / "words.ttl"
     ontology.write_text("@prefix owl: <http://www.w3.org/2002/07/owl#> . <e:Word> a owl:Class .", encoding="utf-8")
-    map.write_text(room(body("cup"), f"<> owl:imports <{ontology.as_uri()}> ."), encoding="utf-8")
+    map.write_text(room_map(body_turtle("cup"), f"<> owl:imports <{ontology.as_uri()}> ."), encoding="utf-8")
     with KnowledgeBase(store=tmp_path / "store", bundled_ontology=False) as kb:
         kb.load(map)
     return tmp_path / "store", map
@@ -63,11 +63,11 @@ def test_everything_is_there_again_and_nothing_is_parsed(folder: Path, monkeypat
     def refuse(*_: object) -> None:
         raise AssertionError("a source was parsed")
 
-    monkeypatch.setattr(LocalStore, "load", refuse)
+    monkeypatch.setattr(OxigraphStore, "load", refuse)
     monkeypatch.setattr(library, "read_file", refuse)
     with reopened(folder) as kb:
         assert kb.maps() == fresh.maps()
-        for question in questions():
+        for question in list_questions():
             assert set(kb.ask(question)) == set(fresh.ask(question)), question.name
         assert kb.world() == fresh.world(), "to the letter"
         assert kb.sources() == (bundled_ontology(), bundled_kitchen())
@@ -75,11 +75,11 @@ def test_everything_is_there_again_and_nothing_is_parsed(folder: Path, monkeypat
 
 def test_findings_are_there_again(tmp_path: Path) -> None:
     map = tmp_path / "room.ttl"
-    map.write_text(room(body("cup"), "<> owl:imports <package://nowhere/x.owl> ."), encoding="utf-8")
+    map.write_text(room_map(body_turtle("cup"), "<> owl:imports <package://nowhere/x.owl> ."), encoding="utf-8")
     with KnowledgeBase(store=tmp_path / "store") as kb:
         kb.load(map)
         found = kb.findings()
-    assert "package://nowhere/x.owl" in found[0].what
+    assert "package://nowhere/x.owl" in found[0].problem
     with reopened(tmp_path / "store") as kb:
         assert kb.findings() == found
 
@@ -106,7 +106,7 @@ def test_naming_the_sources_again_changes_nothing(folder: Path) -> None:
 
 def test_more_can_be_loaded_later(folder: Path, tmp_path: Path) -> None:
     map = tmp_path / "room.ttl"
-    map.write_text(room(body("cup")), encoding="utf-8")
+    map.write_text(room_map(body_turtle("cup")), encoding="utf-8")
     with reopened(folder) as kb:
         kb.load(map)
     with reopened(folder) as kb:
@@ -117,10 +117,10 @@ def test_more_can_be_loaded_later(folder: Path, tmp_path: Path) -> None:
 def test_queries_see_the_folder_and_what_was_just_told(folder: Path) -> None:
     ask = "ASK { ms:Rack rdfs:subClassOf knowrob:Refrigerator }"
     with reopened(folder) as kb:
-        assert kb.sparql("ASK { ?map a knowrob:SemanticEnvironmentMap }").truth
-        assert not kb.sparql(ask).truth
+        assert kb.sparql("ASK { ?map a knowrob:SemanticEnvironmentMap }").boolean
+        assert not kb.sparql(ask).boolean
         kb.tell("ms:Rack", "subClassOf", "Refrigerator")
-        assert kb.sparql(ask).truth
+        assert kb.sparql(ask).boolean
     assert sorted(path.name for path in folder.iterdir()) == ["mindstage.json", "texts", "triples"]
     (folder / "triples-as-asked-7").mkdir()  # as a process leaves it that was killed while it asked
     reopened(folder).close()
@@ -130,7 +130,7 @@ def test_queries_see_the_folder_and_what_was_just_told(folder: Path) -> None:
 def test_a_folder_keeps_the_ontology_it_was_made_with(small: tuple[Path, Path], folder: Path) -> None:
     with reopened(small[0]) as kb:
         assert bundled_ontology() not in kb.sources()
-    with pytest.raises(StoreUnusable, match="it was made with the bundled ontology; make another one"):
+    with pytest.raises(StoreError, match="it was made with the bundled ontology; make another one"):
         KnowledgeBase(store=folder, bundled_ontology=False)
 
 
@@ -150,13 +150,13 @@ def test_the_ontology_of_another_mindstage_is_replaced(folder: Path) -> None:
 
 def test_a_source_that_has_changed_is_read_anew_and_that_is_told(small: tuple[Path, Path]) -> None:
     folder, map = small
-    map.write_text(room(body("cup"), body("jug")), encoding="utf-8")
+    map.write_text(room_map(body_turtle("cup"), body_turtle("jug")), encoding="utf-8")
     with reopened(folder) as kb:
         assert [each.id for each in kb.world().bodies] == ["cup", "jug"]
         (finding,) = changes(kb)
-        assert (finding.individual, finding.did) == (str(map), "it was read anew")
+        assert (finding.individual, finding.action) == (str(map), "it was read anew")
         assert kb.sources() == (map,), "what it imports no more is gone"
-        assert not kb.sparql("ASK { <e:Word> ?p ?o }").truth
+        assert not kb.sparql("ASK { <e:Word> ?p ?o }").boolean
     with reopened(folder) as kb:
         assert not changes(kb), "once"
         assert len(kb.world().bodies) == 2
@@ -166,8 +166,8 @@ def test_an_ontology_that_has_changed_is_read_anew_too(small: tuple[Path, Path])
     folder, map = small
     map.with_name("words.ttl").write_text("<e:Other> a <http://www.w3.org/2002/07/owl#Class> .", encoding="utf-8")
     with reopened(folder) as kb:
-        assert kb.sparql("ASK { <e:Other> a owl:Class }").truth
-        assert not kb.sparql("ASK { <e:Word> a owl:Class }").truth
+        assert kb.sparql("ASK { <e:Other> a owl:Class }").boolean
+        assert not kb.sparql("ASK { <e:Word> a owl:Class }").boolean
         assert len(kb.sources()) == 2
 
 
@@ -192,30 +192,30 @@ def test_a_source_that_can_no_longer_be_read_stays_as_it_was_and_that_is_told(sm
     with reopened(folder) as kb:
         assert [each.id for each in kb.world().bodies] == ["cup"]
         (finding,) = changes(kb)
-        assert "cannot read" in finding.what
-        assert finding.did == "the stored one stays"
+        assert "cannot read" in finding.problem
+        assert finding.action == "the stored one stays"
 
 
 def test_what_cannot_be_loaded_leaves_the_folder_as_it_was(small: tuple[Path, Path], tmp_path: Path) -> None:
     folder, _ = small
     before = (folder / "mindstage.json").read_bytes()
     (tmp_path / "bad.ttl").write_text("@prefix : <", encoding="utf-8")
-    with reopened(folder) as kb, pytest.raises(SourceUnreadable):
+    with reopened(folder) as kb, pytest.raises(SourceParseError):
         kb.load(tmp_path / "bad.ttl")
     assert (folder / "mindstage.json").read_bytes() == before
     with reopened(folder) as kb:
-        assert kb.maps() == (m("room"),)
+        assert kb.maps() == (individual("room"),)
 
 
 def test_a_large_source_that_cannot_be_read_leaves_nothing_behind(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("mindstage.knowledge.stores.localstore._BULK", 0)
+    monkeypatch.setattr("mindstage.knowledge.stores.localstore._MAX_FORK_SIZE", 0)
     (tmp_path / "bad.ttl").write_text("<e:a> <e:b> <e:c> .\n" * 100 + "<e:a> <", encoding="utf-8")
     (tmp_path / "good.ttl").write_text("<e:d> <e:b> <e:c> .", encoding="utf-8")
     with reopened(folder) as kb:
         kb.load((), ontologies=tmp_path / "good.ttl")
-        with pytest.raises(SourceUnreadable):
+        with pytest.raises(SourceParseError):
             kb.load((), ontologies=tmp_path / "bad.ttl")
         assert len(kb.sparql("SELECT ?s { ?s <e:b> ?o }").rows) == 1
 
@@ -225,33 +225,33 @@ def test_a_large_source_that_cannot_be_read_leaves_nothing_behind(
 
 def test_a_folder_with_other_files_is_left_alone(tmp_path: Path) -> None:
     (tmp_path / "mine.txt").write_text("mine")
-    with pytest.raises(StoreUnusable, match="there are other files in it; name a new folder"):
+    with pytest.raises(StoreError, match="there are other files in it; name a new folder"):
         reopened(tmp_path)
     assert [path.name for path in tmp_path.iterdir()] == ["mine.txt"]
 
 
 def test_a_file_is_no_folder(tmp_path: Path) -> None:
     (tmp_path / "mine.txt").write_text("mine")
-    with pytest.raises(StoreUnusable, match=r"mine\.txt cannot be used: a file is in its place; name a new"):
+    with pytest.raises(StoreError, match=r"mine\.txt cannot be used: a file is in its place; name a new"):
         reopened(tmp_path / "mine.txt")
 
 
 def test_a_folder_of_a_newer_format_is_left_alone(folder: Path) -> None:
     (folder / "mindstage.json").write_text('{"format_version": 99, "feelings": []}')
-    with pytest.raises(StoreUnusable, match="it is of format 99, and this version knows 1; use a newer Mindstage"):
+    with pytest.raises(StoreError, match="it is of format 99, and this version knows 1; use a newer Mindstage"):
         reopened(folder)
 
 
 @pytest.mark.parametrize("text", ["", "{", "[]", '{"format_version": 1, "sources": [{"path": 3}]}'])
 def test_a_damaged_list_of_contents_is_named(text: str, folder: Path) -> None:
     (folder / "mindstage.json").write_text(text)
-    with pytest.raises(StoreUnusable, match=r"mindstage\.json: .*; delete the folder and load the sources"):
+    with pytest.raises(StoreError, match=r"mindstage\.json: .*; delete the folder and load the sources"):
         reopened(folder)
 
 
 def test_damaged_triples_are_named(folder: Path) -> None:
     (folder / "triples" / "CURRENT").write_text("nonsense")
-    with pytest.raises(StoreUnusable, match="cannot be used"):
+    with pytest.raises(StoreError, match="cannot be used"):
         reopened(folder)
 
 
@@ -259,7 +259,7 @@ def test_a_text_that_is_gone_is_named_when_it_is_needed(folder: Path) -> None:
     shutil.rmtree(folder / "texts")
     with reopened(folder) as kb:
         assert kb.ask("storage_place", item="CowsMilk")
-        with pytest.raises(StoreUnusable, match="No such file"):
+        with pytest.raises(StoreError, match="No such file"):
             kb.world()
 
 
@@ -274,7 +274,7 @@ def test_another_process_that_holds_the_folder_is_named(folder: Path) -> None:
 
 def test_a_process_that_dies_while_it_fills_a_folder_leaves_one_that_says_so(folder: Path, tmp_path: Path) -> None:
     map = tmp_path / "room.ttl"
-    map.write_text(room(body("cup")), encoding="utf-8")
+    map.write_text(room_map(body_turtle("cup")), encoding="utf-8")
     script = f"""
 import time
 from mindstage.knowledge import KnowledgeBase
@@ -289,14 +289,14 @@ KnowledgeBase(store={str(folder)!r}).load({str(map)!r})
     try:
         assert process.stdout is not None
         assert process.stdout.readline() == "filling\n"
-        with pytest.raises(StoreUnusable, match="another process holds it"):
+        with pytest.raises(StoreError, match="another process holds it"):
             reopened(folder)
         process.send_signal(signal.SIGKILL)
         process.wait(60)
     finally:
         process.kill()
         process.communicate()
-    with pytest.raises(StoreUnusable, match="it is half-written: a process died while filling it; delete the folder"):
+    with pytest.raises(StoreError, match="it is half-written: a process died while filling it; delete the folder"):
         reopened(folder)
 
 
@@ -318,21 +318,21 @@ def test_a_folder_that_can_only_be_read_answers_and_takes_nothing(
     folder, map = small
     monkeypatch.setattr(os, "access", lambda *_: False)  # root may write everywhere
     before = sorted((path, path.stat().st_mtime_ns) for path in folder.rglob("*"))
-    map.write_text(room(body("cup"), body("jug")), encoding="utf-8")
+    map.write_text(room_map(body_turtle("cup"), body_turtle("jug")), encoding="utf-8")
     with reopened(folder) as kb:
         assert [each.id for each in kb.world().bodies] == ["cup"]
-        assert changes(kb)[0].did == "the stored one stays: the folder is read-only"
-        assert kb.sparql("ASK { ?map a knowrob:SemanticEnvironmentMap }").truth
+        assert changes(kb)[0].action == "the stored one stays: the folder is read-only"
+        assert kb.sparql("ASK { ?map a knowrob:SemanticEnvironmentMap }").boolean
         kb.load(map)
-        with pytest.raises(StoreUnusable, match="it can only be read; copy it, and use the copy"):
+        with pytest.raises(StoreError, match="it can only be read; copy it, and use the copy"):
             kb.tell("ms:shed", "type", "Cup")
-        with pytest.raises(StoreUnusable, match="it can only be read"):
+        with pytest.raises(StoreError, match="it can only be read"):
             kb.load(bundled_kitchen())
     assert sorted((path, path.stat().st_mtime_ns) for path in folder.rglob("*")) == before
 
 
 def test_a_knowledge_base_is_kept_in_one_place(tmp_path: Path) -> None:
-    with pytest.raises(ArgumentRefused, match="it is kept in a folder or at an endpoint, not in both"):
+    with pytest.raises(InvalidArgumentError, match="it is kept in a folder or at an endpoint, not in both"):
         KnowledgeBase(store=tmp_path / "store", endpoint="http://localhost:7878/query")
 
 
@@ -340,11 +340,11 @@ def test_closing_twice_is_harmless_and_asking_after_is_refused(folder: Path) -> 
     kb = reopened(folder)
     kb.close()
     kb.close()
-    with pytest.raises(StoreUnusable, match="it is closed; open it again"):
+    with pytest.raises(StoreError, match="it is closed; open it again"):
         kb.ask("maps")
-    with pytest.raises(StoreUnusable, match="it is closed"):
+    with pytest.raises(StoreError, match="it is closed"):
         kb.tell("Cupboard", CONTAINER_FOR, "Robot")
 
 
 def changes(kb: KnowledgeBase) -> list[Finding]:
-    return [finding for finding in kb.findings() if "changed since it was stored" in finding.what]
+    return [finding for finding in kb.findings() if "changed since it was stored" in finding.problem]

@@ -18,13 +18,13 @@ def kitchen() -> KnowledgeBase:
 
 
 def test_answers_become_what_other_programs_read(kitchen: KnowledgeBase) -> None:
-    told = answers_to_builtins(kitchen, kitchen.ask("storage_place_in_environment", item="CowsMilk"), why=True)
+    told = answers_to_builtins(kitchen, kitchen.ask("storage_place_in_environment", item="CowsMilk"), explain=True)
     (answer,) = told["answers"]
     assert told["question"] == "storage_place_in_environment"
     assert told["args"] == {"item": f"{KNOWROB}CowsMilk"}
     assert answer["iri"] == answer["individual"]
     assert answer["id"] == "fridge"
-    assert answer["class"] == kitchen.index.class_of(answer["iri"])
+    assert answer["class"] == kitchen.reasoner.class_of(answer["iri"])
     assert answer["why"]
     assert told["missing"] == []
 

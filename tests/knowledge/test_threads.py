@@ -13,9 +13,9 @@ import pytest
 from mindstage.engines import NullEngine
 from mindstage.knowledge import KnowledgeBase, bundled_kitchen
 from mindstage.knowledge.names import local_name
-from mindstage.stage import Stage
+from mindstage.stage import Simulation
 from mindstage.world import Iri
-from tests.knowledge.maps import M, body, room
+from tests.knowledge.maps import ROOM_NAMESPACE, body_turtle, room_map
 
 CONTAINER_FOR = "typePrimaryFunction-containerFor"
 ROUNDS = 60
@@ -77,14 +77,14 @@ def test_a_change_waits_for_the_answer_that_is_being_worked_out(
     kitchen: KnowledgeBase, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     looking, go_on = Event(), Event()
-    descend = kitchen.index.classes.below
+    descend = kitchen.reasoner.classes.below
 
     def slowly(cls: Iri) -> Mapping[Iri, int]:
         looking.set()
         assert go_on.wait(PATIENCE_S)
         return descend(cls)
 
-    monkeypatch.setattr(kitchen.index.classes, "below", slowly)
+    monkeypatch.setattr(kitchen.reasoner.classes, "below", slowly)
     with ThreadPoolExecutor(2) as threads:
         asked = threads.submit(kitchen.ask, "subclass_of", superclass="Cupboard")
         assert looking.wait(PATIENCE_S)
@@ -106,20 +106,23 @@ def test_maps_are_loaded_while_others_ask(often: None, kitchen: KnowledgeBase, t
         try:
             for number in range(5):
                 path = tmp_path / f"room{number}.ttl"
-                path.write_text(room(body("cup")).replace(M, f"{M[:-1]}{number}#"), encoding="utf-8")
+                path.write_text(
+                    room_map(body_turtle("cup")).replace(ROOM_NAMESPACE, f"{ROOM_NAMESPACE[:-1]}{number}#"),
+                    encoding="utf-8",
+                )
                 kitchen.load(path)
                 assert len(kitchen.ask("maps")) == number + 2
-                assert len(kitchen.ask("what_is", map=f"{M[:-1]}{number}#room")) == 1
+                assert len(kitchen.ask("what_is", map=f"{ROOM_NAMESPACE[:-1]}{number}#room")) == 1
         finally:
             over.set()
         assert all(asker.result(timeout=PATIENCE_S) for asker in askers)
 
 
 def test_an_engine_that_takes_its_time_keeps_nobody_else_waiting(kitchen: KnowledgeBase) -> None:
-    with Stage(kitchen, NullEngine()) as stage, ThreadPoolExecutor(2) as threads:
+    with Simulation(kitchen, NullEngine()) as stage, ThreadPoolExecutor(2) as threads:
         stage.spawn()
         busy, free = Event(), Event()
-        held = threads.submit(stage.call, lambda _: (busy.set(), free.wait(PATIENCE_S)), timeout_s=PATIENCE_S)
+        held = threads.submit(stage.run_on_engine, lambda _: (busy.set(), free.wait(PATIENCE_S)), timeout_s=PATIENCE_S)
         assert busy.wait(PATIENCE_S)
         try:
             waiting = threads.submit(stage.ask, "openings", thing="fridge")

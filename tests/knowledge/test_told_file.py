@@ -7,8 +7,8 @@ from pathlib import Path
 import pyoxigraph as ox
 import pytest
 
-from mindstage.errors import ArgumentRefused, NameUnknown, SourceUnreadable
-from mindstage.knowledge import KnowledgeBase, ToldFile
+from mindstage.errors import InvalidArgumentError, NameNotFoundError, SourceParseError
+from mindstage.knowledge import AssertionFile, KnowledgeBase
 from mindstage.knowledge.names import local_name
 from tests.knowledge.maps import KNOWROB, OWL, RDFS
 
@@ -29,11 +29,11 @@ def words(tmp_path: Path) -> Path:
     return path
 
 
-def told_file(path: Path, words: Path) -> ToldFile:
+def told_file(path: Path, words: Path) -> AssertionFile:
     """The file, as another process would open it."""
     kb = KnowledgeBase(bundled_ontology=False)
     kb.load((), ontologies=words)
-    return ToldFile(path, kb)
+    return AssertionFile(path, kb)
 
 
 def places(words: Path, *more: Path) -> list[str]:
@@ -97,27 +97,27 @@ def test_a_file_of_somebody_else_is_added_to_and_otherwise_left_alone(words: Pat
     triples = {str(quad.triple) for quad in ox.parse(text, ox.RdfFormat.TURTLE)}
     assert any("<e:me> <e:weighs>" in each for each in triples)
     assert any("<http://mindstage.org/ontology#Rack>" in each for each in triples)
-    with pytest.raises(ArgumentRefused, match=r"others wrote it, .*; take the statement out by hand"):
+    with pytest.raises(InvalidArgumentError, match=r"others wrote it, .*; take the statement out by hand"):
         told_file(path, words).retract("Rack", "subClassOf", "Breadbasket")
     assert path.read_text(encoding="utf-8") == text
 
 
 def test_what_makes_no_statement_leaves_no_file(words: Path, tmp_path: Path) -> None:
     path = tmp_path / "told.ttl"
-    with pytest.raises(NameUnknown, match="near: 'Breadbasket'"):
+    with pytest.raises(NameNotFoundError, match="near: 'Breadbasket'"):
         told_file(path, words).tell("Bredbasket", CONTAINER_FOR, "Bread")
     assert not path.exists()
 
 
 def test_only_turtle_is_written(words: Path, tmp_path: Path) -> None:
-    with pytest.raises(ArgumentRefused, match=r"told\.owl: what is told is written as Turtle; call it \.ttl"):
+    with pytest.raises(InvalidArgumentError, match=r"told\.owl: what is told is written as Turtle; call it \.ttl"):
         told_file(tmp_path / "told.owl", words)
 
 
 def test_a_file_that_cannot_be_read_is_not_written(words: Path, tmp_path: Path) -> None:
     path = tmp_path / "told.ttl"
     path.write_text("@prefix : <", encoding="utf-8")
-    with pytest.raises(SourceUnreadable, match=r"told\.ttl"):
+    with pytest.raises(SourceParseError, match=r"told\.ttl"):
         told_file(path, words)
     with pytest.raises(FileNotFoundError):
         told_file(tmp_path / "none.ttl", words).retract("Breadbasket", CONTAINER_FOR, "Bread")

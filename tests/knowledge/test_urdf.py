@@ -10,14 +10,22 @@ import numpy as np
 import pytest
 
 from mindstage.engines.mujoco import MujocoEngine
-from mindstage.errors import SourceUnreadable
+from mindstage.errors import SourceParseError
 from mindstage.knowledge import save_map
-from mindstage.knowledge.robots import looks_like_robot
-from mindstage.world import BodyId, Mobility, Motion, ShapeKind
+from mindstage.knowledge.robots import is_urdf
+from mindstage.world import AxisMotion, BodyId, Mobility, PrimitiveType
 from mindstage.world.geometry import rotation_matrix
-from tests.knowledge.maps import assert_same, knowing
-from tests.knowledge.other_maps import range_of
-from tests.knowledge.small_robot import KITCHEN, Loaded, box, joint, link, load, robot
+from tests.knowledge.maps import assert_worlds_equal, knowledge_base_from
+from tests.knowledge.other_maps import joint_range
+from tests.knowledge.small_robot import (
+    KITCHEN_URDF,
+    LoadedRobot,
+    box_urdf,
+    joint_urdf,
+    link_urdf,
+    load_robot,
+    robot_urdf,
+)
 
 LIMIT = '<limit lower="{}" upper="{}"/>'
 
@@ -31,7 +39,7 @@ def file(tmp_path: Path) -> Path:
 
 
 def test_links_are_bodies_where_their_joints_put_them(file: Path) -> None:
-    world = load(file, KITCHEN).world
+    world = load_robot(file, KITCHEN_URDF).world
     assert (world.iri, world.name) == ("http://mindstage.org/urdf/kitchen.owl#kitchen", "kitchen")
     assert world.body("counter_main").pose.position == (1.0, 0.0, 0.45)
     assert world.body("counter_main-piece2").pose.position == (1.0, 0.0, 0.92)
@@ -41,22 +49,22 @@ def test_links_are_bodies_where_their_joints_put_them(file: Path) -> None:
     assert world.body("world").size == (0.0, 0.0, 0.0)
 
 
-def test_forms_colours_and_masses_are_the_told_ones(file: Path) -> None:
-    world = load(file, KITCHEN).world
+def test_forms_colors_and_masses_are_the_told_ones(file: Path) -> None:
+    world = load_robot(file, KITCHEN_URDF).world
     handle, lamp = world.body("counter_drawer_handle"), world.body("lamp_42")
     assert handle.shape is not None
-    assert (handle.shape.kind, handle.size) == (ShapeKind.CYLINDER, (0.02, 0.02, 0.4))
+    assert (handle.shape.type, handle.size) == (PrimitiveType.CYLINDER, (0.02, 0.02, 0.4))
     np.testing.assert_allclose(rotation_matrix(handle.pose.quaternion)[:, 2], (0, -1, 0), atol=1e-6)
-    assert (handle.materials[0].name, handle.materials[0].colour) == ("steel", (0.6, 0.6, 0.65))
+    assert (handle.materials[0].name, handle.materials[0].color) == ("steel", (0.6, 0.6, 0.65))
     assert lamp.shape is not None
-    assert (lamp.shape.kind, lamp.size) == (ShapeKind.SPHERE, (0.2, 0.2, 0.2))
+    assert (lamp.shape.type, lamp.size) == (PrimitiveType.SPHERE, (0.2, 0.2, 0.2))
     assert world.body("counter_drawer_main").physics.mass_kg == 4.5
     pieces = [world.body(id).physics.mass_kg for id in ("counter_main", "counter_main-piece2")]
     assert sum(mass or 0.0 for mass in pieces) == pytest.approx(60.0)
 
 
 def test_links_are_what_the_ends_of_their_names_say(file: Path) -> None:
-    loaded = load(file, KITCHEN)
+    loaded = load_robot(file, KITCHEN_URDF)
     classes = {body.id: body.cls.rpartition("#")[2] for body in loaded.world.bodies}
     told = {
         "counter_drawer_handle": "Handle",
@@ -65,23 +73,23 @@ def test_links_are_what_the_ends_of_their_names_say(file: Path) -> None:
         "world": "Link",
     }
     assert told.items() <= classes.items()
-    [assumed] = [each for each in loaded.knowledge.assumptions() if each.about == "classes"]
+    [assumed] = [each for each in loaded.knowledge.assumptions() if each.topic == "classes"]
     assert "counter_drawer_main is a Drawer" in assumed.evidence
 
 
 def test_joints_keep_their_axes_and_uneven_ranges(file: Path) -> None:
-    world = load(file, KITCHEN).world
-    drawer, door = sorted(world.constraints, key=lambda each: each.id)
+    world = load_robot(file, KITCHEN_URDF).world
+    drawer, door = sorted(world.joints, key=lambda each: each.id)
     assert (drawer.id, drawer.parent, drawer.child) == ("drawer_slide", "counter_main", "counter_drawer_main")
-    assert (range_of(drawer), drawer.linear.soft.damping) == ((0.0, 0.48), 2.5)
+    assert (joint_range(drawer), drawer.linear.soft_limit.damping) == ((0.0, 0.48), 2.5)
     np.testing.assert_allclose(rotation_matrix(drawer.pose.quaternion)[:, 0], (-1, 0, 0), atol=1e-12)
-    assert range_of(door) == pytest.approx((-0.1, 1.9), abs=1e-15)
+    assert joint_range(door) == pytest.approx((-0.1, 1.9), abs=1e-15)
     assert door.pose.position == pytest.approx((0.67, 1.9, 1.0))
     np.testing.assert_allclose(rotation_matrix(door.pose.quaternion)[:, 0], (0, 0, -1), atol=1e-12)
 
 
 def test_what_no_joint_lets_move_is_fixed(file: Path) -> None:
-    world = load(file, KITCHEN).world
+    world = load_robot(file, KITCHEN_URDF).world
     dynamic = {body.id for body in world.bodies if body.physics.mobility is Mobility.DYNAMIC}
     assert dynamic == {"counter_drawer_main", "counter_drawer_handle", "fridge_door_link"}
     assert ("world", "fridge") in {(each.parent, each.child) for each in world.attachments}
@@ -96,62 +104,70 @@ def test_what_no_joint_lets_move_is_fixed(file: Path) -> None:
     ],
 )
 def test_joints_without_limits_are_free_where_their_type_says(file: Path, type: str, free: set[str]) -> None:
-    text = robot(link("base", box("1 1 1")), link("wheel", box("1 1 1")), joint("j", type, "base", "wheel"))
-    [constraint] = load(file, text).world.constraints
+    text = robot_urdf(
+        link_urdf("base", box_urdf("1 1 1")),
+        link_urdf("wheel", box_urdf("1 1 1")),
+        joint_urdf("j", type, "base", "wheel"),
+    )
+    [constraint] = load_robot(file, text).world.joints
     motions = {axis: getattr(constraint.linear, axis) for axis in "xyz"}
     motions |= {axis: getattr(constraint.angular, axis) for axis in ("twist", "swing1", "swing2")}
-    assert {axis for axis, motion in motions.items() if motion is Motion.FREE} == free
+    assert {axis for axis, motion in motions.items() if motion is AxisMotion.FREE} == free
 
 
 def test_a_joint_whose_range_leaves_out_zero_stands_at_its_nearer_end(file: Path) -> None:
-    slide = joint("j", "prismatic", "base", "arm", '<axis xyz="1 0 0"/>' + LIMIT.format("0.2", "0.5"))
-    world = load(file, robot(link("base"), link("arm", box("1 1 1")), slide)).world
+    slide = joint_urdf("j", "prismatic", "base", "arm", '<axis xyz="1 0 0"/>' + LIMIT.format("0.2", "0.5"))
+    world = load_robot(file, robot_urdf(link_urdf("base"), link_urdf("arm", box_urdf("1 1 1")), slide)).world
     assert world.body("arm").pose.position == pytest.approx((0.2, 0.0, 0.0))
-    assert range_of(world.constraints[0]) == pytest.approx((0.0, 0.3))
+    assert joint_range(world.joints[0]) == pytest.approx((0.0, 0.3))
 
 
 def test_turns_are_about_fixed_axes_and_add_up_along_the_chain(file: Path) -> None:
-    first = joint("a", "fixed", "base", "mid", xyz="1 0 0", rpy=f"0 0 {pi / 2}")
-    text = robot(link("base"), link("mid"), link("tip", box("1 2 3", rpy=f"{pi / 2} 0 {pi / 2}")), first)
-    text = text.replace("</robot>", joint("b", "fixed", "mid", "tip", xyz="0 2 0") + "</robot>")
-    tip = load(file, text).world.body("tip")
+    first = joint_urdf("a", "fixed", "base", "mid", xyz="1 0 0", rpy=f"0 0 {pi / 2}")
+    text = robot_urdf(
+        link_urdf("base"), link_urdf("mid"), link_urdf("tip", box_urdf("1 2 3", rpy=f"{pi / 2} 0 {pi / 2}")), first
+    )
+    text = text.replace("</robot>", joint_urdf("b", "fixed", "mid", "tip", xyz="0 2 0") + "</robot>")
+    tip = load_robot(file, text).world.body("tip")
     assert tip.pose.position == pytest.approx((-1.0, 0.0, 0.0))
     expected = np.array([[-1, 0, 0], [0, 0, 1], [0, 1, 0]])  # half a turn about z, after a quarter about x
     np.testing.assert_allclose(rotation_matrix(tip.pose.quaternion), expected, atol=1e-12)
 
 
 def test_everything_comes_back_from_a_file_texts_and_all(file: Path, tmp_path: Path) -> None:
-    world = load(file, KITCHEN).world
+    world = load_robot(file, KITCHEN_URDF).world
     save_map(world, tmp_path / "back.owl")
-    assert_same(world, knowing(tmp_path / "back.owl", bundled_ontology=True).world())
+    assert_worlds_equal(world, knowledge_base_from(tmp_path / "back.owl", bundled_ontology=True).world())
     assert "transmission" in str(world.facts)
-    assert 'damping="2.5"' in str(next(each.facts for each in world.constraints if each.id == "drawer_slide"))
+    assert 'damping="2.5"' in str(next(each.facts for each in world.joints if each.id == "drawer_slide"))
 
 
 def test_it_survives_ten_seconds_and_its_drawer_opens_one_way(file: Path) -> None:
     engine = MujocoEngine()
-    assert engine.spawn(load(file, KITCHEN).world).ok
+    assert engine.spawn(load_robot(file, KITCHEN_URDF).world).ok
     before = engine.poses()[1]
     engine.step(10.0)
     assert np.abs(engine.poses()[1] - before).max() < 0.005
     for force, end in ((-40.0, 0.48), (40.0, 0.0)):
         for _ in range(400):
-            engine.push(BodyId("counter_drawer_handle"), (force, 0.0, 0.0))
+            engine.apply_force(BodyId("counter_drawer_handle"), (force, 0.0, 0.0))
             engine.step(0.01)
         assert engine.joint_positions()[BodyId("drawer_slide")][0] == pytest.approx(end, abs=0.003)
     engine.close()
 
 
 def test_questions_answer_over_a_description(file: Path) -> None:
-    knowledge = load(file, KITCHEN).knowledge
+    knowledge = load_robot(file, KITCHEN_URDF).knowledge
     answers = knowledge.ask("handle_of", individual="http://mindstage.org/urdf/kitchen.owl#counter_drawer_main")
     assert [row.handle.rpartition("#")[2] for row in answers] == ["counter_drawer_handle"]
 
 
 def test_a_name_with_strange_letters_is_still_a_name(file: Path, tmp_path: Path) -> None:
-    world = load(file, robot(link("left door <1>".replace("<", "&lt;").replace(">", "&gt;"), box("1 1 1")))).world
+    world = load_robot(
+        file, robot_urdf(link_urdf("left door <1>".replace("<", "&lt;").replace(">", "&gt;"), box_urdf("1 1 1")))
+    ).world
     save_map(world, tmp_path / "back.owl")
-    assert_same(world, knowing(tmp_path / "back.owl", bundled_ontology=True).world())
+    assert_worlds_equal(world, knowledge_base_from(tmp_path / "back.owl", bundled_ontology=True).world())
     assert world.bodies[0].cls.endswith("#Door")
 
 
@@ -173,8 +189,8 @@ def test_a_mesh_is_as_large_as_its_file_says(file: Path, tmp_path: Path) -> None
         "".join(f"v {x} {y} {z}\n" for x, y, z in corners) + "f 1 2 3\n", encoding="utf-8"
     )
     scaled = mesh("package://kitchen_meshes/meshes/cup.stl", scale="0.1 0.1 0.1", xyz="0 0 1")
-    file.write_text(robot(link("cup", scaled), link("mug", mesh("cup.obj"))), encoding="utf-8")
-    world = Loaded(file, ontologies=(tmp_path / "packages",)).world
+    file.write_text(robot_urdf(link_urdf("cup", scaled), link_urdf("mug", mesh("cup.obj"))), encoding="utf-8")
+    world = LoadedRobot(file, ontologies=(tmp_path / "packages",)).world
     cup, mug = world.body("cup"), world.body("mug")
     assert cup.mesh == "package://kitchen_meshes/meshes/cup.stl"
     assert cup.size == pytest.approx((0.2, 0.4, 0.6))
@@ -184,89 +200,93 @@ def test_a_mesh_is_as_large_as_its_file_says(file: Path, tmp_path: Path) -> None
 
 @pytest.mark.parametrize("name", ["package://../../etc/passwd", "http://example.org/cup.stl", "gone.stl", "cup.dae"])
 def test_a_mesh_that_is_not_at_hand_has_a_path_and_no_size(file: Path, name: str) -> None:
-    [cup] = load(file, robot(link("cup", mesh(name)))).world.bodies
+    [cup] = load_robot(file, robot_urdf(link_urdf("cup", mesh(name)))).world.bodies
     assert (cup.mesh, cup.size) == (name, None)
 
 
 def test_a_mesh_looks_like_itself_and_is_as_large_as_what_is_bumped_into(file: Path) -> None:
-    [cup] = load(file, robot(link("cup", mesh("gone.dae"), box("1 2 3", role="collision")))).world.bodies
+    [cup] = load_robot(
+        file, robot_urdf(link_urdf("cup", mesh("gone.dae"), box_urdf("1 2 3", role="collision")))
+    ).world.bodies
     assert (cup.mesh, cup.size) == ("gone.dae", (1.0, 2.0, 3.0))
 
 
 # -- what makes no sense -----------------------------------------------------------------------------------------------
 
 
-BASE = link("base", box("1 1 1"))
-ARM = link("arm", box("1 1 1"))
+BASE = link_urdf("base", box_urdf("1 1 1"))
+ARM = link_urdf("arm", box_urdf("1 1 1"))
 
 
 @pytest.mark.parametrize(
     ("elements", "whom", "found"),
     [
-        ((BASE, joint("j", "hinged", "base", "arm"), ARM), "j", "'hinged' is no type of joint"),
-        ((BASE, ARM, joint("j", "revolute", "base", "arm", LIMIT.format(2, 1))), "j", "the two change places"),
-        ((BASE, ARM, joint("j", "revolute", "base", "arm")), "j", "it has no limit"),
-        ((BASE, ARM, joint("j", "prismatic", "base", "arm", '<axis xyz="0 0 0"/>')), "j", "its axis is 0 0 0"),
-        ((BASE, ARM, joint("j", "fixed", "base", "arm", xyz="0 nan 0")), "j", "is not three finite numbers"),
-        ((BASE, ARM, joint("j", "fixed", "base", "leg")), "", "j: it joins leg, which is no link"),
-        ((BASE, ARM, joint("j", "fixed", "arm", "arm")), "", "j: it joins a link to itself"),
-        ((BASE, ARM, joint("j", "continuous", "base", "arm", '<mimic joint="k"/>')), "j", "it moves on its own"),
+        ((BASE, joint_urdf("j", "hinged", "base", "arm"), ARM), "j", "'hinged' is no type of joint"),
+        ((BASE, ARM, joint_urdf("j", "revolute", "base", "arm", LIMIT.format(2, 1))), "j", "the two change places"),
+        ((BASE, ARM, joint_urdf("j", "revolute", "base", "arm")), "j", "it has no limit"),
+        ((BASE, ARM, joint_urdf("j", "prismatic", "base", "arm", '<axis xyz="0 0 0"/>')), "j", "its axis is 0 0 0"),
+        ((BASE, ARM, joint_urdf("j", "fixed", "base", "arm", xyz="0 nan 0")), "j", "is not three finite numbers"),
+        ((BASE, ARM, joint_urdf("j", "fixed", "base", "leg")), "", "j: it joins leg, which is no link"),
+        ((BASE, ARM, joint_urdf("j", "fixed", "arm", "arm")), "", "j: it joins a link to itself"),
+        ((BASE, ARM, joint_urdf("j", "continuous", "base", "arm", '<mimic joint="k"/>')), "j", "it moves on its own"),
         ((BASE, BASE), "base", "its name is taken"),
-        ((link("base", box("1 1")),), "base", "a box has no size"),
-        ((link("base", box("1 1 -1")),), "base", "a box has no size"),
-        ((link("base", "<visual><geometry/></visual>"),), "base", "has no box, cylinder, sphere or mesh"),
-        ((link("base", '<inertial><mass value="-3"/></inertial>'),), "base", "its mass is -3 kg"),
+        ((link_urdf("base", box_urdf("1 1")),), "base", "a box has no size"),
+        ((link_urdf("base", box_urdf("1 1 -1")),), "base", "a box has no size"),
+        ((link_urdf("base", "<visual><geometry/></visual>"),), "base", "has no box, cylinder, sphere or mesh"),
+        ((link_urdf("base", '<inertial><mass value="-3"/></inertial>'),), "base", "its mass is -3 kg"),
         ((BASE, ARM), "", "2 links hang on nothing"),
-        ((BASE, ARM, *(joint(n, "fixed", "base", "arm") for n in "jk")), "k", "arm already hangs on base"),
+        ((BASE, ARM, *(joint_urdf(n, "fixed", "base", "arm") for n in "jk")), "k", "arm already hangs on base"),
     ],
 )
 def test_what_makes_no_sense_ends_in_a_finding(
     file: Path, tmp_path: Path, elements: tuple[str, ...], whom: str, found: str
 ) -> None:
-    loaded = load(file, robot(*elements))
+    loaded = load_robot(file, robot_urdf(*elements))
     assert loaded.world.bodies
-    assert found in (loaded.about(whom) if whom else str(loaded.findings))
+    assert found in (loaded.findings_for(whom) if whom else str(loaded.findings))
     save_map(loaded.world, tmp_path / "back.owl")
-    assert_same(loaded.world, knowing(tmp_path / "back.owl", bundled_ontology=True).world())
+    assert_worlds_equal(loaded.world, knowledge_base_from(tmp_path / "back.owl", bundled_ontology=True).world())
 
 
 def test_links_in_a_circle_all_stand_somewhere(file: Path) -> None:
-    circle = [joint(f"j{n}", "fixed", f"l{n}", f"l{(n + 1) % 3}", xyz="1 0 0") for n in range(3)]
-    loaded = load(file, robot(*(link(f"l{n}", box("1 1 1")) for n in range(3)), *circle))
+    circle = [joint_urdf(f"j{n}", "fixed", f"l{n}", f"l{(n + 1) % 3}", xyz="1 0 0") for n in range(3)]
+    loaded = load_robot(file, robot_urdf(*(link_urdf(f"l{n}", box_urdf("1 1 1")) for n in range(3)), *circle))
     assert len(loaded.world.bodies) == 3
     assert len(loaded.world.attachments) == 2
     assert "would hang on itself" in str(loaded.findings)
 
 
 def test_a_chain_of_a_thousand_links_is_no_trouble(file: Path) -> None:
-    links = [link(f"l{n}", box("0.1 0.1 0.1")) for n in range(1000)]
-    joints = [joint(f"j{n}", "fixed", f"l{n}", f"l{n + 1}", xyz="0.1 0 0") for n in range(999)]
-    assert load(file, robot(*links, *joints)).world.body("l999").pose.position == pytest.approx((99.9, 0.0, 0.0))
+    links = [link_urdf(f"l{n}", box_urdf("0.1 0.1 0.1")) for n in range(1000)]
+    joints = [joint_urdf(f"j{n}", "fixed", f"l{n}", f"l{n + 1}", xyz="0.1 0 0") for n in range(999)]
+    assert load_robot(file, robot_urdf(*links, *joints)).world.body("l999").pose.position == pytest.approx(
+        (99.9, 0.0, 0.0)
+    )
 
 
 @pytest.mark.parametrize(
     ("text", "cause"),
     [
-        ("<!DOCTYPE robot [<!ENTITY a 'aaaa'>]>" + robot(BASE)[21:], "document type"),
-        ("<!DOCTYPE robot SYSTEM 'http://example.org/x.dtd'>" + robot(BASE)[21:], "document type"),
-        (robot(BASE)[:-20], "not well-formed XML"),
-        (robot("<a>" * 300 + "</a>" * 300), "more than 200 deep"),
-        (robot(), "has no link"),
-        (robot(BASE) + "<more/>", "not well-formed XML"),
+        ("<!DOCTYPE robot [<!ENTITY a 'aaaa'>]>" + robot_urdf(BASE)[21:], "document type"),
+        ("<!DOCTYPE robot SYSTEM 'http://example.org/x.dtd'>" + robot_urdf(BASE)[21:], "document type"),
+        (robot_urdf(BASE)[:-20], "not well-formed XML"),
+        (robot_urdf("<a>" * 300 + "</a>" * 300), "more than 200 deep"),
+        (robot_urdf(), "has no link"),
+        (robot_urdf(BASE) + "<more/>", "not well-formed XML"),
     ],
 )
 def test_what_cannot_be_a_description_is_refused_with_its_cause(file: Path, text: str, cause: str) -> None:
-    with pytest.raises(SourceUnreadable, match=cause):
-        load(file, text)
+    with pytest.raises(SourceParseError, match=cause):
+        load_robot(file, text)
 
 
 def test_a_description_is_known_by_its_outermost_element(tmp_path: Path) -> None:
     path = tmp_path / "map.owl"
-    path.write_text(KITCHEN, encoding="utf-8")
-    assert looks_like_robot(path)
-    assert Loaded(path).world.bodies
+    path.write_text(KITCHEN_URDF, encoding="utf-8")
+    assert is_urdf(path)
+    assert LoadedRobot(path).world.bodies
     path.write_text("<?xml version='1.0'?><!-- <robot> --><robots/>", encoding="utf-8")
-    assert not looks_like_robot(path)
+    assert not is_urdf(path)
     path.write_text("<!--a-->" * 5000 + "<robots/>", encoding="utf-8")
-    assert not looks_like_robot(path)
-    assert not looks_like_robot(tmp_path / "gone")
+    assert not is_urdf(path)
+    assert not is_urdf(tmp_path / "gone")

@@ -8,17 +8,17 @@ from pathlib import Path
 import pytest
 
 from mindstage.engines import MujocoEngine, NullEngine
-from mindstage.errors import ArgumentRefused, NameUnknown
+from mindstage.errors import InvalidArgumentError, NameNotFoundError
 from mindstage.knowledge import KnowledgeBase, bundled_kitchen
-from mindstage.knowledge.moment import Moment, Present
+from mindstage.knowledge.moment import StateAccess, WorldState
 from mindstage.knowledge.names import local_name
 from mindstage.knowledge.questions import answers_to_builtins, cell_text, handle_of, where_is
-from mindstage.stage import Stage
+from mindstage.stage import Simulation
 from mindstage.world import BodyId, Pose
-from mindstage.world.space import Relation
+from mindstage.world.space import SpatialRelation
 from tests.engines.scenes import body, world
-from tests.knowledge.maps import KNOWROB, M, knowing, room
-from tests.knowledge.maps import body as individual
+from tests.knowledge.maps import KNOWROB, ROOM_NAMESPACE, knowledge_base_from, room_map
+from tests.knowledge.maps import body_turtle as individual
 
 
 @pytest.fixture(scope="module")
@@ -29,13 +29,13 @@ def kitchen() -> KnowledgeBase:
 
 
 @pytest.fixture
-def stage(kitchen: KnowledgeBase) -> Iterator[Stage]:
-    with Stage(kitchen, NullEngine()) as stage:
+def stage(kitchen: KnowledgeBase) -> Iterator[Simulation]:
+    with Simulation(kitchen, NullEngine()) as stage:
         stage.spawn()
         yield stage
 
 
-def told(answerer: KnowledgeBase | Stage, **args: object) -> set[tuple[str, str, str]]:
+def told(answerer: KnowledgeBase | Simulation, **args: object) -> set[tuple[str, str, str]]:
     rows = answerer.ask(where_is, **args)
     return {(local_name(row.thing), row.relation.value, local_name(row.other)) for row in rows}
 
@@ -97,7 +97,7 @@ def test_and_not_as_nobody_would(kitchen: KnowledgeBase, thing: str, relation: s
 
 def test_answers_come_thing_by_thing_the_nearest_of_a_kind_first(kitchen: KnowledgeBase) -> None:
     rows = kitchen.ask(where_is, thing="milk_carton_1")
-    kinds = list(Relation)
+    kinds = list(SpatialRelation)
     assert [(kinds.index(row.relation), row.gap) for row in rows] == sorted(
         (kinds.index(row.relation), row.gap) for row in rows
     )
@@ -105,21 +105,21 @@ def test_answers_come_thing_by_thing_the_nearest_of_a_kind_first(kitchen: Knowle
     assert [row.thing for row in everything] == sorted(row.thing for row in everything)
 
 
-def test_why_shows_the_numbers_and_who_says_so(kitchen: KnowledgeBase, stage: Stage) -> None:
+def test_why_shows_the_numbers_and_who_says_so(kitchen: KnowledgeBase, stage: Simulation) -> None:
     (inside,) = kitchen.ask(where_is, thing="milk_carton_1", relation="inside")
-    assert kitchen.why(where_is, inside) == (
+    assert kitchen.explain(where_is, inside) == (
         "100% of milk_carton_1 is in fridge, 0.048 m from its nearest side",
         "as the map tells; no engine was asked",
     )
     (row,) = stage.ask(where_is, thing="milk_carton_1", relation="above", other="egg_box_1")
-    assert kitchen.why(where_is, row) == (
+    assert kitchen.explain(where_is, row) == (
         "0.31 m from the top of egg_box_1 up to milk_carton_1, which share 89% of the smaller footprint",
         "as null has it now",
     )
     (row,) = kitchen.ask(where_is, thing="egg_box_1", relation="below", other="milk_carton_1")
-    assert kitchen.why(where_is, row)[0].startswith("0.31 m from the top of egg_box_1 up to milk_carton_1")
+    assert kitchen.explain(where_is, row)[0].startswith("0.31 m from the top of egg_box_1 up to milk_carton_1")
     (row,) = kitchen.ask(where_is, thing="milk_carton_1", relation="next_to", other="milk_carton_2")
-    assert "0.028 m between milk_carton_1 and milk_carton_2" in kitchen.why(where_is, row)[0]
+    assert "0.028 m between milk_carton_1 and milk_carton_2" in kitchen.explain(where_is, row)[0]
 
 
 def test_answers_are_plain_values_for_other_programs(kitchen: KnowledgeBase) -> None:
@@ -133,18 +133,18 @@ def test_answers_are_plain_values_for_other_programs(kitchen: KnowledgeBase) -> 
 
 
 def test_a_relation_that_is_none_gets_those_that_are(kitchen: KnowledgeBase) -> None:
-    with pytest.raises(ArgumentRefused, match="there is on, inside, above, below, next_to"):
+    with pytest.raises(InvalidArgumentError, match="there is on, inside, above, below, next_to"):
         kitchen.ask(where_is, relation="beside")
 
 
 # -- as it is now ------------------------------------------------------------------------------------------------------
 
 
-def test_what_was_moved_is_where_it_is_now_and_the_map_tells_what_it_told(stage: Stage) -> None:
+def test_what_was_moved_is_where_it_is_now_and_the_map_tells_what_it_told(stage: Simulation) -> None:
     assert ("plate_3", "on", "table") in told(stage, thing="plate_3")
     top = stage.knowledge.world().body("counter_right").pose.position
     x, y, z = top
-    stage.call(lambda engine: engine.set_pose(BodyId("plate_3"), Pose((x, y, z + 0.032))))
+    stage.run_on_engine(lambda engine: engine.set_pose(BodyId("plate_3"), Pose((x, y, z + 0.032))))
     assert ("plate_3", "on", "counter_right") in told(stage, thing="plate_3")
     assert ("plate_3", "on", "table") not in told(stage, thing="plate_3")
     assert ("plate_3", "on", "table") in told(stage.knowledge, thing="plate_3")
@@ -152,25 +152,25 @@ def test_what_was_moved_is_where_it_is_now_and_the_map_tells_what_it_told(stage:
 
 
 def test_milk_that_falls_out_of_the_air_comes_to_rest_on_the_table(kitchen: KnowledgeBase) -> None:
-    with Stage(kitchen, MujocoEngine()) as stage:
+    with Simulation(kitchen, MujocoEngine()) as stage:
         stage.spawn()
-        stage.call(lambda engine: engine.set_pose(BodyId("milk_carton_1"), Pose((-0.1, -0.7, 0.9))))
+        stage.run_on_engine(lambda engine: engine.set_pose(BodyId("milk_carton_1"), Pose((-0.1, -0.7, 0.9))))
         assert ("milk_carton_1", "above", "table") in told(stage, thing="milk_carton_1")
         stage.step(1.0)
         assert ("milk_carton_1", "on", "table") in told(stage, thing="milk_carton_1")
         assert ("milk_carton_1", "inside", "fridge") not in told(stage, thing="milk_carton_1")
 
 
-def test_a_deleted_thing_is_nowhere_and_a_spawned_one_is_known(stage: Stage) -> None:
-    stage.call(lambda engine: engine.delete([BodyId("milk_carton_1")]), edits=True)
+def test_a_deleted_thing_is_nowhere_and_a_spawned_one_is_known(stage: Simulation) -> None:
+    stage.run_on_engine(lambda engine: engine.delete([BodyId("milk_carton_1")]), edits=True)
     answers = stage.ask(where_is, thing="milk_carton_1")
     assert not answers
-    assert "milk_carton_1 is nowhere" in answers.missing[0].why
+    assert "milk_carton_1 is nowhere" in answers.missing[0].reason
     stage.spawn(world(body("parcel", (-0.1, -0.55, 0.85), (0.2, 0.2, 0.2), "dynamic")))
     assert ("parcel", "on", "table") in told(stage, thing="parcel")
-    with pytest.raises(NameUnknown, match="parcel"):
+    with pytest.raises(NameNotFoundError, match="parcel"):
         stage.knowledge.ask(where_is, thing="parcel")
-    with pytest.raises(NameUnknown, match="parcel"):
+    with pytest.raises(NameNotFoundError, match="parcel"):
         stage.ask("handle_of", individual="parcel")
 
 
@@ -178,11 +178,11 @@ def test_maps_that_are_not_spawned_are_told_from_their_files(tmp_path: Path) -> 
     first, second = tmp_path / "room.ttl", tmp_path / "hall.ttl"
     size = "k:depthOfObject 1.0 ; k:widthOfObject 1.0 ; k:heightOfObject 1.0"
     for path, name in ((first, "room"), (second, "hall")):
-        parts = [individual(f"{name}-{n}", size, at=f"0.0 0.0 {n}.0") for n in (1, 2)]
-        text = room(*parts, map=name).replace("describedInMap :room", f"describedInMap :{name}")
+        parts = [individual(f"{name}-{n}", size, position=f"0.0 0.0 {n}.0") for n in (1, 2)]
+        text = room_map(*parts, map=name).replace("describedInMap :room", f"describedInMap :{name}")
         path.write_text(text, encoding="utf-8")
-    kb = knowing(first, second)
-    with Stage(kb, NullEngine()) as stage:
+    kb = knowledge_base_from(first, second)
+    with Simulation(kb, NullEngine()) as stage:
         stage.spawn("room")
         rows = stage.ask(where_is, relation="on")
         sources = {(local_name(row.map), local_name(row.thing), row.source) for row in rows}
@@ -194,15 +194,15 @@ def test_maps_that_are_not_spawned_are_told_from_their_files(tmp_path: Path) -> 
 
 
 def test_an_engine_is_asked_once_and_only_if_it_matters(kitchen: KnowledgeBase) -> None:
-    taken: list[Moment] = []
+    taken: list[WorldState] = []
 
-    def take() -> Moment:
-        taken.append(Moment(world=kitchen.world(), told=(kitchen.world(),), source="counted"))
+    def take() -> WorldState:
+        taken.append(WorldState(world=kitchen.world(), spawned=(kitchen.world(),), source="counted"))
         return taken[-1]
 
-    handle_of.ask(kitchen, {}, present=Present(kitchen, take))
+    handle_of.ask(kitchen, {}, present=StateAccess(kitchen, take))
     assert taken == []
-    where_is.ask(kitchen, {"thing": "milk_carton_1", "relation": "on"}, present=Present(kitchen, take))
+    where_is.ask(kitchen, {"thing": "milk_carton_1", "relation": "on"}, present=StateAccess(kitchen, take))
     assert len(taken) == 1
 
 
@@ -212,12 +212,12 @@ def test_an_engine_is_asked_once_and_only_if_it_matters(kitchen: KnowledgeBase) 
 def test_without_an_answer_it_says_what_nobody_told(tmp_path: Path) -> None:
     path = tmp_path / "room.ttl"
     lost = ":lost a owl:NamedIndividual, k:Cup ; k:describedInMap :room ."
-    path.write_text(room(individual("sizeless"), lost), encoding="utf-8")
-    kb = knowing(path, bundled_ontology=True)
+    path.write_text(room_map(individual("sizeless"), lost), encoding="utf-8")
+    kb = knowledge_base_from(path, bundled_ontology=True)
     (lack,) = kb.ask(where_is, thing="sizeless").missing
     assert (lack.cls, lack.property) == (KNOWROB + "Cup", KNOWROB + "depthOfObject")
-    assert lack.why == "sizeless has no size: neither it nor Cup tells one"
+    assert lack.reason == "sizeless has no size: neither it nor Cup tells one"
     (lack,) = kb.ask(where_is, other="lost", relation="on").missing
     assert (lack.cls, lack.property) == (KNOWROB + "Cup", KNOWROB + "pose")
-    assert lack.why.startswith("lost is nowhere")
-    assert M + "lost" not in lack.why
+    assert lack.reason.startswith("lost is nowhere")
+    assert ROOM_NAMESPACE + "lost" not in lack.reason

@@ -9,27 +9,30 @@ from pathlib import Path
 import pytest
 from msgspec.structs import replace
 
-from mindstage.errors import MapUnwritable
+from mindstage.errors import MapWriteError
 from mindstage.knowledge import MapFormat, save_map, write_map
-from mindstage.world import Attachment, BodyId, Fact, Iri, Literal, Physics, Pose, Reference
+from mindstage.world import Attachment, BodyId, BodyPhysics, Iri, IriRef, Literal, Pose, PropertyAssertion
 from tests.kitchenette import kitchenette
-from tests.knowledge.maps import knowing, m
+from tests.knowledge.maps import individual, knowledge_base_from
 from tests.knowledge.test_round_trip import CUP, TABLE, world_of
 
 A = BodyId("a")
 REFUSED = {
     "two things of one id": (world_of(CUP, replace(TABLE, id=CUP.id)), "'cup'"),
     "two things of one name": (world_of(CUP, replace(TABLE, iri=CUP.iri)), "'table'.*'cup'"),
-    "a thing called like the map": (world_of(replace(CUP, iri=m("room"))), "'cup'.*map"),
+    "a thing called like the map": (world_of(replace(CUP, iri=individual("room"))), "'cup'.*map"),
     "a child that is not there": (world_of(CUP, attachments=(Attachment(parent=CUP.id, child=A),)), "'a'"),
-    "an endless mass": (world_of(replace(CUP, physics=Physics(mass_kg=float("inf")))), "inf.*mass"),
-    "a negative mass": (world_of(replace(CUP, physics=Physics(mass_kg=-1.0))), "-1.0.*mass"),
+    "an endless mass": (world_of(replace(CUP, physics=BodyPhysics(mass_kg=float("inf")))), "inf.*mass"),
+    "a negative mass": (world_of(replace(CUP, physics=BodyPhysics(mass_kg=-1.0))), "-1.0.*mass"),
     "a place that is none": (world_of(replace(CUP, pose=Pose((float("nan"), 0.0, 0.0)))), "nan.*translation"),
     "no rotation": (world_of(replace(CUP, pose=Pose(quaternion=(0.0, 0.0, 0.0, 0.0)))), "quaternion"),
     "a name with a blank": (world_of(replace(CUP, iri=Iri("http://e/a cup"))), "a cup"),
     "a class that is no name": (world_of(replace(CUP, cls=Iri("Cup"))), "<Cup>"),
-    "a language that is none": (world_of(facts=(Fact(m("a"), Literal("x", language="x y")),)), "'x y'"),
-    "a property without name": (world_of(facts=(Fact(Iri("_:a"), Literal("x")),)), "_:a"),
+    "a language that is none": (
+        world_of(facts=(PropertyAssertion(individual("a"), Literal("x", language="x y")),)),
+        "'x y'",
+    ),
+    "a property without name": (world_of(facts=(PropertyAssertion(Iri("_:a"), Literal("x")),)), "_:a"),
 }
 
 
@@ -37,19 +40,19 @@ REFUSED = {
 @pytest.mark.parametrize("name", REFUSED)
 def test_a_world_that_is_none_is_refused(name: str, format: MapFormat) -> None:
     world, said = REFUSED[name]
-    with pytest.raises(MapUnwritable, match=said):
+    with pytest.raises(MapWriteError, match=said):
         write_map(world, format=format)
 
 
 ONLY_TURTLE = {
-    "a property that ends in digits": (Fact(Iri("http://e/123"), Literal("x")), "http://e/123"),
-    "a property that ends in nothing": (Fact(Iri("http://e/#"), Literal("x")), "http://e/#"),
+    "a property that ends in digits": (PropertyAssertion(Iri("http://e/123"), Literal("x")), "http://e/123"),
+    "a property that ends in nothing": (PropertyAssertion(Iri("http://e/#"), Literal("x")), "http://e/#"),
     "a property that RDF/XML needs itself": (
-        Fact(Iri("http://www.w3.org/1999/02/22-rdf-syntax-ns#about"), Reference(m("a"))),
+        PropertyAssertion(Iri("http://www.w3.org/1999/02/22-rdf-syntax-ns#about"), IriRef(individual("a"))),
         "about",
     ),
-    "a property of XML itself": (Fact(Iri("http://www.w3.org/2000/xmlns/a"), Literal("x")), "xmlns"),
-    "a letter that XML forbids": (Fact(m("a"), Literal("bell: \x07")), "U\\+0007"),
+    "a property of XML itself": (PropertyAssertion(Iri("http://www.w3.org/2000/xmlns/a"), Literal("x")), "xmlns"),
+    "a letter that XML forbids": (PropertyAssertion(individual("a"), Literal("bell: \x07")), "U\\+0007"),
 }
 
 
@@ -57,10 +60,10 @@ ONLY_TURTLE = {
 def test_what_only_turtle_can_write_is_refused_in_xml_with_that_advice(name: str, tmp_path: Path) -> None:
     told, said = ONLY_TURTLE[name]
     world = world_of(facts=(told,))
-    with pytest.raises(MapUnwritable, match=f"{said}.*Turtle"):
+    with pytest.raises(MapWriteError, match=f"{said}.*Turtle"):
         write_map(world)
     save_map(world, tmp_path / "map.ttl")
-    assert knowing(tmp_path / "map.ttl").world() == world
+    assert knowledge_base_from(tmp_path / "map.ttl").world() == world
 
 
 @pytest.mark.parametrize("suffix", [".owl", ".rdf", ".xml", ".ttl", ".OWL"])
@@ -68,22 +71,22 @@ def test_the_suffix_tells_the_format(suffix: str, tmp_path: Path) -> None:
     path = tmp_path / f"map{suffix}"
     save_map(kitchenette(), path)
     assert path.read_text(encoding="utf-8").startswith("@prefix" if suffix == ".ttl" else "<?xml")
-    assert knowing(path).world().bodies == kitchenette().bodies
+    assert knowledge_base_from(path).world().bodies == kitchenette().bodies
 
 
 def test_another_suffix_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(MapUnwritable, match=r"\.docx.*\.owl"):
+    with pytest.raises(MapWriteError, match=r"\.docx.*\.owl"):
         save_map(kitchenette(), tmp_path / "map.docx")
 
 
 def test_a_folder_that_is_not_there_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(MapUnwritable, match="No such file"):
+    with pytest.raises(MapWriteError, match="No such file"):
         save_map(kitchenette(), tmp_path / "nowhere" / "map.owl")
 
 
 def test_a_folder_is_not_replaced(tmp_path: Path) -> None:
     (tmp_path / "map.owl").mkdir()
-    with pytest.raises(MapUnwritable, match="directory"):
+    with pytest.raises(MapWriteError, match="directory"):
         save_map(kitchenette(), tmp_path / "map.owl")
     assert os.listdir(tmp_path) == ["map.owl"]
 
@@ -91,8 +94,8 @@ def test_a_folder_is_not_replaced(tmp_path: Path) -> None:
 def test_half_a_letter_is_refused_and_leaves_nothing_behind(tmp_path: Path) -> None:
     path = tmp_path / "map.ttl"
     path.write_text("before", encoding="utf-8")
-    with pytest.raises(MapUnwritable, match=r"U\+D800"):
-        save_map(world_of(facts=(Fact(m("a"), Literal("\ud800")),)), path)
+    with pytest.raises(MapWriteError, match=r"U\+D800"):
+        save_map(world_of(facts=(PropertyAssertion(individual("a"), Literal("\ud800")),)), path)
     assert os.listdir(tmp_path) == ["map.ttl"]
     assert path.read_text(encoding="utf-8") == "before"
 
@@ -102,12 +105,14 @@ def test_a_file_is_replaced_and_has_the_usual_rights(tmp_path: Path) -> None:
     usual.touch()
     path.write_text("before", encoding="utf-8")
     save_map(kitchenette(), path)
-    assert knowing(path).world().bodies == kitchenette().bodies
+    assert knowledge_base_from(path).world().bodies == kitchenette().bodies
     assert stat.S_IMODE(path.stat().st_mode) == stat.S_IMODE(usual.stat().st_mode)
 
 
 @pytest.mark.parametrize("suffix", [".owl", ".ttl"])
 def test_a_name_cannot_end_its_comment(suffix: str, tmp_path: Path) -> None:
-    world = world_of(replace(CUP, iri=m("--"), id=BodyId("--")), name="--><evil/>\n<http://e#a> a <http://e#b> .\n<!--")
+    world = world_of(
+        replace(CUP, iri=individual("--"), id=BodyId("--")), name="--><evil/>\n<http://e#a> a <http://e#b> .\n<!--"
+    )
     save_map(world, tmp_path / f"map{suffix}")
-    assert knowing(tmp_path / f"map{suffix}").world() == world
+    assert knowledge_base_from(tmp_path / f"map{suffix}").world() == world

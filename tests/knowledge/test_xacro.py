@@ -7,12 +7,12 @@ from pathlib import Path
 
 import pytest
 
-from mindstage.errors import SourceUnreadable
-from mindstage.knowledge.robots.expansion import expanded
-from mindstage.knowledge.sources.packages import Packages
-from tests.knowledge.small_robot import Loaded, box, link, load, robot
+from mindstage.errors import SourceParseError
+from mindstage.knowledge.robots.expansion import expand_xacro
+from mindstage.knowledge.sources.packages import RosPackagePath
+from tests.knowledge.small_robot import LoadedRobot, box_urdf, link_urdf, load_robot, robot_urdf
 
-BASE = link("base", box("1 1 1"))
+BASE = link_urdf("base", box_urdf("1 1 1"))
 
 
 @pytest.fixture
@@ -27,30 +27,34 @@ def test_macros_are_expanded_and_packages_found(tmp_path: Path) -> None:
     package = tmp_path / "packages" / "kitchen_parts"
     package.mkdir(parents=True)
     macro = (
-        "<xacro:macro name='block' params='name size'><link name='${name}'>" + box("${size} ${2*size} 1") + "</link>"
+        "<xacro:macro name='block' params='name size'><link name='${name}'>"
+        + box_urdf("${size} ${2*size} 1")
+        + "</link>"
     )
-    (package / "parts.xacro").write_text(robot(macro + "</xacro:macro>", more=_XACRO), encoding="utf-8")
+    (package / "parts.xacro").write_text(
+        robot_urdf(macro + "</xacro:macro>", extra_attributes=_XACRO), encoding="utf-8"
+    )
     include = '<xacro:include filename="$(find kitchen_parts)/parts.xacro"/><xacro:block name="table" size="0.5"/>'
     path = tmp_path / "kitchen.urdf.xacro"
-    path.write_text(robot(include, more=_XACRO), encoding="utf-8")
-    world = Loaded(path, ontologies=(tmp_path / "packages",)).world
+    path.write_text(robot_urdf(include, extra_attributes=_XACRO), encoding="utf-8")
+    world = LoadedRobot(path, ontologies=(tmp_path / "packages",)).world
     assert world.body("table").size == (0.5, 1.0, 1.0)
-    with pytest.raises(SourceUnreadable, match="no folder of packages has 'kitchen_parts'"):
-        Loaded(path)
+    with pytest.raises(SourceParseError, match="no folder of packages has 'kitchen_parts'"):
+        LoadedRobot(path)
 
 
 def test_macros_that_make_no_sense_are_refused(file: Path) -> None:
-    with pytest.raises(SourceUnreadable, match="xacro cannot expand it"):
-        load(file, robot("<link name='${1/0}'/>", more=_XACRO))
+    with pytest.raises(SourceParseError, match="xacro cannot expand it"):
+        load_robot(file, robot_urdf("<link name='${1/0}'/>", extra_attributes=_XACRO))
 
 
 def test_without_xacro_it_is_said_what_to_install(file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "xacro", None)
-    with pytest.raises(SourceUnreadable, match=r"pip install mindstage\[xacro\]"):
-        load(file, robot(BASE, more=_XACRO))
+    with pytest.raises(SourceParseError, match=r"pip install mindstage\[xacro\]"):
+        load_robot(file, robot_urdf(BASE, extra_attributes=_XACRO))
 
 
 def test_macros_that_never_end_are_given_up(file: Path) -> None:
-    file.write_text(robot("<link name='${9**9**9}'/>", more=_XACRO), encoding="utf-8")
-    with pytest.raises(SourceUnreadable, match="did not expand it within 2 s"):
-        expanded(file, Packages(), timeout_s=2.0)
+    file.write_text(robot_urdf("<link name='${9**9**9}'/>", extra_attributes=_XACRO), encoding="utf-8")
+    with pytest.raises(SourceParseError, match="did not expand it within 2 s"):
+        expand_xacro(file, RosPackagePath(), timeout_s=2.0)

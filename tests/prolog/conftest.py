@@ -12,7 +12,7 @@ import pytest
 from mindstage.engines import NullEngine
 from mindstage.knowledge import KnowledgeBase, bundled_kitchen
 from mindstage.prolog import PrologConsole
-from mindstage.stage import Stage
+from mindstage.stage import Simulation
 
 
 @pytest.fixture(scope="session")
@@ -35,30 +35,30 @@ def kitchen_knowledge() -> KnowledgeBase:
 
 
 @pytest.fixture(scope="session")
-def kitchen_stage(kitchen_knowledge: KnowledgeBase) -> Iterator[Stage]:
+def kitchen_stage(kitchen_knowledge: KnowledgeBase) -> Iterator[Simulation]:
     """A stage on which nobody spawns anything."""
-    with Stage(kitchen_knowledge, NullEngine()) as stage:
+    with Simulation(kitchen_knowledge, NullEngine()) as stage:
         yield stage
 
 
 @pytest.fixture
-def kitchen(prolog: Path, kitchen_stage: Stage) -> Iterator[PrologConsole]:
+def kitchen(prolog: Path, kitchen_stage: Simulation) -> Iterator[PrologConsole]:
     """A console to ask about the bundled kitchen; it is not to be changed."""
     with PrologConsole(kitchen_stage) as console:
         yield console
 
 
 @pytest.fixture
-def stage() -> Iterator[Stage]:
+def stage() -> Iterator[Simulation]:
     """A kitchen to be changed."""
     knowledge = KnowledgeBase()
     knowledge.load(bundled_kitchen())
-    with Stage(knowledge, NullEngine()) as stage:
+    with Simulation(knowledge, NullEngine()) as stage:
         yield stage
 
 
 @pytest.fixture
-def console(prolog: Path, stage: Stage) -> Iterator[PrologConsole]:
+def console(prolog: Path, stage: Simulation) -> Iterator[PrologConsole]:
     """A console whose knowledge and world may be changed."""
     with PrologConsole(stage) as console:
         yield console

@@ -17,10 +17,10 @@ __all__ = ["Terminal"]
 class Terminal:
     """A program in a terminal of its own."""
 
-    def __init__(self, command: Sequence[str], *, home: Path, patience_s: float = 60.0) -> None:
-        self.shown = ""
-        self._seen = 0
-        self._patience_s = patience_s
+    def __init__(self, command: Sequence[str], *, home: Path, timeout_s: float = 60.0) -> None:
+        self.output = ""
+        self._matched_end = 0
+        self._timeout_s = timeout_s
         self._pid, self._screen = pty.fork()
         if self._pid == 0:
             environment = os.environ | {"TERM": "xterm", "NO_COLOR": "1", "HOME": str(home)}
@@ -32,36 +32,36 @@ class Terminal:
 
     def wait_for(self, pattern: str) -> None:
         """Waits until what is shown from here on matches."""
-        assert self._shows(pattern, within_s=self._patience_s), f"no {pattern!r} in {self.shown!r}"
+        assert self._wait_match(pattern, within_s=self._timeout_s), f"no {pattern!r} in {self.output!r}"
 
-    def _shows(self, pattern: str, *, within_s: float) -> bool:
-        start, deadline = self._seen, time.monotonic() + within_s
-        while not (found := re.search(pattern, self.shown[start:])):
+    def _wait_match(self, pattern: str, *, within_s: float) -> bool:
+        start, deadline = self._matched_end, time.monotonic() + within_s
+        while not (found := re.search(pattern, self.output[start:])):
             if time.monotonic() > deadline or not self._read():
                 return False
-        self._seen = start + found.end()
+        self._matched_end = start + found.end()
         return True
 
     def interrupt_until_end(self) -> None:
         """Presses Ctrl-C until the program has ended: SWI-Prolog itself may miss one in the middle of writing."""
-        deadline = time.monotonic() + self._patience_s
+        deadline = time.monotonic() + self._timeout_s
         while time.monotonic() < deadline:
             self.type("\x03")
-            if self._closes(within_s=1.0):
+            if self._wait_closed(within_s=1.0):
                 return
 
-    def _closes(self, *, within_s: float) -> bool:
+    def _wait_closed(self, *, within_s: float) -> bool:
         deadline = time.monotonic() + within_s
         while time.monotonic() < deadline:
             if not self._read():
                 return True
         return False
 
-    def end(self) -> int:
+    def wait_exit(self) -> int:
         """Waits for the end of the program; its exit code."""
-        deadline = time.monotonic() + self._patience_s
+        deadline = time.monotonic() + self._timeout_s
         while self._read():
-            assert time.monotonic() < deadline, f"it does not end: {self.shown!r}"
+            assert time.monotonic() < deadline, f"it does not end: {self.output!r}"
         return os.waitstatus_to_exitcode(os.waitpid(self._pid, 0)[1])
 
     def close(self) -> None:
@@ -82,5 +82,5 @@ class Terminal:
         except OSError:  # how Linux says so
             return False
         # Line editors move about; what matters is what they show.
-        self.shown += re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", text.decode(errors="replace"))
+        self.output += re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", text.decode(errors="replace"))
         return bool(text)

@@ -8,10 +8,10 @@ from typing import Any
 
 import pytest
 
-from mindstage.errors import GoalRefused, GoalTimedOut, PrologUnavailable, SourceUnreadable
+from mindstage.errors import PrologGoalError, PrologTimeoutError, PrologUnavailableError, SourceParseError
 from mindstage.prolog import PrologConsole
 from mindstage.prolog.terms import Compound
-from mindstage.stage import Stage
+from mindstage.stage import Simulation
 
 
 def test_solutions_come_in_prolog_s_order(kitchen: PrologConsole) -> None:
@@ -47,7 +47,7 @@ def test_no_more_are_sought_than_wanted(kitchen: PrologConsole) -> None:
 
 @pytest.mark.parametrize("goal", ["repeat, fail", "length(L, N), fail", "sleep(60)", "thread_get_message(never)"])
 def test_a_goal_ends_in_time(goal: str, kitchen: PrologConsole) -> None:
-    with pytest.raises(GoalTimedOut, match=r"did not end within 0\.2 s"):
+    with pytest.raises(PrologTimeoutError, match=r"did not end within 0\.2 s"):
         kitchen.solutions(goal, timeout_s=0.2)
     assert kitchen.holds("true")
 
@@ -67,14 +67,14 @@ def test_a_goal_ends_in_time(goal: str, kitchen: PrologConsole) -> None:
     ],
 )
 def test_an_error_is_told_as_prolog_tells_it(goal: str, message: str, kitchen: PrologConsole) -> None:
-    with pytest.raises(GoalRefused, match=message) as refused:
+    with pytest.raises(PrologGoalError, match=message) as refused:
         kitchen.solutions(goal)
-    assert refused.value.kind == "prolog"
+    assert refused.value.error_type == "prolog"
     assert kitchen.holds("true")
 
 
 def test_a_deep_term_is_refused_and_not_fatal(kitchen: PrologConsole) -> None:
-    with pytest.raises(GoalRefused, match="nested too deeply"):
+    with pytest.raises(PrologGoalError, match="nested too deeply"):
         kitchen.solutions("numlist(1, 100000, L), foldl([_, A, f(A)]>>true, L, x, Deep), highlight(Deep)")
 
 
@@ -82,9 +82,9 @@ def test_a_defect_in_python_is_an_error_in_prolog(kitchen: PrologConsole, monkey
     monkeypatch.setattr(kitchen, "handlers", {"rows": lambda name, given: 1 / 0})
     assert kitchen.holds("catch(map_instance(_), mindstage_error(defect, S), sub_string(S, _, _, _, 'report'))")
     monkeypatch.setattr(kitchen, "handlers", {"rows": lambda name, given: [Compound("odd", (object(),))]})  # type: ignore[arg-type]
-    with pytest.raises(GoalRefused) as refused:
+    with pytest.raises(PrologGoalError) as refused:
         kitchen.holds("map_instance(_)")
-    assert refused.value.kind == "defect"
+    assert refused.value.error_type == "defect"
 
 
 def test_ctrl_c_inside_python_ends_the_goal(kitchen: PrologConsole, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -114,8 +114,8 @@ def test_prolog_s_own_threads_may_ask(kitchen: PrologConsole) -> None:
     assert kitchen.holds("concurrent_maplist([T]>>once(handle_of(_, T, _)), [fridge_door, oven_door, fridge])")
 
 
-def test_there_is_one_console_at_a_time(kitchen: PrologConsole, kitchen_stage: Stage) -> None:
-    with pytest.raises(PrologUnavailable, match="another console is open in this process; close it first"):
+def test_there_is_one_console_at_a_time(kitchen: PrologConsole, kitchen_stage: Simulation) -> None:
+    with pytest.raises(PrologUnavailableError, match="another console is open in this process; close it first"):
         PrologConsole(kitchen_stage)
     kitchen.close()
     kitchen.close()
@@ -142,7 +142,7 @@ def test_a_file_s_errors_are_counted(kitchen: PrologConsole, tmp_path: Path, cap
 
 
 def test_a_file_that_is_not_there_cannot_be_consulted(kitchen: PrologConsole) -> None:
-    with pytest.raises(SourceUnreadable, match=r"nowhere\.pl: there is no such file"):
+    with pytest.raises(SourceParseError, match=r"nowhere\.pl: there is no such file"):
         kitchen.consult("nowhere.pl")
 
 

@@ -7,16 +7,16 @@ from pathlib import Path
 
 import pytest
 
-from mindstage.errors import GoalRefused, GoalTimedOut
+from mindstage.errors import PrologGoalError, PrologTimeoutError
 from mindstage.prolog import PrologConsole
-from mindstage.stage import Stage
+from mindstage.stage import Simulation
 
 FRIDGE = "http://mindstage.org/maps/kitchen.owl#fridge"
 MANY = f"[{','.join('1' * 1000)}]"
 
 
 @pytest.fixture
-def console(prolog: Path, kitchen_stage: Stage) -> Iterator[PrologConsole]:
+def console(prolog: Path, kitchen_stage: Simulation) -> Iterator[PrologConsole]:
     with PrologConsole(kitchen_stage) as console:
         yield console
 
@@ -93,7 +93,7 @@ def test_answers_are_joined_as_prolog_does(console: PrologConsole, line: str, ro
     ],
 )
 def test_whatever_is_no_question_is_refused_before_anything_runs(console: PrologConsole, line: str) -> None:
-    with pytest.raises(GoalRefused, match=r"cannot be asked here|must not be a variable"):
+    with pytest.raises(PrologGoalError, match=r"cannot be asked here|must not be a variable"):
         console.answers(f"member(X, [1, 2, 3]), {line}" if not line.startswith((":-", "a -->")) else line)
 
 
@@ -105,25 +105,25 @@ def test_no_question_of_the_console_is_lost_to_lines(console: PrologConsole) -> 
 
 
 def test_a_line_that_is_no_prolog_or_too_long_is_told_so(console: PrologConsole) -> None:
-    with pytest.raises(GoalRefused, match="Syntax error"):
+    with pytest.raises(PrologGoalError, match="Syntax error"):
         console.answers("storage_place(")
-    with pytest.raises(GoalRefused, match="Syntax error"):
+    with pytest.raises(PrologGoalError, match="Syntax error"):
         console.answers("")
-    with pytest.raises(GoalRefused, match="at most 4000 characters, not 5000"):
+    with pytest.raises(PrologGoalError, match="at most 4000 characters, not 5000"):
         console.answers("a" * 5000)
-    with pytest.raises(GoalRefused, match="nested too deeply"):
+    with pytest.raises(PrologGoalError, match="nested too deeply"):
         console.answers(f"storage_place({'f(' * 1200}a{')' * 1200}, Place)")
 
 
 def test_a_line_gets_little_time_few_steps_and_little_memory(console: PrologConsole) -> None:
-    with pytest.raises(GoalTimedOut):
+    with pytest.raises(PrologTimeoutError):
         console.answers("maps(M), everything_in_map(M, _), everything_in_map(M, _), fail", timeout_s=0.5)
-    with pytest.raises(GoalRefused, match="the query takes more than 5,000,000 inferences"):
+    with pytest.raises(PrologGoalError, match="the query takes more than 5,000,000 inferences"):
         console.answers(f"L = {MANY}, member(_, L), member(_, L), member(_, L), fail", timeout_s=60.0)
-    with pytest.raises(GoalRefused, match="the memory limit was exceeded"):
+    with pytest.raises(PrologGoalError, match="the memory limit was exceeded"):
         console.answers(f"L = {MANY}, findall(L, (member(_, L), member(_, L)), All)", timeout_s=60.0)
     doubled = ", ".join(f"{one} = [{','.join([other] * 90)}]" for one, other in zip("BCDE", "ABCD", strict=True))
-    with pytest.raises(GoalRefused, match="the memory limit was exceeded"):
+    with pytest.raises(PrologGoalError, match="the memory limit was exceeded"):
         console.answers(f"A = text, {doubled}, storage_place(E, Place)", timeout_s=60.0)
     assert len(console.answers("member(X, _)", limit=7)) == 7
     assert console.answers("X = 1") == [{"X": 1}]

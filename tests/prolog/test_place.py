@@ -5,42 +5,42 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from mindstage.world.colors import COLORS
 
 from mindstage.engines import NullEngine
-from mindstage.errors import GoalRefused
+from mindstage.errors import PrologGoalError
 from mindstage.knowledge import KnowledgeBase, bundled_kitchen
 from mindstage.prolog import PrologConsole
-from mindstage.stage import Stage
-from mindstage.world import BodyId, Pose, difference
-from mindstage.world.colours import COLOURS
+from mindstage.stage import Simulation
+from mindstage.world import BodyId, Pose, diff
 from tests.cli.typed import map_text
 
 
-def test_a_map_is_spawned_whole(console: PrologConsole, stage: Stage) -> None:
+def test_a_map_is_spawned_whole(console: PrologConsole, stage: Simulation) -> None:
     (row,) = console.solutions("spawn_semantic_map(Map)")
     assert row["Map"] == stage.knowledge.world().iri
-    assert len(stage.frame.ids) == len(stage.knowledge.world().bodies)
+    assert len(stage.state.ids) == len(stage.knowledge.world().bodies)
 
 
-def test_a_map_spawned_part_by_part_is_the_same_world(console: PrologConsole, stage: Stage) -> None:
+def test_a_map_spawned_part_by_part_is_the_same_world(console: PrologConsole, stage: Simulation) -> None:
     goal = "map_instance(M), spawn_models(M, Bodies), spawn_constraints(M, Joints), spawn_relations(M, Ps, Cs)"
     (row,) = console.solutions(goal)
     world = stage.knowledge.world()
     assert row["Bodies"] == [body.iri for body in world.bodies]
-    assert len(row["Joints"]) == len(world.constraints) > 0
+    assert len(row["Joints"]) == len(world.joints) > 0
     assert len(row["Ps"]) == len(row["Cs"]) == len(world.attachments) > 0
-    with Stage(stage.knowledge, NullEngine()) as whole:
+    with Simulation(stage.knowledge, NullEngine()) as whole:
         whole.spawn()
-        assert difference(whole.log(), stage.log()).identical(0.0)
+        assert diff(whole.snapshot(), stage.snapshot()).identical(0.0)
 
 
-def test_some_of_a_map_is_spawned(console: PrologConsole, stage: Stage) -> None:
+def test_some_of_a_map_is_spawned(console: PrologConsole, stage: Simulation) -> None:
     assert console.holds("spawn_models(kitchen, [fridge, kitchen:fridge_door])")
-    assert stage.frame.ids == ("fridge", "fridge_door")
+    assert stage.state.ids == ("fridge", "fridge_door")
     assert console.holds("spawn_relations(kitchen, [fridge], [fridge_door])")
-    with pytest.raises(GoalRefused, match="1 parents and 2 children are no pairs"):
+    with pytest.raises(PrologGoalError, match="1 parents and 2 children are no pairs"):
         console.holds("spawn_relations(kitchen, [fridge], [fridge_door, fridge])")
-    with pytest.raises(GoalRefused, match="fridge: it is none of the constraints of kitchen"):
+    with pytest.raises(PrologGoalError, match="fridge: it is none of the constraints of kitchen"):
         console.holds("spawn_constraints(kitchen, [fridge])")
 
 
@@ -55,12 +55,12 @@ def test_what_fails_to_spawn_makes_it_false_and_can_be_listed(
     assert "body fridge: the id 'fridge' is taken" in capfd.readouterr().out
 
 
-def test_models_hang_on_one_another(console: PrologConsole, stage: Stage) -> None:
+def test_models_hang_on_one_another(console: PrologConsole, stage: Simulation) -> None:
     assert console.holds("spawn_semantic_map(_), attach_model(fridge, milk_carton_1)")
-    assert ("fridge", "milk_carton_1") in {(each.parent, each.child) for each in stage.log().attachments}
-    with pytest.raises(GoalRefused) as refused:
+    assert ("fridge", "milk_carton_1") in {(each.parent, each.child) for each in stage.snapshot().attachments}
+    with pytest.raises(PrologGoalError) as refused:
         console.holds("attach_model(milk_carton_1, fridge)")
-    assert refused.value.kind == "attachment_refused"
+    assert refused.value.error_type == "attachment_refused"
 
 
 # -- lights ------------------------------------------------------------------------------------------------------------
@@ -78,9 +78,9 @@ def test_models_hang_on_one_another(console: PrologConsole, stage: Stage) -> Non
         ("highlight([fridge, kitchen:oven])", {"fridge", "oven"}),
     ],
 )
-def test_answers_are_lit(goal: str, lit: set[str], console: PrologConsole, stage: Stage) -> None:
+def test_answers_are_lit(goal: str, lit: set[str], console: PrologConsole, stage: Simulation) -> None:
     assert console.holds(f"spawn_semantic_map(Map), {goal}")
-    assert dict(stage.frame.highlights) == dict.fromkeys(lit, COLOURS["green"])
+    assert dict(stage.state.highlights) == dict.fromkeys(lit, COLORS["green"])
 
 
 def test_each_device_is_an_answer_while_all_of_them_are_lit(console: PrologConsole) -> None:
@@ -88,50 +88,50 @@ def test_each_device_is_an_answer_while_all_of_them_are_lit(console: PrologConso
     assert [row["X"].partition("#")[2] for row in console.solutions(goal)] == ["hob", "oven"]
 
 
-def test_the_reason_is_told_to_who_watches(console: PrologConsole, stage: Stage) -> None:
+def test_the_reason_is_told_to_who_watches(console: PrologConsole, stage: Simulation) -> None:
     console.holds("spawn_semantic_map(_), highlight_handle_of(kitchen, fridge_door)")
-    assert [group.label for group in stage.frame.lit] == ["handle_of(kitchen,fridge_door,_)"]
+    assert [group.label for group in stage.state.highlight_groups] == ["handle_of(kitchen,fridge_door,_)"]
 
 
 @pytest.mark.parametrize(
     ("colour", "expected"),
-    [("red", COLOURS["red"]), ("'#ff0080'", (1.0, 0.0, 128 / 255)), ("rgb(1, 0, 0.5)", (1.0, 0.0, 0.5))],
+    [("red", COLORS["red"]), ("'#ff0080'", (1.0, 0.0, 128 / 255)), ("rgb(1, 0, 0.5)", (1.0, 0.0, 0.5))],
 )
-def test_lights_have_colours(
-    colour: str, expected: tuple[float, float, float], console: PrologConsole, stage: Stage
+def test_lights_have_colors(
+    color: str, expected: tuple[float, float, float], console: PrologConsole, stage: Simulation
 ) -> None:
-    console.holds(f"spawn_semantic_map(_), highlight(oven, blue), highlight(fridge, {colour})")
-    assert dict(stage.frame.highlights) == {"oven": COLOURS["blue"], "fridge": expected}
+    console.holds(f"spawn_semantic_map(_), highlight(oven, blue), highlight(fridge, {color})")
+    assert dict(stage.state.highlights) == {"oven": COLORS["blue"], "fridge": expected}
     assert console.holds("highlight(fridge, none)")
-    assert dict(stage.frame.highlights) == {"oven": COLOURS["blue"]}
+    assert dict(stage.state.highlights) == {"oven": COLORS["blue"]}
     assert console.holds("unhighlight")
-    assert not stage.frame.highlights
+    assert not stage.state.highlights
 
 
-def test_without_an_answer_nothing_is_lit(console: PrologConsole, stage: Stage) -> None:
+def test_without_an_answer_nothing_is_lit(console: PrologConsole, stage: Simulation) -> None:
     assert console.holds("spawn_semantic_map(_)")
     assert not console.holds("highlight_everything_that_is(_, knowrob:'Robot')")
-    assert not stage.frame.highlights
+    assert not stage.state.highlights
 
 
 def test_what_is_not_there_cannot_be_lit(console: PrologConsole, capfd: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(GoalRefused, match=r"fridge cannot be highlighted: .*; spawn_semantic_map") as refused:
+    with pytest.raises(PrologGoalError, match=r"fridge cannot be highlighted: .*; spawn_semantic_map") as refused:
         console.holds("highlight(fridge)")
-    assert refused.value.kind == "body_unknown"
+    assert refused.value.error_type == "body_unknown"
     assert console.holds("spawn_semantic_map(_), highlight([fridge, fridge_door_hinge])")
     assert "fridge_door_hinge cannot be highlighted: it is a constraint, which has no body" in capfd.readouterr().err
-    with pytest.raises(GoalRefused, match="pink") as refused:
+    with pytest.raises(PrologGoalError, match="pink") as refused:
         console.holds("highlight(fridge, pink)")
-    assert refused.value.kind == "colour_unknown"
+    assert refused.value.error_type == "colour_unknown"
 
 
 # -- the place as it is now --------------------------------------------------------------------------------------------
 
 
-def test_questions_look_at_the_running_world(console: PrologConsole, stage: Stage) -> None:
+def test_questions_look_at_the_running_world(console: PrologConsole, stage: Simulation) -> None:
     inside = "where_is(_, milk_carton_1, inside, fridge)"
     assert console.holds(f"spawn_semantic_map(_), {inside}")
-    stage.call(lambda engine: engine.set_pose(BodyId("milk_carton_1"), Pose((0.0, 0.0, 5.0))), edits=True)
+    stage.run_on_engine(lambda engine: engine.set_pose(BodyId("milk_carton_1"), Pose((0.0, 0.0, 5.0))), edits=True)
     assert not console.holds(inside)
 
 
@@ -140,7 +140,7 @@ def test_one_of_several_maps_is_spawned(prolog: Path, tmp_path: Path) -> None:
     path.write_text(map_text(["Room"], {"Mug1": "0 0 0", "Mug2": "5 0 0"}), encoding="utf-8")
     knowledge = KnowledgeBase()
     knowledge.load([path, bundled_kitchen()])
-    with Stage(knowledge, NullEngine()) as stage, PrologConsole(stage) as console:
+    with Simulation(knowledge, NullEngine()) as stage, PrologConsole(stage) as console:
         assert len(console.solutions("map_instance(_)")) == 2
         assert console.holds("spawn_semantic_map(room:'Room')")
-        assert stage.frame.ids == ("Mug1", "Mug2")
+        assert stage.state.ids == ("Mug1", "Mug2")

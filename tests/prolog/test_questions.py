@@ -6,9 +6,9 @@ from typing import Any
 
 import pytest
 
-from mindstage.errors import GoalRefused
+from mindstage.errors import PrologGoalError
 from mindstage.knowledge import KnowledgeBase
-from mindstage.knowledge.questions import Question, questions
+from mindstage.knowledge.questions import Question, list_questions
 from mindstage.prolog import PrologConsole
 
 KITCHEN = "http://mindstage.org/maps/kitchen.owl#"
@@ -23,7 +23,7 @@ def variables(number: int) -> str:
     return ", ".join(f"V{at}" for at in range(number))
 
 
-@pytest.mark.parametrize("question", questions(), ids=lambda question: question.name)
+@pytest.mark.parametrize("question", list_questions(), ids=lambda question: question.name)
 def test_a_question_answers_as_many_rows_as_it_does_in_python(
     question: Question[Any], kitchen: PrologConsole, kitchen_knowledge: KnowledgeBase
 ) -> None:
@@ -117,9 +117,9 @@ def test_names_are_printed_with_their_prefix(term: str, printed: str, kitchen: P
 def test_users_may_add_prefixes(kitchen: PrologConsole) -> None:
     assert kitchen.holds("rdf_register_prefix(my, 'http://my.org/x#'), rdf_global_id(my:a, 'http://my.org/x#a')")
     assert kitchen.holds("rdf_global_id(my:N, 'http://my.org/x#b'), N == b, rdf_current_prefix(my, _)")
-    with pytest.raises(GoalRefused, match="unknown prefix mine; known prefixes: ") as refused:
+    with pytest.raises(PrologGoalError, match="unknown prefix mine; known prefixes: ") as refused:
         kitchen.holds("handle_of(_, mine:thing, _)")
-    assert refused.value.kind == "prefix_unknown"
+    assert refused.value.error_type == "prefix_unknown"
 
 
 def test_a_name_that_nobody_knows_is_a_no_and_told_once(
@@ -142,9 +142,9 @@ def test_a_name_that_nobody_knows_is_a_no_and_told_once(
     ],
 )
 def test_what_cannot_be_asked_is_an_error(goal: str, kind: str, kitchen: PrologConsole) -> None:
-    with pytest.raises(GoalRefused) as refused:
+    with pytest.raises(PrologGoalError) as refused:
         kitchen.solutions(goal)
-    assert refused.value.kind == kind
+    assert refused.value.error_type == kind
     assert kitchen.holds(f"catch(({goal}), mindstage_error({kind}, Sentence), string(Sentence))")
 
 
@@ -154,7 +154,7 @@ def test_what_cannot_be_asked_is_an_error(goal: str, kind: str, kitchen: PrologC
 def test_the_questions_are_listed(kitchen: PrologConsole, capfd: pytest.CaptureFixture[str]) -> None:
     assert kitchen.holds("questions")
     lines = capfd.readouterr().out.splitlines()
-    assert len(lines) == len(questions())
+    assert len(lines) == len(list_questions())
     assert any(line.startswith("handle_of(Map, Individual, Handle)  ") for line in lines)
 
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from mindstage.errors import GoalRefused
+from mindstage.errors import PrologGoalError
 from mindstage.prolog import PrologConsole
 from tests.cli.typed import map_text
 
@@ -59,7 +59,7 @@ def test_a_language_stands_where_a_type_does(kitchen: PrologConsole) -> None:
 
 @pytest.mark.parametrize("value", ['"a string"', "17", "f(x)"])
 def test_what_is_neither_resource_nor_literal_is_refused(value: str, kitchen: PrologConsole) -> None:
-    with pytest.raises(GoalRefused, match="is no resource and no literal; give an atom, or literal"):
+    with pytest.raises(PrologGoalError, match="is no resource and no literal; give an atom, or literal"):
         kitchen.holds(f"rdf(_, rdfs:label, {value})")
 
 
@@ -90,7 +90,7 @@ def test_properties_reach_to_any_depth(kitchen: PrologConsole) -> None:
     assert parts[0] == f"{KITCHEN}fridge"
     wholes = values(kitchen, "rdf_reachable(X, knowrob:child, kitchen:fridge_door_handle)")
     assert wholes[:2] == [f"{KITCHEN}fridge_door_handle", f"{KITCHEN}fridge_door"]
-    with pytest.raises(GoalRefused, match="instantiated"):
+    with pytest.raises(PrologGoalError, match="instantiated"):
         kitchen.holds("rdf_reachable(_, knowrob:child, _)")
 
 
@@ -140,9 +140,9 @@ def test_literals_are_told_with_their_types(told: str, shown: str, console: Prol
 
 @pytest.mark.parametrize("value", ["_", "literal(_)", "literal(type(xsd:string, _))", "'no name'"])
 def test_nothing_half_said_is_told(value: str, console: PrologConsole) -> None:
-    with pytest.raises(GoalRefused) as refused:
+    with pytest.raises(PrologGoalError) as refused:
         console.holds(f"rdf_assert(kitchen:fridge, knowrob:note, {value})")
-    assert refused.value.kind == "argument_refused"
+    assert refused.value.error_type == "argument_refused"
 
 
 def test_a_file_is_read_and_brings_its_prefix(console: PrologConsole, tmp_path: Path) -> None:
@@ -150,9 +150,9 @@ def test_a_file_is_read_and_brings_its_prefix(console: PrologConsole, tmp_path: 
     path.write_text(map_text(["Room"], {"Mug1": "1.0 2.0 0.0"}), encoding="utf-8")
     assert console.holds(f"owl_parse('{path}'), get_subclass_in_map(room:'Room', knowrob:'Mug', room:'Mug1')")
     assert console.holds(f"owl_parser:owl_parse('{path}')")
-    with pytest.raises(GoalRefused) as refused:
+    with pytest.raises(PrologGoalError) as refused:
         console.holds("owl_parse('nowhere.owl')")
-    assert refused.value.kind == "source_unreadable"
+    assert refused.value.error_type == "source_unreadable"
 
 
 def test_files_that_load_swi_s_own_store_get_this_one(kitchen: PrologConsole, tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ import pytest
 from mindstage.engines import NullEngine
 from mindstage.knowledge import KnowledgeBase
 from mindstage.prolog import PrologConsole
-from mindstage.stage import Stage
+from mindstage.stage import Simulation
 
 EXAMINER = Path(__file__).with_name("examiner.pl")
 
@@ -27,16 +27,16 @@ def classes_of(console: PrologConsole, goal: str) -> list[str]:
 
 
 @pytest.fixture(scope="module")
-def laboratory(shared_data: Path) -> Iterator[Stage]:
+def laboratory(shared_data: Path) -> Iterator[Simulation]:
     knowledge = KnowledgeBase(bundled_ontology=False)
     maps = [shared_data / "maps" / f"iai-kitchen-{name}.owl" for name in ("original", "spawned")]
     knowledge.load(maps, ontologies=shared_data / "ontology")
-    with Stage(knowledge, NullEngine()) as stage:
+    with Simulation(knowledge, NullEngine()) as stage:
         yield stage
 
 
 @pytest.fixture
-def thesis(prolog: Path, laboratory: Stage) -> Iterator[PrologConsole]:
+def thesis(prolog: Path, laboratory: Simulation) -> Iterator[PrologConsole]:
     with PrologConsole(laboratory) as console:
         yield console
 
@@ -107,10 +107,10 @@ def test_the_maps_differ_in_what_the_thesis_did_not_compare(thesis: PrologConsol
         ("get_subclass_in_map(M, knowrob:'IAIFridgeDoor', Door), highlight_handle_of(M, Door)", 1),
     ],
 )
-def test_answers_are_lit_in_the_spawned_map(goal: str, number: int, prolog: Path, laboratory: Stage) -> None:
-    with Stage(laboratory.knowledge, NullEngine()) as stage, PrologConsole(stage) as console:
+def test_answers_are_lit_in_the_spawned_map(goal: str, number: int, prolog: Path, laboratory: Simulation) -> None:
+    with Simulation(laboratory.knowledge, NullEngine()) as stage, PrologConsole(stage) as console:
         assert console.holds(f"{ORIGINAL}, spawn_semantic_map(M), {goal}")
-        assert len(stage.frame.highlights) == number
+        assert len(stage.state.highlights) == number
 
 
 # -- users' own rules --------------------------------------------------------------------------------------------------

@@ -159,7 +159,7 @@ def test_the_toplevel_in_a_terminal(prolog: Path, tmp_path: Path) -> None:
         screen.type("\n")
         screen.wait_for(r"\?- ")
         screen.type("halt.\n")
-        assert screen.end() == 0
+        assert screen.wait_exit() == 0
     history = [path.read_text(encoding="utf-8") for path in tmp_path.rglob("dir-history/*")]
     assert any("member(X," in text for text in history), "what was typed is kept for the next time"
 
@@ -168,7 +168,7 @@ def test_ctrl_c_ends_a_goal(prolog: Path, tmp_path: Path) -> None:
     with terminal("-g", "write(started), nl, repeat, fail", home=tmp_path) as screen:
         screen.wait_for("started")
         screen.interrupt_until_end()
-        assert screen.end() == 130
+        assert screen.wait_exit() == 130
 
 
 def test_the_world_can_be_watched(prolog: Path) -> None:

@@ -8,15 +8,15 @@ from typing import Any
 
 import pytest
 
-from mindstage.bridge import Client, Hub, Server
+from mindstage.bridge import LocalNode, RosbridgeClient, RosbridgeServer
 from mindstage.engines import MujocoEngine
 from mindstage.knowledge import KnowledgeBase, bundled_kitchen
-from mindstage.ros import RosFace
-from mindstage.stage import Stage
-from tests.bridge.talking import PATIENCE_S, Talker
+from mindstage.ros import RosInterface
+from mindstage.stage import Simulation
+from tests.bridge.talking import TIMEOUT_S, RawClient
 from tests.kitchenette import kitchenette
 
-from .asking import Ask, Call, asking
+from .asking import Ask, Call, question_caller
 
 
 @pytest.fixture(scope="session")
@@ -27,42 +27,42 @@ def knowledge() -> Iterator[KnowledgeBase]:
 
 
 @pytest.fixture
-def empty_stage(knowledge: KnowledgeBase) -> Iterator[Stage]:
-    with Stage(knowledge, MujocoEngine()) as stage:
+def empty_stage(knowledge: KnowledgeBase) -> Iterator[Simulation]:
+    with Simulation(knowledge, MujocoEngine()) as stage:
         yield stage
 
 
 @pytest.fixture
-def stage(empty_stage: Stage) -> Stage:
+def stage(empty_stage: Simulation) -> Simulation:
     assert empty_stage.spawn(kitchenette()).ok
     return empty_stage
 
 
 @pytest.fixture
-def hub() -> Iterator[Hub]:
-    with Hub() as hub:
+def hub() -> Iterator[LocalNode]:
+    with LocalNode() as hub:
         yield hub
 
 
 @pytest.fixture
-def server(hub: Hub) -> Iterator[Server]:
-    with Server(hub, port=0) as server:
+def server(hub: LocalNode) -> Iterator[RosbridgeServer]:
+    with RosbridgeServer(hub, port=0) as server:
         yield server
 
 
 @pytest.fixture
-def face(stage: Stage, hub: Hub) -> Iterator[RosFace]:
-    with RosFace(stage, hub) as face:
+def face(stage: Simulation, hub: LocalNode) -> Iterator[RosInterface]:
+    with RosInterface(stage, hub) as face:
         yield face
 
 
 @pytest.fixture
-def call(face: RosFace, hub: Hub) -> Call:
+def call(face: RosInterface, hub: LocalNode) -> Call:
     """Calls a service under the namespace, or one from the root."""
 
     def call(service: str, /, **args: Any) -> Any:
         place = service if service.startswith("/") else f"/unreal/{service}"
-        return hub.call_service(place, args, timeout_s=PATIENCE_S)
+        return hub.call_service(place, args, timeout_s=TIMEOUT_S)
 
     return call
 
@@ -70,18 +70,18 @@ def call(face: RosFace, hub: Hub) -> Call:
 @pytest.fixture
 def ask(call: Call) -> Ask:
     """Asks a question by its own service."""
-    return asking(call)
+    return question_caller(call)
 
 
 @pytest.fixture
-def client(server: Server, face: RosFace) -> Iterator[Client]:
+def client(server: RosbridgeServer, face: RosInterface) -> Iterator[RosbridgeClient]:
     """Ours, over a socket."""
-    with Client(server.url) as client:
-        yield client.wait_connected(PATIENCE_S)
+    with RosbridgeClient(server.url) as client:
+        yield client.wait_connected(TIMEOUT_S)
 
 
 @pytest.fixture
-def talker(server: Server, face: RosFace) -> Iterator[Callable[[], Talker]]:
+def talker(server: RosbridgeServer, face: RosInterface) -> Iterator[Callable[[], RawClient]]:
     """Makes bare clients that say what they want."""
     with ExitStack() as stack:
-        yield lambda: stack.enter_context(closing(Talker(server.url)))
+        yield lambda: stack.enter_context(closing(RawClient(server.url)))

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import sys
 
-from mindstage.bridge import Hub, Server
+from mindstage.bridge import LocalNode, RosbridgeServer
 
 if __name__ == "__main__":
-    with Hub(name="/elsewhere") as hub, Server(hub, port=int(sys.argv[1]) if sys.argv[1:] else 0) as server:
+    with (
+        LocalNode(name="/elsewhere") as hub,
+        RosbridgeServer(hub, port=int(sys.argv[1]) if sys.argv[1:] else 0) as server,
+    ):
         print(server.port, flush=True)
         sys.stdin.read()

@@ -9,14 +9,14 @@ from typing import Any
 
 import pytest
 
-from mindstage.bridge import Client, GoalStatus, Hub, SentGoal, Server
+from mindstage.bridge import ClientGoalHandle, GoalStatus, LocalNode, RosbridgeClient, RosbridgeServer
 from mindstage.bridge.description import world_to_json
 from mindstage.engines import NullEngine, SpawnReport
 from mindstage.knowledge import KnowledgeBase
-from mindstage.ros import RosFace, RosVersion
-from mindstage.stage import Stage
-from mindstage.world import NO_FORMS, Forms, World
-from tests.bridge.talking import PATIENCE_S, Talker, eventually
+from mindstage.ros import RosInterface, RosVersion
+from mindstage.stage import Simulation
+from mindstage.world import NO_GEOMETRY, GeometryMap, World
+from tests.bridge.talking import TIMEOUT_S, RawClient, eventually
 from tests.kitchenette import kitchenette
 
 STEPS = "/unreal/simulate_steps"
@@ -25,17 +25,17 @@ FOR_EVER = 10**9
 ACTIVE, PREEMPTED, SUCCEEDED, ABORTED, REJECTED = 1, 2, 3, 4, 5
 
 
-def stands_still(stage: Stage) -> bool:
-    before = stage.frame.time_s
+def stands_still(stage: Simulation) -> bool:
+    before = stage.state.time_s
     time.sleep(0.05)
-    return stage.frame.time_s == before
+    return stage.state.time_s == before
 
 
 @pytest.fixture
-def send(face: RosFace, hub: Hub) -> Iterator[Callable[..., SentGoal]]:
-    sent: list[SentGoal] = []
+def send(face: RosInterface, hub: LocalNode) -> Iterator[Callable[..., ClientGoalHandle]]:
+    sent: list[ClientGoalHandle] = []
 
-    def send(action: str, args: dict[str, Any], **options: Any) -> SentGoal:
+    def send(action: str, args: dict[str, Any], **options: Any) -> ClientGoalHandle:
         type = STEPS_TYPE if action == STEPS else "mindstage_msgs/Simulate"
         sent.append(hub.send_goal(action, type, args, **options))
         return sent[-1]
@@ -48,32 +48,32 @@ def send(face: RosFace, hub: Hub) -> Iterator[Callable[..., SentGoal]]:
 # -- the way of ROS 2 --------------------------------------------------------------------------------------------------
 
 
-def test_steps_are_taken_and_told(send: Any, stage: Stage) -> None:
+def test_steps_are_taken_and_told(send: Any, stage: Simulation) -> None:
     told: list[Any] = []
-    before = stage.frame.time_s
-    outcome = send(STEPS, {"steps": 500}, on_feedback=told.append).wait(PATIENCE_S)
+    before = stage.state.time_s
+    outcome = send(STEPS, {"steps": 500}, on_feedback=told.append).wait(TIMEOUT_S)
     assert outcome.status is GoalStatus.SUCCEEDED
     assert outcome.values == {"result": {"result": 1, "error_message": ""}}
-    assert stage.frame.time_s - before == pytest.approx(1.0)
+    assert stage.state.time_s - before == pytest.approx(1.0)
     assert told[0] == {"completed_steps": 0, "remaining_steps": 500}
     assert told[-1] == {"completed_steps": 500, "remaining_steps": 0}
 
 
-def test_seconds_pass_and_are_told(send: Any, stage: Stage) -> None:
+def test_seconds_pass_and_are_told(send: Any, stage: Simulation) -> None:
     told: list[Any] = []
-    before = stage.frame.time_s
-    outcome = send("/unreal/mindstage/simulate", {"duration_s": 0.55}, on_feedback=told.append).wait(PATIENCE_S)
+    before = stage.state.time_s
+    outcome = send("/unreal/mindstage/simulate", {"duration_s": 0.55}, on_feedback=told.append).wait(TIMEOUT_S)
     assert outcome.status is GoalStatus.SUCCEEDED
     assert outcome.values["time_s"] - before == pytest.approx(0.55, abs=2e-3)
     assert told[0] == {"elapsed_s": 0.0, "remaining_s": 0.55}
 
 
-def test_a_goal_is_given_up_and_the_world_stands_still(send: Any, stage: Stage) -> None:
+def test_a_goal_is_given_up_and_the_world_stands_still(send: Any, stage: Simulation) -> None:
     told: list[Any] = []
     goal = send(STEPS, {"steps": FOR_EVER}, on_feedback=told.append)
     eventually(lambda: len(told) >= 2)
     goal.cancel()
-    outcome = goal.wait(PATIENCE_S)
+    outcome = goal.wait(TIMEOUT_S)
     assert outcome.status is GoalStatus.CANCELED
     assert outcome.values["result"] == {"result": 4, "error_message": "it was cancelled"}
     assert stands_still(stage)
@@ -85,42 +85,42 @@ def test_feedback_comes_at_least_twice_a_second_by_the_clock_of_the_face(send: A
     goal = send(STEPS, {"steps": FOR_EVER}, on_feedback=lambda _: moments.append(time.monotonic()))
     eventually(lambda: len(moments) >= 4)
     goal.cancel()
-    assert goal.wait(PATIENCE_S).status is GoalStatus.CANCELED
+    assert goal.wait(TIMEOUT_S).status is GoalStatus.CANCELED
 
 
-def test_only_one_steps_at_a_time_and_none_while_it_plays(send: Any, stage: Stage) -> None:
+def test_only_one_steps_at_a_time_and_none_while_it_plays(send: Any, stage: Simulation) -> None:
     told: list[Any] = []
     first = send(STEPS, {"steps": FOR_EVER}, on_feedback=told.append)
     eventually(lambda: told)
-    second = send(STEPS, {"steps": 1}).wait(PATIENCE_S)
+    second = send(STEPS, {"steps": 1}).wait(TIMEOUT_S)
     assert second.status is GoalStatus.ABORTED
     assert second.values["result"]["result"] == 3
     assert "somebody else is stepping it" in second.values["result"]["error_message"]
     first.cancel()
-    first.wait(PATIENCE_S)
+    first.wait(TIMEOUT_S)
     stage.play()
-    assert send(STEPS, {"steps": 1}).wait(PATIENCE_S).values["result"]["result"] == 3
+    assert send(STEPS, {"steps": 1}).wait(TIMEOUT_S).values["result"]["result"] == 3
 
 
-def test_a_goal_that_takes_too_long_ends(stage: Stage) -> None:
-    with Hub() as hub, RosFace(stage, hub, goal_timeout_s=0.2):
+def test_a_goal_that_takes_too_long_ends(stage: Simulation) -> None:
+    with LocalNode() as hub, RosInterface(stage, hub, goal_timeout_s=0.2):
         goal = hub.send_goal(STEPS, STEPS_TYPE, {"steps": FOR_EVER})
         with pytest.raises(Exception, match=r"within 0\.2 s"):
-            goal.wait(PATIENCE_S)
+            goal.wait(TIMEOUT_S)
         assert hub.call_service("/unreal/get_simulation_state")["result"]["result"] == 1
 
 
 def test_a_goal_that_is_none_is_refused_with_the_path(send: Any) -> None:
     with pytest.raises(Exception, match="steps: expected int, got str"):
-        send(STEPS, {"steps": "many"}).wait(PATIENCE_S)
+        send(STEPS, {"steps": "many"}).wait(TIMEOUT_S)
 
 
-def test_a_goal_whose_client_vanished_is_cancelled(talker: Callable[[], Talker], stage: Stage) -> None:
+def test_a_goal_whose_client_vanished_is_cancelled(talker: Callable[[], RawClient], stage: Simulation) -> None:
     client = talker()
-    client.say(
+    client.send_operation(
         op="send_action_goal", id="g", action=STEPS, action_type=STEPS_TYPE, args={"steps": FOR_EVER}, feedback=True
     )
-    client.hear("action_feedback", id="g")
+    client.receive("action_feedback", id="g")
     client.kill()
     eventually(lambda: stands_still(stage))
 
@@ -133,24 +133,24 @@ class SlowEngine(NullEngine):
         self.spawning = threading.Event()
         self.go_on = threading.Event()
 
-    def spawn(self, world: World, *, forms: Forms = NO_FORMS) -> SpawnReport:
+    def spawn(self, world: World, *, geometry: GeometryMap = NO_GEOMETRY) -> SpawnReport:
         self.spawning.set()
-        assert self.go_on.wait(PATIENCE_S)
-        return super().spawn(world, forms=forms)
+        assert self.go_on.wait(TIMEOUT_S)
+        return super().spawn(world, geometry=geometry)
 
 
 def test_what_cannot_be_divided_is_told_of_too_and_undone_when_given_up(knowledge: KnowledgeBase) -> None:
     engine = SlowEngine()
     told: list[Any] = []
-    with Stage(knowledge, engine) as stage, Hub() as hub, RosFace(stage, hub):
+    with Simulation(knowledge, engine) as stage, LocalNode() as hub, RosInterface(stage, hub):
         goal = {"world": world_to_json(kitchenette())}
         sent = hub.send_goal("/unreal/mindstage/spawn_map", "mindstage_msgs/SpawnMap", goal, on_feedback=told.append)
-        assert engine.spawning.wait(PATIENCE_S)
+        assert engine.spawning.wait(TIMEOUT_S)
         eventually(lambda: sum(each["phase"] == "spawning" for each in told) >= 3)
         sent.cancel()
         engine.go_on.set()
-        assert sent.wait(PATIENCE_S).status is GoalStatus.CANCELED
-        assert stage.frame.ids == ()
+        assert sent.wait(TIMEOUT_S).status is GoalStatus.CANCELED
+        assert stage.state.ids == ()
 
 
 # -- the five topics of ROS 1 ------------------------------------------------------------------------------------------
@@ -159,7 +159,7 @@ def test_what_cannot_be_divided_is_told_of_too_and_undone_when_given_up(knowledg
 class Actionlib:
     """An action's client by hand: what it hears on three topics, and what it says on two."""
 
-    def __init__(self, client: Client, name: str, type: str) -> None:
+    def __init__(self, client: RosbridgeClient, name: str, type: str) -> None:
         self.client, self.name, self.type = client, name, type
         self.heard: dict[str, list[Any]] = {"status": [], "feedback": [], "result": []}
         for topic, messages in self.heard.items():
@@ -182,19 +182,19 @@ class Actionlib:
 
 
 @pytest.fixture
-def actionlib(client: Client) -> Iterator[Actionlib]:
+def actionlib(client: RosbridgeClient) -> Iterator[Actionlib]:
     actionlib = Actionlib(client, STEPS, STEPS_TYPE)
     yield actionlib
     actionlib.cancel()
 
 
-def test_a_goal_by_topics_is_reached(actionlib: Actionlib, stage: Stage) -> None:
-    before = stage.frame.time_s
+def test_a_goal_by_topics_is_reached(actionlib: Actionlib, stage: Simulation) -> None:
+    before = stage.state.time_s
     actionlib.send("one", {"steps": 100})
     result = actionlib.ended("one")
     assert result["status"]["status"] == SUCCEEDED
     assert result["result"] == {"result": {"result": 1, "error_message": ""}}
-    assert stage.frame.time_s - before == pytest.approx(0.2)
+    assert stage.state.time_s - before == pytest.approx(0.2)
     assert actionlib.is_told_of("one")
     eventually(lambda: any(
         each["goal_id"]["id"] == "one" and each["status"] == SUCCEEDED
@@ -212,14 +212,14 @@ def test_a_goal_by_topics_is_given_up_by_its_id_by_its_time_or_with_all_others(a
         assert actionlib.ended(name)["status"]["status"] == PREEMPTED
 
 
-def test_a_goal_that_comes_twice_is_one(actionlib: Actionlib, stage: Stage) -> None:
-    before = stage.frame.time_s
+def test_a_goal_that_comes_twice_is_one(actionlib: Actionlib, stage: Simulation) -> None:
+    before = stage.state.time_s
     for _ in range(2):
         actionlib.send("twice", {"steps": 100})
     actionlib.ended("twice")
     actionlib.send("then", {"steps": 0})
     actionlib.ended("then")
-    assert stage.frame.time_s - before == pytest.approx(0.2)
+    assert stage.state.time_s - before == pytest.approx(0.2)
     assert len(actionlib.heard["result"]) == 2
 
 
@@ -232,7 +232,9 @@ def test_a_goal_by_topics_that_is_none_is_rejected_with_the_path(actionlib: Acti
     assert actionlib.ended("good")["status"]["status"] == SUCCEEDED
 
 
-def test_a_cancel_by_topics_that_is_none_is_told_on_the_diagnostics(actionlib: Actionlib, client: Client) -> None:
+def test_a_cancel_by_topics_that_is_none_is_told_on_the_diagnostics(
+    actionlib: Actionlib, client: RosbridgeClient
+) -> None:
     told: list[Any] = []
     client.subscribe("/mindstage/diagnostics", told.append)
     eventually(lambda: actionlib.cancel(which="all") or told)
@@ -248,25 +250,25 @@ def test_goals_by_topics_are_only_so_many_under_way_and_told_of(actionlib: Actio
 
 
 def test_a_goal_by_topics_whose_client_vanished_is_cancelled_although_others_listen(
-    face: RosFace, server: Server, stage: Stage, client: Client
+    face: RosInterface, server: RosbridgeServer, stage: Simulation, client: RosbridgeClient
 ) -> None:
     bystander = Actionlib(client, STEPS, STEPS_TYPE)
-    with Client(server.url) as leaving:
-        lost = Actionlib(leaving.wait_connected(PATIENCE_S), STEPS, STEPS_TYPE)
+    with RosbridgeClient(server.url) as leaving:
+        lost = Actionlib(leaving.wait_connected(TIMEOUT_S), STEPS, STEPS_TYPE)
         lost.send("lost", {"steps": FOR_EVER})
         eventually(lambda: lost.is_told_of("lost"))
     assert bystander.ended("lost")["status"]["status"] == PREEMPTED
     assert stands_still(stage)
 
 
-def test_ros_1_reads_its_own_spelling(stage: Stage) -> None:
+def test_ros_1_reads_its_own_spelling(stage: Simulation) -> None:
     with (
-        Hub() as hub,
-        Server(hub, port=0) as server,
-        RosFace(stage, hub, ros=RosVersion.ONE),
-        Client(server.url) as client,
+        LocalNode() as hub,
+        RosbridgeServer(hub, port=0) as server,
+        RosInterface(stage, hub, ros=RosVersion.ONE),
+        RosbridgeClient(server.url) as client,
     ):
-        actionlib = Actionlib(client.wait_connected(PATIENCE_S), STEPS, STEPS_TYPE)
+        actionlib = Actionlib(client.wait_connected(TIMEOUT_S), STEPS, STEPS_TYPE)
         actionlib.send("one", {"steps": 10}, stamp={"secs": 1, "nsecs": 2})
         status = actionlib.ended("one")["status"]
         assert status["goal_id"] == {"stamp": {"secs": 1, "nsecs": 2}, "id": "one"}

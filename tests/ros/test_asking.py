@@ -6,20 +6,22 @@ import json
 
 import pytest
 
-from mindstage.bridge import Hub
-from mindstage.errors import ServiceFailed
+from mindstage.bridge import LocalNode
+from mindstage.errors import ServiceCallError
 from mindstage.knowledge import KnowledgeBase
-from mindstage.knowledge.questions import answers_to_builtins, questions
-from mindstage.stage import Stage
+from mindstage.knowledge.questions import answers_to_builtins, list_questions
+from mindstage.stage import Simulation
 
-from .asking import Ask, Call, wire_pose
+from .asking import Ask, Call, pose_message
 
 
-def test_every_question_has_a_service_that_answers_as_the_shell_does(call: Call, stage: Stage, hub: Hub) -> None:
-    offered = {each.name for each in hub.directory().services}
-    for question in questions():
+def test_every_question_has_a_service_that_answers_as_the_shell_does(
+    call: Call, stage: Simulation, hub: LocalNode
+) -> None:
+    offered = {each.name for each in hub.graph_info().services}
+    for question in list_questions():
         assert f"/mindstage/{question.name}" in offered
-        if question.is_live:
+        if question.uses_current_state:
             continue  # those are asked of the stage, below
         expected = json.loads(json.dumps(answers_to_builtins(stage.knowledge, stage.ask(question))))
         reply = call(f"/mindstage/{question.name}")
@@ -48,7 +50,7 @@ def test_the_place_is_asked_about_as_it_is_now(call: Call, ask: Ask) -> None:
         return {row["other"].rpartition("#")[2] for row in answers}
 
     assert under_the_mug() == {"Cupboard"}
-    call("set_model_pose", id="Mug", pose=wire_pose(0.0, -2.0, 0.05))
+    call("set_model_pose", id="Mug", pose=pose_message(0.0, -2.0, 0.05))
     assert under_the_mug() == {"Floor"}
 
 
@@ -65,6 +67,6 @@ def test_the_place_is_asked_about_as_it_is_now(call: Call, ask: Ask) -> None:
     ],
 )
 def test_what_is_no_question_ends_with_words(call: Call, service: str, args: dict[str, str], text: str) -> None:
-    with pytest.raises(ServiceFailed) as failure:
+    with pytest.raises(ServiceCallError) as failure:
         call(service, **args)
     assert text in str(failure.value)

@@ -8,26 +8,26 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mindstage.bridge import GoalStatus, Hub
+from mindstage.bridge import GoalStatus, LocalNode
 from mindstage.bridge.description import (
     error_from_text,
-    forms_to_json,
+    geometry_to_json,
+    message_to_error,
     to_json,
-    world_error,
     world_from_json,
     world_to_json,
 )
-from mindstage.engines import NullEngine, Poses
-from mindstage.errors import BodyUnknown, PoseUnreachable, ServiceFailed, SimulationUnstable
+from mindstage.engines import NullEngine, PoseArray
+from mindstage.errors import BodyNotFoundError, PoseUnreachableError, ServiceCallError, SimulationDivergedError
 from mindstage.knowledge import KnowledgeBase
 from mindstage.msgs import decode, engine_service, mindstage_msgs, service_types
-from mindstage.ros import RosFace
-from mindstage.stage import Stage
-from mindstage.world import BodyId, Form, Material, Mobility, Physics, Solid, difference
-from tests.bridge.talking import PATIENCE_S, eventually
+from mindstage.ros import RosInterface
+from mindstage.stage import Simulation
+from mindstage.world import BodyGeometry, BodyId, BodyPhysics, CollisionShape, Material, Mobility, diff
+from tests.bridge.talking import TIMEOUT_S, eventually
 from tests.kitchenette import kitchenette
 
-from .asking import TURNED, Call, at, wire_pose
+from .asking import TURNED, Call, pose_message, position_of
 
 
 @pytest.fixture
@@ -35,8 +35,8 @@ def engine(call: Call) -> Call:
     return lambda name, /, **args: call(f"mindstage/{name}", **args)
 
 
-def test_every_service_of_the_package_is_offered_where_it_is_agreed(face: RosFace, hub: Hub) -> None:
-    offered = {each.name for each in hub.directory().services}
+def test_every_service_of_the_package_is_offered_where_it_is_agreed(face: RosInterface, hub: LocalNode) -> None:
+    offered = {each.name for each in hub.graph_info().services}
     engines = [cls for cls in vars(mindstage_msgs).values() if isinstance(cls, type)]
     others = {mindstage_msgs.Ask, mindstage_msgs.SaveScene, mindstage_msgs.Photograph}  # not every engine's business
     expected = {
@@ -48,12 +48,12 @@ def test_every_service_of_the_package_is_offered_where_it_is_agreed(face: RosFac
     assert expected <= offered
 
 
-def test_a_world_goes_in_and_comes_back_with_nothing_lost(engine: Call, stage: Stage) -> None:
+def test_a_world_goes_in_and_comes_back_with_nothing_lost(engine: Call, stage: Simulation) -> None:
     assert engine("clear") == {"success": True, "refusal": EMPTY}
     reply = engine("spawn_world", world=world_to_json(kitchenette()))
     assert reply["success"]
     assert (reply["report"]["bodies"], reply["report"]["constraints"], reply["report"]["attachments"]) == (8, 2, 2)
-    assert difference(kitchenette(), world_from_json(engine("log_world")["world"])).identical(0.0)
+    assert diff(kitchenette(), world_from_json(engine("log_world")["world"])).identical(0.0)
 
 
 def test_what_cannot_be_spawned_stands_in_the_report(engine: Call) -> None:
@@ -68,30 +68,30 @@ def test_it_says_what_it_is(engine: Call) -> None:
     assert told["takes"] == ["forms"]
 
 
-def test_bodies_are_edited(engine: Call, stage: Stage) -> None:
-    assert engine("set_pose", id="Mug", pose=wire_pose(4, 4, 4, TURNED))["success"]
+def test_bodies_are_edited(engine: Call, stage: Simulation) -> None:
+    assert engine("set_pose", id="Mug", pose=pose_message(4, 4, 4, TURNED))["success"]
     poses = engine("get_poses")
-    assert at(dict(zip(poses["ids"], poses["poses"], strict=True))["Mug"]) == (4, 4, 4)
-    assert engine("set_physics", id="Mug", physics=to_json(Physics(mobility=Mobility.KINEMATIC)))["success"]
-    materials = (Material(name="Oak", colour=(0.5, 0.25, 0.125)),)
+    assert position_of(dict(zip(poses["ids"], poses["poses"], strict=True))["Mug"]) == (4, 4, 4)
+    assert engine("set_physics", id="Mug", physics=to_json(BodyPhysics(mobility=Mobility.KINEMATIC)))["success"]
+    materials = (Material(name="Oak", color=(0.5, 0.25, 0.125)),)
     assert engine("set_materials", id="Mug", materials=to_json(materials, tuple[Material, ...]))["success"]
-    body = stage.log().body("Mug")
-    assert (body.physics, body.materials) == (Physics(mobility=Mobility.KINEMATIC), materials)
+    body = stage.snapshot().body("Mug")
+    assert (body.physics, body.materials) == (BodyPhysics(mobility=Mobility.KINEMATIC), materials)
     assert engine("attach", parent="Fridge", child="Mug")["success"]
     assert engine("detach", child="Mug")["success"]
     assert engine("delete", ids=["Mug", "Drawer"])["success"]
-    assert not {"Mug", "Drawer"} & set(stage.frame.ids)
+    assert not {"Mug", "Drawer"} & set(stage.state.ids)
 
 
-def test_any_colour_lights_up(engine: Call, stage: Stage) -> None:
-    colour = {"r": 0.1, "g": 0.2, "b": 0.3, "a": 1.0}
-    assert engine("highlight", ids=["Mug", "Fridge"], lit=True, color=colour)["success"]
-    assert stage.frame.highlights == {"Mug": (0.1, 0.2, 0.3), "Fridge": (0.1, 0.2, 0.3)}
+def test_any_color_lights_up(engine: Call, stage: Simulation) -> None:
+    color = {"r": 0.1, "g": 0.2, "b": 0.3, "a": 1.0}
+    assert engine("highlight", ids=["Mug", "Fridge"], lit=True, color=color)["success"]
+    assert stage.state.highlights == {"Mug": (0.1, 0.2, 0.3), "Fridge": (0.1, 0.2, 0.3)}
     lit = engine("get_highlights")
     assert lit["ids"] == ["Mug", "Fridge"]
-    assert lit["colors"] == [colour, colour]
+    assert lit["colors"] == [color, color]
     assert engine("highlight", ids=["Mug"])["success"]
-    assert set(stage.frame.highlights) == {"Fridge"}
+    assert set(stage.state.highlights) == {"Fridge"}
 
 
 def test_a_push_is_felt_throughout_the_step_and_seen_at_the_joint(engine: Call) -> None:
@@ -104,20 +104,20 @@ def test_a_push_is_felt_throughout_the_step_and_seen_at_the_joint(engine: Call) 
     assert abs(joints["FridgeHinge"]["swing1"]) < 1e-3
 
 
-def test_a_step_takes_its_pushes_along_and_tells_where_everything_is_then(engine: Call, stage: Stage) -> None:
+def test_a_step_takes_its_pushes_along_and_tells_where_everything_is_then(engine: Call, stage: Simulation) -> None:
     push = {"id": "Drawer", "force": {"x": -40.0, "y": 0.0, "z": 0.0}}
     reply = engine("step", duration_s=0.2, forces=[push, push], packed=True)
-    np.testing.assert_array_equal(rows(reply), stage.frame.poses)
-    assert stage.frame.poses[stage.frame.ids.index(BodyId("Drawer")), 0] < 1.95 - 0.1
+    np.testing.assert_array_equal(rows(reply), stage.state.poses)
+    assert stage.state.poses[stage.state.ids.index(BodyId("Drawer")), 0] < 1.95 - 0.1
     assert rows(engine("step", duration_s=0.2)).size == 0  # nobody asked
-    with pytest.raises(BodyUnknown):
-        raise world_error(decode(mindstage_msgs.Refusal, engine("step", forces=[{"id": "Drawr"}])["refusal"]))
+    with pytest.raises(BodyNotFoundError):
+        raise message_to_error(decode(mindstage_msgs.Refusal, engine("step", forces=[{"id": "Drawr"}])["refusal"]))
 
 
-def test_packed_poses_leave_out_the_ids_that_are_known(engine: Call, stage: Stage) -> None:
+def test_packed_poses_leave_out_the_ids_that_are_known(engine: Call, stage: Simulation) -> None:
     first = engine("get_poses", packed=True)
-    assert (first["ids"], first["poses"]) == (list(stage.frame.ids), [])
-    np.testing.assert_array_equal(rows(first), stage.frame.poses)
+    assert (first["ids"], first["poses"]) == (list(stage.state.ids), [])
+    np.testing.assert_array_equal(rows(first), stage.state.poses)
     again = engine("get_poses", packed=True, known=first["revision"])
     assert (again["ids"], again["revision"], again["rows"]) == ([], first["revision"], first["rows"])
     engine("delete", ids=["Mug"])
@@ -127,46 +127,51 @@ def test_packed_poses_leave_out_the_ids_that_are_known(engine: Call, stage: Stag
     assert len(rows(other)) == len(other["ids"])
 
 
-def test_forms_that_come_along_are_what_bodies_are_made_of(engine: Call, stage: Stage) -> None:
+def test_forms_that_come_along_are_what_bodies_are_made_of(engine: Call, stage: Simulation) -> None:
     engine("clear")
-    flat = Form(key="0123456789abcdef", skins=(), solids=(Solid(size=(0.08, 0.08, 0.02)),), kind="puck")
-    forms = forms_to_json({BodyId("Mug"): flat})
+    flat = BodyGeometry(
+        key="0123456789abcdef",
+        visuals=(),
+        collision_shapes=(CollisionShape(size=(0.08, 0.08, 0.02)),),
+        shape_name="puck",
+    )
+    forms = geometry_to_json({BodyId("Mug"): flat})
     assert engine("spawn_world", world=world_to_json(kitchenette()), forms=forms)["success"]
-    assert stage.forms[BodyId("Mug")].solids == flat.solids
+    assert stage.geometry[BodyId("Mug")].collision_shapes == flat.collision_shapes
     engine("step", duration_s=1.0)
-    assert at(engine("get_poses")["poses"][7])[2] == pytest.approx(
+    assert position_of(engine("get_poses")["poses"][7])[2] == pytest.approx(
         0.81, abs=0.003
     )  # the puck's half above the cupboard
 
 
-def test_forms_that_make_no_sense_are_refused_before_anything_is_spawned(engine: Call, stage: Stage) -> None:
+def test_forms_that_make_no_sense_are_refused_before_anything_is_spawned(engine: Call, stage: Simulation) -> None:
     engine("clear")
-    with pytest.raises(ServiceFailed, match="there is no form"):
+    with pytest.raises(ServiceCallError, match="there is no form"):
         engine("spawn_world", world=world_to_json(kitchenette()), forms='{"bodies": {"Mug": "0123456789abcdef"}}')
-    assert stage.frame.ids == ()
+    assert stage.state.ids == ()
 
 
-def rows(reply: dict[str, Any]) -> Poses:
+def rows(reply: dict[str, Any]) -> PoseArray:
     return np.frombuffer(b64decode(reply["rows"]), dtype="<f8").reshape(-1, 7)
 
 
-def test_states_are_kept_over_there_and_brought_back_exactly(engine: Call, stage: Stage) -> None:
+def test_states_are_kept_over_there_and_brought_back_exactly(engine: Call, stage: Simulation) -> None:
     handle = engine("save_state")["handle"]
-    before = stage.frame.poses.copy()
+    before = stage.state.poses.copy()
     engine("push", id="Drawer", force={"x": -40.0, "y": 0.0, "z": 0.0})
     engine("step", duration_s=0.2)
-    assert (stage.frame.poses != before).any()
+    assert (stage.state.poses != before).any()
     assert engine("restore_state", handle=handle)["success"]
-    assert (stage.frame.poses == before).all()
+    assert (stage.state.poses == before).all()
     assert engine("forget_state", handle=handle)["success"]
-    with pytest.raises(ServiceFailed, match="no state"):
+    with pytest.raises(ServiceCallError, match="no state"):
         engine("restore_state", handle=handle)
 
 
 def test_states_are_not_kept_without_end(engine: Call) -> None:
     for _ in range(64):
         engine("save_state")
-    with pytest.raises(ServiceFailed, match="64 states are kept already"):
+    with pytest.raises(ServiceCallError, match="64 states are kept already"):
         engine("save_state")
 
 
@@ -174,13 +179,13 @@ def test_refusals_are_the_same_errors_over_there(engine: Call) -> None:
     def refused(name: str, **args: Any) -> Exception:
         reply = engine(name, **args)
         assert not reply["success"]
-        return world_error(decode(mindstage_msgs.Refusal, reply["refusal"]))
+        return message_to_error(decode(mindstage_msgs.Refusal, reply["refusal"]))
 
-    unknown = refused("set_pose", id="Mugg", pose=wire_pose(0, 0, 0))
-    assert isinstance(unknown, BodyUnknown)
-    assert (unknown.body, unknown.near) == ("Mugg", ("Mug",))
-    unreachable = refused("set_pose", id="Drawer", pose=wire_pose(9, 9, 9))
-    assert isinstance(unreachable, PoseUnreachable)
+    unknown = refused("set_pose", id="Mugg", pose=pose_message(0, 0, 0))
+    assert isinstance(unknown, BodyNotFoundError)
+    assert (unknown.body, unknown.suggestions) == ("Mugg", ("Mug",))
+    unreachable = refused("set_pose", id="Drawer", pose=pose_message(9, 9, 9))
+    assert isinstance(unreachable, PoseUnreachableError)
     assert unreachable.reason
     for name, args in (
         ("delete", {"ids": ["nobody"]}),
@@ -191,7 +196,7 @@ def test_refusals_are_the_same_errors_over_there(engine: Call) -> None:
         ("set_physics", {"id": "nobody", "physics": "{}"}),
         ("set_materials", {"id": "nobody", "materials": "[]"}),
     ):
-        assert isinstance(refused(name, **args), BodyUnknown), name
+        assert isinstance(refused(name, **args), BodyNotFoundError), name
 
 
 @pytest.mark.parametrize(
@@ -205,50 +210,50 @@ def test_refusals_are_the_same_errors_over_there(engine: Call) -> None:
     ],
 )
 def test_what_is_no_part_of_a_world_ends_the_call(engine: Call, service: str, args: Any, text: str) -> None:
-    with pytest.raises(ServiceFailed) as failure:
+    with pytest.raises(ServiceCallError) as failure:
         engine(service, **args)
     assert text in str(failure.value)
 
 
 def test_an_engine_without_an_ability_says_so(knowledge: KnowledgeBase) -> None:
-    with Stage(knowledge, NullEngine()) as stage, Hub() as hub, RosFace(stage, hub):
+    with Simulation(knowledge, NullEngine()) as stage, LocalNode() as hub, RosInterface(stage, hub):
         assert hub.call_service("/unreal/mindstage/describe")["abilities"] == ["save"]
-        with pytest.raises(ServiceFailed, match="cannot tell where joints stand"):
+        with pytest.raises(ServiceCallError, match="cannot tell where joints stand"):
             hub.call_service("/unreal/mindstage/get_joint_positions")
 
 
 class ExplodingEngine(NullEngine):
     def step(self, duration_s: float) -> None:
-        raise SimulationUnstable(time_s=1.5, what="everything flies")
+        raise SimulationDivergedError(time_s=1.5, what="everything flies")
 
 
 def test_what_breaks_over_there_is_the_same_error_here(knowledge: KnowledgeBase) -> None:
     with (
-        Stage(knowledge, ExplodingEngine()) as stage,
-        Hub() as hub,
-        RosFace(stage, hub),
-        pytest.raises(ServiceFailed) as failure,
+        Simulation(knowledge, ExplodingEngine()) as stage,
+        LocalNode() as hub,
+        RosInterface(stage, hub),
+        pytest.raises(ServiceCallError) as failure,
     ):
         hub.call_service("/unreal/mindstage/step", {"duration_s": 0.1})
     error = error_from_text(failure.value.cause)
-    assert isinstance(error, SimulationUnstable)
+    assert isinstance(error, SimulationDivergedError)
     assert (error.time_s, error.what) == (1.5, "everything flies")
 
 
-def test_spawning_as_a_goal_tells_how_far_it_is(engine: Call, hub: Hub, stage: Stage) -> None:
+def test_spawning_as_a_goal_tells_how_far_it_is(engine: Call, hub: LocalNode, stage: Simulation) -> None:
     engine("clear")
     told: list[Any] = []
     goal = {"world": world_to_json(kitchenette())}
     sent = hub.send_goal("/unreal/mindstage/spawn_map", "mindstage_msgs/SpawnMap", goal, on_feedback=told.append)
-    outcome = sent.wait(PATIENCE_S)
+    outcome = sent.wait(TIMEOUT_S)
     assert outcome.status is GoalStatus.SUCCEEDED
     assert outcome.values["report"]["bodies"] == 8
     assert told[0]["phase"] == "reading"
     assert told[-1] == {"phase": "spawned", "done": 12, "total": 12}
-    again = hub.send_goal("/unreal/mindstage/spawn_map", "mindstage_msgs/SpawnMap", goal).wait(PATIENCE_S)
+    again = hub.send_goal("/unreal/mindstage/spawn_map", "mindstage_msgs/SpawnMap", goal).wait(TIMEOUT_S)
     assert again.status is GoalStatus.ABORTED
     assert len(again.values["report"]["failed_bodies"]) == 8
-    eventually(lambda: len(stage.frame.ids) == 8)
+    eventually(lambda: len(stage.state.ids) == 8)
 
 
 EMPTY = {"kind": "", "text": "", "body": "", "parent": "", "child": "", "reason": "", "world": "", "near": []}

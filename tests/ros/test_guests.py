@@ -2,38 +2,38 @@
 
 from __future__ import annotations
 
-from mindstage import KnowledgeBase, NullEngine, Stage
-from mindstage.bridge import Client, Hub, Server
-from mindstage.ros import RosFace
-from mindstage.stage import Guest
+from mindstage import KnowledgeBase, NullEngine, Simulation
+from mindstage.bridge import LocalNode, RosbridgeClient, RosbridgeServer
+from mindstage.ros import RosInterface
+from mindstage.stage import ConnectedClient
 from tests.viewport.waiting import wait_until
 
 
 def test_programs_at_the_hub_are_guests_while_they_are_connected() -> None:
-    with Stage(KnowledgeBase(), NullEngine()) as stage, Hub() as hub, Server(hub, port=0) as server:
-        face = RosFace(stage, hub)
-        assert stage.company.guests() == ()
-        client = Client(server.url).wait_connected(30.0)
+    with Simulation(KnowledgeBase(), NullEngine()) as stage, LocalNode() as hub, RosbridgeServer(hub, port=0) as server:
+        face = RosInterface(stage, hub)
+        assert stage.clients.clients() == ()
+        client = RosbridgeClient(server.url).wait_connected(30.0)
         client.subscribe("/unreal/clock_of_mine", lambda _: None, type="std_msgs/String")
-        client.offer_service("/robot/wave", "std_srvs/Trigger", lambda _: {"success": True, "message": ""})
+        client.create_service("/robot/wave", "std_srvs/Trigger", lambda _: {"success": True, "message": ""})
         heard = "1 topics heard, 1 services offered"
-        wait_until(lambda: [guest.activity for guest in stage.company.guests()] == [heard], "the robot is there")
-        (guest,) = stage.company.guests()
+        wait_until(lambda: [guest.activity for guest in stage.clients.clients()] == [heard], "the robot is there")
+        (guest,) = stage.clients.clients()
         assert guest.transport == "ROS"
         client.close()
-        wait_until(lambda: stage.company.guests() == (), "the robot is gone")
+        wait_until(lambda: stage.clients.clients() == (), "the robot is gone")
         face.close()
 
 
 def test_the_rosbridge_that_a_stage_joined_is_its_guest() -> None:
-    with Stage(KnowledgeBase(), NullEngine()) as stage, Hub() as hub:
-        server = Server(hub, port=0)
+    with Simulation(KnowledgeBase(), NullEngine()) as stage, LocalNode() as hub:
+        server = RosbridgeServer(hub, port=0)
         server.__enter__()
-        with Client(server.url) as client:
+        with RosbridgeClient(server.url) as client:
             client.wait_connected(30.0)
-            face = RosFace(stage, client)
-            assert stage.company.guests() == (Guest(name=server.url, transport="ROS", activity="connected"),)
+            face = RosInterface(stage, client)
+            assert stage.clients.clients() == (ConnectedClient(name=server.url, transport="ROS", activity="connected"),)
             server.close()
-            wait_until(lambda: stage.company.guests()[0].activity in {"lost", "connecting"}, "the loss is told")
+            wait_until(lambda: stage.clients.clients()[0].activity in {"lost", "connecting"}, "the loss is told")
             face.close()
-        assert stage.company.guests() == ()
+        assert stage.clients.clients() == ()

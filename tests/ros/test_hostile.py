@@ -8,10 +8,10 @@ from typing import Any
 
 import pytest
 
-from mindstage.bridge import Hub
-from mindstage.ros import RosFace
-from mindstage.stage import Stage
-from tests.bridge.talking import Talker, eventually
+from mindstage.bridge import LocalNode
+from mindstage.ros import RosInterface
+from mindstage.stage import Simulation
+from tests.bridge.talking import RawClient, eventually
 
 MESSAGES = 2000
 KEYS = (
@@ -33,10 +33,14 @@ def anything(dice: random.Random, depth: int = 0) -> Any:
 
 
 def test_whatever_is_said_to_a_stage_it_stays_up_and_others_do_not_notice(
-    talker: Callable[[], Talker], hub: Hub, face: RosFace, stage: Stage, caplog: pytest.LogCaptureFixture
+    talker: Callable[[], RawClient],
+    hub: LocalNode,
+    face: RosInterface,
+    stage: Simulation,
+    caplog: pytest.LogCaptureFixture,
 ) -> None:
     dice = random.Random(5)
-    here = hub.directory()
+    here = hub.graph_info()
     services = [each.name for each in here.services if not any(word in each.name for word in LEFT_ALONE)]
     topics, actions = [each.name for each in here.topics], [each.name for each in here.actions]
     hostile, good = talker(), talker()
@@ -44,14 +48,16 @@ def test_whatever_is_said_to_a_stage_it_stays_up_and_others_do_not_notice(
         args = {dice.choice(KEYS): anything(dice) for _ in range(dice.randrange(4))}
         kind = dice.randrange(4)
         if kind < 2:
-            hostile.say(op="call_service", id=number, service=dice.choice(services), args=args)
+            hostile.send_operation(op="call_service", id=number, service=dice.choice(services), args=args)
         elif kind == 2:
-            hostile.say(op="publish", topic=dice.choice(topics), msg=args)
+            hostile.send_operation(op="publish", topic=dice.choice(topics), msg=args)
         else:
-            hostile.say(op="send_action_goal", id=number, action=dice.choice(actions), action_type="x", args=args)
+            hostile.send_operation(
+                op="send_action_goal", id=number, action=dice.choice(actions), action_type="x", args=args
+            )
         if number % 50 == 0:
-            assert good.ask("/unreal/get_model_pose", {"id": "Mug"})["values"]["success"] is True
-            assert good.ask("/unreal/highlight_models", {"id": "Mug", "color": 2})["values"]["success"] is True
+            assert good.call_service("/unreal/get_model_pose", {"id": "Mug"})["values"]["success"] is True
+            assert good.call_service("/unreal/highlight_models", {"id": "Mug", "color": 2})["values"]["success"] is True
     hostile.kill()
-    eventually(lambda: hub.switchboard.actions.exchange.waiting() == 0)
+    eventually(lambda: hub.broker.actions.providers.pending_count() == 0)
     assert not [each for each in caplog.records if each.levelname == "ERROR"], "a defect, however harmless"

@@ -8,38 +8,38 @@ from typing import Any
 
 import pytest
 
-from mindstage.bridge import Hub, Limits, Server
+from mindstage.bridge import BridgeLimits, LocalNode, RosbridgeServer
 from mindstage.bridge.description import error_from_text, spawn_request
 from mindstage.engines import NullEngine
-from mindstage.errors import EngineClosed, ServiceFailed, StageTimedOut
+from mindstage.errors import EngineClosedError, ServiceCallError, SimulationTimeoutError
 from mindstage.knowledge import KnowledgeBase
 from mindstage.msgs import encode, service_type
 from mindstage.msgs.base import fields_of
-from mindstage.ros import RosFace
-from mindstage.stage import Stage
+from mindstage.ros import RosInterface
+from mindstage.stage import Simulation
 from mindstage.world import World
-from tests.bridge.talking import PATIENCE_S, Talker, eventually
+from tests.bridge.talking import TIMEOUT_S, RawClient, eventually
 from tests.kitchenette import kitchenette
 
-from .asking import wire_pose
+from .asking import pose_message
 
-Talkers = Callable[[], Talker]
+Talkers = Callable[[], RawClient]
 
 
-def test_every_service_says_where_a_malformed_request_is_wrong(talker: Talkers, hub: Hub) -> None:
+def test_every_service_says_where_a_malformed_request_is_wrong(talker: Talkers, hub: LocalNode) -> None:
     client = talker()
-    offered = hub.directory().services
+    offered = hub.graph_info().services
     assert len(offered) > 100
     for service in offered:
         fields = fields_of(service_type(service.type).request)
         wrong: dict[str, Any] = {"nonsense": 1}
         if fields:
             wrong = {fields[0].name: {"no": "such thing"} if fields[0].message is None else 7}
-        answer = client.ask(service.name, wrong)
+        answer = client.call_service(service.name, wrong)
         assert answer["result"] is False, service.name
         assert next(iter(wrong)) in answer["values"], (service.name, answer["values"])
         for args in ("text", 7, [1] * 50):
-            answer = client.ask(service.name, args)
+            answer = client.call_service(service.name, args)
             assert answer["result"] is False, (service.name, args)
             assert isinstance(answer["values"], str)
 
@@ -48,26 +48,26 @@ def test_the_path_leads_deep(talker: Talkers) -> None:
     client = talker()
     request = encode(spawn_request(kitchenette()))
     request["constraints"][1]["constraint_details"]["linear_limits"]["limit"] = "far"
-    answer = client.ask("/unreal/spawn_semantic_map", request)
+    answer = client.call_service("/unreal/spawn_semantic_map", request)
     assert answer["result"] is False
     assert "constraints[1].constraint_details.linear_limits.limit: expected float, got str" in answer["values"]
-    answer = client.ask("/unreal/set_model_pose", {"id": "Mug", "pose": {"positon": {}}})
+    answer = client.call_service("/unreal/set_model_pose", {"id": "Mug", "pose": {"positon": {}}})
     assert "near: 'position'" in answer["values"]
-    answer = client.ask("/unreal/highlight_models", {"id": "Mug", "color": 9})
+    answer = client.call_service("/unreal/highlight_models", {"id": "Mug", "color": 9})
     assert "valid: 0 NONE, 1 BLACK, 2 RED" in answer["values"]
 
 
-def test_the_three_ends_are_told_apart(talker: Talkers, hub: Hub) -> None:
+def test_the_three_ends_are_told_apart(talker: Talkers, hub: LocalNode) -> None:
     told: list[Any] = []
     hub.subscribe("/mindstage/diagnostics", told.append)
     client = talker()
-    done = client.ask("/unreal/set_model_pose", {"id": "Mug", "pose": wire_pose(4, 4, 4)})
+    done = client.call_service("/unreal/set_model_pose", {"id": "Mug", "pose": pose_message(4, 4, 4)})
     assert (done["result"], done["values"]) == (True, {"success": True})
-    refused = client.ask("/unreal/set_model_pose", {"id": "Mugg", "pose": wire_pose(4, 4, 4)})
+    refused = client.call_service("/unreal/set_model_pose", {"id": "Mugg", "pose": pose_message(4, 4, 4)})
     assert (refused["result"], refused["values"]) == (True, {"success": False})
-    broken = client.ask("/unreal/set_model_pose", {"id": 7})
+    broken = client.call_service("/unreal/set_model_pose", {"id": 7})
     assert broken["result"] is False
-    unknown = client.ask("/unreal/set_model_pos", {})
+    unknown = client.call_service("/unreal/set_model_pos", {})
     assert unknown["result"] is False
     assert "near: '/unreal/set_model_pose'" in unknown["values"]
     eventually(lambda: told)
@@ -80,12 +80,12 @@ def test_the_three_ends_are_told_apart(talker: Talkers, hub: Hub) -> None:
 
 def test_a_lost_engine_is_told_from_every_side(knowledge: KnowledgeBase) -> None:
     engine = NullEngine()
-    with Stage(knowledge, engine) as stage, Hub() as hub, RosFace(stage, hub):
+    with Simulation(knowledge, engine) as stage, LocalNode() as hub, RosInterface(stage, hub):
         stage.spawn(kitchenette())
         assert stage.ping() >= 0.0
         assert hub.call_service("/unreal/get_model_pose", {"id": "Mug"})["success"]
         engine.close()
-        with pytest.raises(EngineClosed):
+        with pytest.raises(EngineClosedError):
             stage.ping()
         for service, args in (
             ("get_model_pose", {"id": "Mug"}),
@@ -97,19 +97,19 @@ def test_a_lost_engine_is_told_from_every_side(knowledge: KnowledgeBase) -> None
             ("mindstage/describe", {}),
             ("mindstage/get_poses", {}),
         ):
-            with pytest.raises(ServiceFailed) as failure:
-                hub.call_service(f"/unreal/{service}", args, timeout_s=PATIENCE_S)
-            assert isinstance(error_from_text(failure.value.cause), EngineClosed), service
+            with pytest.raises(ServiceCallError) as failure:
+                hub.call_service(f"/unreal/{service}", args, timeout_s=TIMEOUT_S)
+            assert isinstance(error_from_text(failure.value.cause), EngineClosedError), service
         goal = hub.send_goal("/unreal/simulate_steps", "simulation_interfaces/SimulateSteps", {"steps": 10})
-        with pytest.raises(ServiceFailed, match="is closed"):
-            goal.wait(PATIENCE_S)
+        with pytest.raises(ServiceCallError, match="is closed"):
+            goal.wait(TIMEOUT_S)
         assert hub.call_service("/mindstage/maps", {})["success"]  # what is known is known without an engine
 
 
-def test_a_closed_stage_tells_nothing_old(stage: Stage, face: RosFace, hub: Hub) -> None:
+def test_a_closed_stage_tells_nothing_old(stage: Simulation, face: RosInterface, hub: LocalNode) -> None:
     stage.close()
     for service in ("get_model_pose", "set_model_pose", "mindstage/get_poses"):
-        with pytest.raises(ServiceFailed, match="is closed"):
+        with pytest.raises(ServiceCallError, match="is closed"):
             hub.call_service(f"/unreal/{service}", {})
 
 
@@ -120,55 +120,55 @@ class SlowEngine(NullEngine):
         super().__init__()
         self.may_log = threading.Event()
 
-    def log(self) -> World:
-        self.may_log.wait(PATIENCE_S)
-        return super().log()
+    def snapshot(self) -> World:
+        self.may_log.wait(TIMEOUT_S)
+        return super().snapshot()
 
 
 def test_a_call_that_takes_too_long_ends_and_the_next_one_works(knowledge: KnowledgeBase) -> None:
     engine = SlowEngine()
-    with Stage(knowledge, engine, timeout_s=0.2) as stage, Hub() as hub, RosFace(stage, hub):
+    with Simulation(knowledge, engine, timeout_s=0.2) as stage, LocalNode() as hub, RosInterface(stage, hub):
         stage.spawn(kitchenette())
-        with pytest.raises(ServiceFailed, match=r"log.* 0\.2 s"):
-            hub.call_service("/unreal/mindstage/log_world", {}, timeout_s=PATIENCE_S)
+        with pytest.raises(ServiceCallError, match=r"log.* 0\.2 s"):
+            hub.call_service("/unreal/mindstage/log_world", {}, timeout_s=TIMEOUT_S)
         assert hub.call_service("/unreal/get_model_pose", {"id": "Mug"})["success"]  # it does not wait for the engine
-        with pytest.raises(StageTimedOut):
+        with pytest.raises(SimulationTimeoutError):
             stage.ping(timeout_s=0.1)
-        assert stage.lost is None
+        assert stage.engine_error is None
         engine.may_log.set()
-        assert hub.call_service("/unreal/mindstage/log_world", {}, timeout_s=PATIENCE_S)["success"]
+        assert hub.call_service("/unreal/mindstage/log_world", {}, timeout_s=TIMEOUT_S)["success"]
 
 
 def test_a_caller_who_names_no_time_hears_of_its_end_from_the_hub(knowledge: KnowledgeBase) -> None:
     engine = SlowEngine()
     with (
-        Stage(knowledge, engine) as stage,
-        Hub(limits=Limits(call_s=0.2)) as hub,
-        RosFace(stage, hub),
-        Server(hub, port=0) as server,
+        Simulation(knowledge, engine) as stage,
+        LocalNode(limits=BridgeLimits(call_timeout_s=0.2)) as hub,
+        RosInterface(stage, hub),
+        RosbridgeServer(hub, port=0) as server,
     ):
-        client = Talker(server.url)
-        answer = client.ask("/unreal/mindstage/log_world")
+        client = RawClient(server.url)
+        answer = client.call_service("/unreal/mindstage/log_world")
         assert answer["result"] is False
         assert "did not answer within 0.2 s" in answer["values"]
         engine.may_log.set()
-        assert client.ask("/unreal/mindstage/describe", timeout=PATIENCE_S)["result"] is True
+        assert client.call_service("/unreal/mindstage/describe", timeout=TIMEOUT_S)["result"] is True
         client.close()
 
 
-def test_spawning_is_given_longer_than_other_calls(face: RosFace, hub: Hub) -> None:
-    patience = hub.switchboard.services.patience_s
+def test_spawning_is_given_longer_than_other_calls(face: RosInterface, hub: LocalNode) -> None:
+    patience = hub.broker.services.timeouts_s
     assert patience["/unreal/spawn_semantic_map"] >= 60.0
     assert patience["/unreal/mindstage/spawn_world"] >= 60.0
     assert "/unreal/get_model_pose" not in patience
 
 
-def test_closing_the_face_takes_everything_back(stage: Stage) -> None:
-    with Hub() as hub:
+def test_closing_the_face_takes_everything_back(stage: Simulation) -> None:
+    with LocalNode() as hub:
         for _ in range(2):
-            with RosFace(stage, hub) as face:
+            with RosInterface(stage, hub) as face:
                 assert hub.call_service("/unreal/get_model_pose", {"id": "Mug"})["success"]
             face.close()
-            left = hub.directory()
+            left = hub.graph_info()
             assert (left.services, left.actions, left.topics) == ((), (), ())
         assert not [each for each in threading.enumerate() if each.name.startswith("mindstage-ros")]

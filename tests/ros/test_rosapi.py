@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from mindstage.bridge import Hub
-from mindstage.errors import ServiceFailed
-from mindstage.ros import RosFace
+from mindstage.bridge import LocalNode
+from mindstage.errors import ServiceCallError
+from mindstage.ros import RosInterface
 
 from .asking import Call
 
@@ -29,7 +29,7 @@ def test_topics_services_and_actions_are_listed_with_their_types(call: Call) -> 
     assert action == {"type": "simulation_interfaces/action/SimulateSteps"}
 
 
-def test_who_is_at_the_ends_is_told(call: Call, hub: Hub) -> None:
+def test_who_is_at_the_ends_is_told(call: Call, hub: LocalNode) -> None:
     hub.subscribe("/tf", lambda _: None)
     assert call("/rosapi/nodes") == {"nodes": ["/mindstage"]}
     assert call("/rosapi/publishers", topic="/tf") == {"publishers": ["/mindstage"]}
@@ -51,11 +51,11 @@ def test_types_are_told_down_to_their_primitives(call: Call) -> None:
         assert call(f"/rosapi/{kind}_details", type="world_control_msgs/SpawnModel")["typedefs"]
     for kind in ("goal", "result", "feedback"):
         assert call(f"/rosapi/action_{kind}_details", type="simulation_interfaces/SimulateSteps")["typedefs"]
-    with pytest.raises(ServiceFailed, match="geometry_msgs/Pos"):
+    with pytest.raises(ServiceCallError, match="geometry_msgs/Pos"):
         call("/rosapi/message_details", type="geometry_msgs/Pos")
 
 
-def test_what_a_viewer_needs_before_it_subscribes_is_all_in_one(call: Call, hub: Hub) -> None:
+def test_what_a_viewer_needs_before_it_subscribes_is_all_in_one(call: Call, hub: LocalNode) -> None:
     hub.advertise("/theirs", "their_msgs/Thing")
     told = call("/rosapi/topics_and_raw_types")
     texts = dict(zip(told["topics"], told["typedefs_full_text"], strict=True))
@@ -64,9 +64,9 @@ def test_what_a_viewer_needs_before_it_subscribes_is_all_in_one(call: Call, hub:
     assert texts["/theirs"] == ""
 
 
-def test_the_rest_of_what_clients_ask_has_an_answer(call: Call, face: RosFace) -> None:
+def test_the_rest_of_what_clients_ask_has_an_answer(call: Call, face: RosInterface) -> None:
     assert call("/rosapi/get_time")["time"] == {"sec": 0, "nanosec": 0}
-    face.stage.step(1.5)
+    face.simulation.step(1.5)
     assert call("/rosapi/get_time")["time"] == {"sec": 1, "nanosec": 500_000_000}
     assert call("/rosapi/get_ros_version")["version"] == 2
     assert "geometry_msgs/Pose" in call("/rosapi/interfaces")["interfaces"]

@@ -6,12 +6,12 @@ import json
 import subprocess
 from pathlib import Path
 
-from mindstage.bridge import Hub, Server
+from mindstage.bridge import LocalNode, RosbridgeServer
 from mindstage.bridge.description import spawn_request
 from mindstage.knowledge import KnowledgeBase
 from mindstage.msgs import encode
-from mindstage.ros import RosFace
-from mindstage.stage import Stage
+from mindstage.ros import RosInterface
+from mindstage.stage import Simulation
 from tests.bridge.talking import eventually
 
 PAGE = Path(__file__).with_name("page.mjs")
@@ -19,16 +19,22 @@ LONGEST_S = 120.0
 
 
 def test_a_page_spawns_moves_lights_listens_and_gives_up(
-    node: Path, roslibjs: Path, empty_stage: Stage, hub: Hub, server: Server, knowledge: KnowledgeBase, tmp_path: Path
+    node: Path,
+    roslibjs: Path,
+    empty_stage: Simulation,
+    hub: LocalNode,
+    server: RosbridgeServer,
+    knowledge: KnowledgeBase,
+    tmp_path: Path,
 ) -> None:
     map = tmp_path / "map.json"
     map.write_text(json.dumps(encode(spawn_request(knowledge.world()))), encoding="utf-8")
-    with RosFace(empty_stage, hub):
+    with RosInterface(empty_stage, hub):
         command = [node, PAGE, roslibjs, server.url, map]
         ended = subprocess.run(command, capture_output=True, text=True, timeout=LONGEST_S, check=False)
         assert ended.returncode == 0, ended.stderr
         told = dict(json.loads(line) for line in ended.stdout.splitlines())
-        eventually(lambda: [marker.id for marker in empty_stage.frame.markers] == ["page/1"])
+        eventually(lambda: [marker.id for marker in empty_stage.state.markers] == ["page/1"])
     assert "/unreal/spawn_model" in told["services"]
     assert "/tf" in told["topics"]["topics"]
     assert told["spawned"]["success"] is True
@@ -48,4 +54,4 @@ def test_a_page_spawns_moves_lights_listens_and_gives_up(
     assert "canceled" in told["given up"]["failed"]
     assert "it was cancelled" in told["given up"]["failed"]
     assert told["preempted"]["result"]["result"]["error_message"] == "it was cancelled"
-    assert "fridge" in empty_stage.frame.highlights
+    assert "fridge" in empty_stage.state.highlights

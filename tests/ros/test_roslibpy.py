@@ -11,52 +11,54 @@ import pytest
 import roslibpy
 import roslibpy.ros1.actionlib as actionlib
 
-from mindstage.bridge import Hub, Server
+from mindstage.bridge import LocalNode, RosbridgeServer
 from mindstage.bridge.description import spawn_request
 from mindstage.knowledge import KnowledgeBase
 from mindstage.msgs import encode
-from mindstage.ros import RosFace, RosVersion
-from mindstage.stage import Stage
-from tests.bridge.talking import PATIENCE_S, eventually
+from mindstage.ros import RosInterface, RosVersion
+from mindstage.stage import Simulation
+from tests.bridge.talking import TIMEOUT_S, eventually
 
-from .asking import TURNED, at, wire_pose
+from .asking import TURNED, pose_message, position_of
 
 FOR_EVER = 10**9
 Reach = Callable[..., Any]
 
 
 @pytest.fixture
-def ros(server: Server) -> Iterator[roslibpy.Ros]:
+def ros(server: RosbridgeServer) -> Iterator[roslibpy.Ros]:
     connection = roslibpy.Ros("127.0.0.1", server.port, transport="asyncio")
-    connection.run(PATIENCE_S)
+    connection.run(TIMEOUT_S)
     yield connection
     connection.close()
 
 
 def call(ros: roslibpy.Ros, name: str, type: str, /, **args: Any) -> dict[str, Any]:
     service = roslibpy.Service(ros, name, type)
-    return dict(service.call(roslibpy.ServiceRequest(args), timeout=PATIENCE_S))
+    return dict(service.call(roslibpy.ServiceRequest(args), timeout=TIMEOUT_S))
 
 
 def test_it_spawns_the_kitchen_and_uses_every_service_on_it(
-    ros: roslibpy.Ros, empty_stage: Stage, hub: Hub, knowledge: KnowledgeBase
+    ros: roslibpy.Ros, empty_stage: Simulation, hub: LocalNode, knowledge: KnowledgeBase
 ) -> None:
     def world(name: str, /, **args: Any) -> dict[str, Any]:
         return call(ros, f"/unreal/{name}", f"world_control_msgs/{name}", **args)
 
-    with RosFace(empty_stage, hub):
+    with RosInterface(empty_stage, hub):
         assert world("spawn_semantic_map", **encode(spawn_request(knowledge.world())))["success"]
-        pose = wire_pose(1, 2, 3, TURNED)
+        pose = pose_message(1, 2, 3, TURNED)
         assert world("spawn_model", name="Cup", id="cup", pose=pose)["success"]
-        assert world("spawn_pro_mesh", id="box", pose=wire_pose(5, 5, 5), width=1.0, height=1.0, depth=1.0)["success"]
+        assert world("spawn_pro_mesh", id="box", pose=pose_message(5, 5, 5), width=1.0, height=1.0, depth=1.0)[
+            "success"
+        ]
         details = {"id_first_model": "box", "id_second_model": "cup"}
         joint = {"id": "joint", "constraint_details": details, "pose": pose}
         assert world("spawn_physics_constraint", constraint_description=joint)["success"]
         assert world("attach_model_to_parent", parent_id="fridge", child_id="milk_carton_1")["success"]
         assert world("get_model_pose", id="cup") == {"pose": pose, "success": True}
-        assert world("set_model_pose", id="milk_carton_1", pose=wire_pose(4, 4, 4))["success"]
-        assert at(world("get_model_socket_pose", id="fridge", socket="milk_carton_1")["pose"]) == (4, 4, 4)
-        assert world("move_object", Name="cup", pose=wire_pose(6, 6, 6))["success"]
+        assert world("set_model_pose", id="milk_carton_1", pose=pose_message(4, 4, 4))["success"]
+        assert position_of(world("get_model_socket_pose", id="fridge", socket="milk_carton_1")["pose"]) == (4, 4, 4)
+        assert world("move_object", Name="cup", pose=pose_message(6, 6, 6))["success"]
         assert world("object_to_object_state", source_object_id="cup", other_object_id="fridge")["state"] == "apart"
         assert world("set_physics_properties", id="cup", physics_properties={"mobility": 2, "mass": 0.2})["success"]
         assert world("change_material", id="cup", material_names=["Oak"], material_paths=[""])["success"]
@@ -78,7 +80,7 @@ def test_it_spawns_the_kitchen_and_uses_every_service_on_it(
         assert json.loads(answers)["answers"][0]["id"] == "Refrigerator"
 
 
-def test_it_looks_around(ros: roslibpy.Ros, face: RosFace) -> None:
+def test_it_looks_around(ros: roslibpy.Ros, face: RosInterface) -> None:
     assert "/unreal/spawn_model" in ros.get_services()
     assert "/tf" in ros.get_topics()
     assert ros.get_topic_type("/tf") == "tf2_msgs/msg/TFMessage"
@@ -86,7 +88,7 @@ def test_it_looks_around(ros: roslibpy.Ros, face: RosFace) -> None:
     assert "/mindstage" in ros.get_nodes()
 
 
-def test_it_tells_the_three_ends_apart(ros: roslibpy.Ros, face: RosFace) -> None:
+def test_it_tells_the_three_ends_apart(ros: roslibpy.Ros, face: RosInterface) -> None:
     type = "world_control_msgs/GetModelPose"
     assert call(ros, "/unreal/get_model_pose", type, id="Mug")["success"] is True
     assert call(ros, "/unreal/get_model_pose", type, id="nobody")["success"] is False
@@ -96,41 +98,41 @@ def test_it_tells_the_three_ends_apart(ros: roslibpy.Ros, face: RosFace) -> None
         call(ros, "/unreal/nothing", type)
 
 
-def test_it_listens_to_transforms_and_is_heard(ros: roslibpy.Ros, face: RosFace, stage: Stage) -> None:
+def test_it_listens_to_transforms_and_is_heard(ros: roslibpy.Ros, face: RosInterface, stage: Simulation) -> None:
     heard: list[Any] = []
     roslibpy.Topic(ros, "/tf", "tf2_msgs/TFMessage").subscribe(heard.append)
     stage.play()
     eventually(lambda: len(heard) >= 5)
-    assert {each["child_frame_id"] for each in heard[-1]["transforms"]} == set(stage.frame.ids)
+    assert {each["child_frame_id"] for each in heard[-1]["transforms"]} == set(stage.state.ids)
     highlight = roslibpy.Topic(ros, "/unreal/highlight", "mindstage_msgs/LitBodies")
     highlight.publish(roslibpy.Message({"ids": ["Mug"], "color": {"r": 1.0, "g": 0.0, "b": 0.0, "a": 1.0}}))
-    eventually(lambda: "Mug" in stage.frame.highlights)
+    eventually(lambda: "Mug" in stage.state.highlights)
 
 
-def test_it_gives_up_a_goal_the_way_of_ros_2(ros: roslibpy.Ros, face: RosFace) -> None:
+def test_it_gives_up_a_goal_the_way_of_ros_2(ros: roslibpy.Ros, face: RosInterface) -> None:
     client = roslibpy.ActionClient(ros, "/unreal/simulate_steps", "simulation_interfaces/SimulateSteps")
     results: list[Any] = []
     told = threading.Event()
     goal = client.send_goal(roslibpy.Goal({"steps": FOR_EVER}), results.append, lambda _: told.set(), results.append)
-    assert told.wait(PATIENCE_S)
+    assert told.wait(TIMEOUT_S)
     client.cancel_goal(goal)
-    client.wait_goal(goal, PATIENCE_S)
+    client.wait_goal(goal, TIMEOUT_S)
     assert results[0]["status"] is roslibpy.GoalStatus.CANCELED
 
 
-def test_it_gives_up_a_goal_the_way_of_ros_1(ros: roslibpy.Ros, stage: Stage, hub: Hub) -> None:
-    with RosFace(stage, hub, ros=RosVersion.ONE):
+def test_it_gives_up_a_goal_the_way_of_ros_1(ros: roslibpy.Ros, stage: Simulation, hub: LocalNode) -> None:
+    with RosInterface(stage, hub, ros=RosVersion.ONE):
         client = actionlib.ActionClient(
-            ros, "/unreal/simulate_steps", "simulation_interfaces/SimulateStepsAction", timeout=PATIENCE_S
+            ros, "/unreal/simulate_steps", "simulation_interfaces/SimulateStepsAction", timeout=TIMEOUT_S
         )
         reached = actionlib.Goal(client, roslibpy.Message({"steps": 50}))
         reached.send()
-        assert reached.wait(PATIENCE_S)["result"]["result"] == 1
+        assert reached.wait(TIMEOUT_S)["result"]["result"] == 1
         told = threading.Event()
         goal = actionlib.Goal(client, roslibpy.Message({"steps": FOR_EVER}))
         goal.on("feedback", lambda _: told.set())
         goal.send()
-        assert told.wait(PATIENCE_S)
+        assert told.wait(TIMEOUT_S)
         goal.cancel()
-        assert goal.wait(PATIENCE_S)["result"]["error_message"] == "it was cancelled"
+        assert goal.wait(TIMEOUT_S)["result"]["error_message"] == "it was cancelled"
         client.dispose()

@@ -8,14 +8,14 @@ from typing import Any
 
 import pytest
 
-from mindstage.bridge import Hub
+from mindstage.bridge import LocalNode
 from mindstage.knowledge import KnowledgeBase, save_map
-from mindstage.ros import RosFace
-from mindstage.stage import Stage
-from tests.bridge.talking import PATIENCE_S
+from mindstage.ros import RosInterface
+from mindstage.stage import Simulation
+from tests.bridge.talking import TIMEOUT_S
 from tests.kitchenette import kitchenette
 
-from .asking import TURNED, Call, at, wire_pose
+from .asking import TURNED, Call, pose_message, position_of
 
 UNSUPPORTED, OK, NOT_FOUND, INCORRECT_STATE, FAILED = range(5)
 STOPPED, PLAYING, PAUSED, QUITTING, NO_WORLD = range(5)
@@ -43,12 +43,12 @@ def names(reply: Any) -> set[str]:
 # -- entities ----------------------------------------------------------------------------------------------------------
 
 
-def test_all_entities_are_told_with_their_states(call: Call, stage: Stage) -> None:
-    assert names(call("get_entities")) == set(stage.frame.ids)
+def test_all_entities_are_told_with_their_states(call: Call, stage: Simulation) -> None:
+    assert names(call("get_entities")) == set(stage.state.ids)
     reply = call("get_entities_states")
-    assert reply["entities"] == list(stage.frame.ids)
+    assert reply["entities"] == list(stage.state.ids)
     there = dict(zip(reply["entities"], reply["states"], strict=True))
-    assert at(there["Mug"]["pose"]) == (2.0, 0.0, 0.85)
+    assert position_of(there["Mug"]["pose"]) == (2.0, 0.0, 0.85)
     assert there["Mug"]["header"]["frame_id"] == "world"
 
 
@@ -81,19 +81,19 @@ def test_filters_that_make_no_sense_are_refused(call: Call) -> None:
 
 
 def test_an_entity_is_put_somewhere_else_in_any_frame(call: Call) -> None:
-    state = {"pose": wire_pose(4.0, 1.0, 2.0, TURNED)}
+    state = {"pose": pose_message(4.0, 1.0, 2.0, TURNED)}
     assert code(call("set_entity_state", entity="Mug", state=state, set_pose=True)) == OK
     reply = call("get_entity_state", entity="Mug")
     assert code(reply) == OK
-    assert reply["state"]["pose"] == wire_pose(4.0, 1.0, 2.0, TURNED)
-    above = {"header": {"frame_id": "Cupboard"}, "pose": wire_pose(0.0, 0.0, 1.0)}
+    assert reply["state"]["pose"] == pose_message(4.0, 1.0, 2.0, TURNED)
+    above = {"header": {"frame_id": "Cupboard"}, "pose": pose_message(0.0, 0.0, 1.0)}
     assert code(call("set_entity_state", entity="Mug", state=above, set_pose=True)) == OK
-    assert at(call("get_entity_state", entity="Mug")["state"]["pose"]) == (2.0, 0.0, 1.4)
+    assert position_of(call("get_entity_state", entity="Mug")["state"]["pose"]) == (2.0, 0.0, 1.4)
 
 
 def test_what_cannot_be_set_has_its_code(call: Call) -> None:
-    far = {"pose": wire_pose(9.0, 9.0, 9.0)}
-    nowhere = {"header": {"frame_id": "nobody"}, "pose": wire_pose(0, 0, 0)}
+    far = {"pose": pose_message(9.0, 9.0, 9.0)}
+    nowhere = {"header": {"frame_id": "nobody"}, "pose": pose_message(0, 0, 0)}
     assert code(call("set_entity_state", entity="Drawer", state=far, set_pose=True)) == 101
     assert code(call("set_entity_state", entity="Mug", state=nowhere, set_pose=True)) == 101
     assert code(call("set_entity_state", entity="nobody", state=far, set_pose=True)) == NOT_FOUND
@@ -123,25 +123,25 @@ def test_a_deleted_entity_is_gone(call: Call) -> None:
 # -- spawning ----------------------------------------------------------------------------------------------------------
 
 
-def test_what_a_map_knows_can_be_spawned_again_with_all_that_hangs_on_it(call: Call, stage: Stage) -> None:
+def test_what_a_map_knows_can_be_spawned_again_with_all_that_hangs_on_it(call: Call, stage: Simulation) -> None:
     reply = call("get_spawnables")
     assert code(reply) == OK
     uris = {each["entity_resource"]["uri"] for each in reply["spawnables"]}
     door = next(uri for uri in uris if uri.endswith("#fridge_door"))
-    initial = {"pose": wire_pose(0.0, 9.0, 2.0)}
+    initial = {"pose": pose_message(0.0, 9.0, 2.0)}
     made = call("spawn_entity", name="spare", entity_resource={"uri": door}, initial_pose=initial)
     assert (code(made), made["entity_name"]) == (OK, "spare")
-    assert at(call("get_entity_state", entity="spare")["state"]["pose"]) == (0.0, 9.0, 2.0)
-    assert ("spare", "spare/fridge_door_handle") in {(hold.parent, hold.child) for hold in stage.log().attachments}
+    assert position_of(call("get_entity_state", entity="spare")["state"]["pose"]) == (0.0, 9.0, 2.0)
+    assert ("spare", "spare/fridge_door_handle") in {(hold.parent, hold.child) for hold in stage.snapshot().attachments}
 
 
-def test_a_text_can_be_spawned_and_its_joints_move(call: Call, stage: Stage) -> None:
-    initial = {"header": {"frame_id": "Floor"}, "pose": wire_pose(0.0, -3.0, 1.0)}
+def test_a_text_can_be_spawned_and_its_joints_move(call: Call, stage: Simulation) -> None:
+    initial = {"header": {"frame_id": "Floor"}, "pose": pose_message(0.0, -3.0, 1.0)}
     made = call("spawn_entity", name="cart", entity_resource={"resource_string": ROBOT}, initial_pose=initial)
     assert code(made) == OK, made
-    assert at(call("get_entity_state", entity="cart")["state"]["pose"]) == (2.0, -2.5, 0.95)
-    assert {"cart", "cart/arm"} <= set(stage.frame.ids)
-    assert [joint.child for joint in stage.log().constraints if joint.parent == "cart"] == ["cart/arm"]
+    assert position_of(call("get_entity_state", entity="cart")["state"]["pose"]) == (2.0, -2.5, 0.95)
+    assert {"cart", "cart/arm"} <= set(stage.state.ids)
+    assert [joint.child for joint in stage.snapshot().joints if joint.parent == "cart"] == ["cart/arm"]
 
 
 @pytest.mark.parametrize(
@@ -158,27 +158,27 @@ def test_a_text_can_be_spawned_and_its_joints_move(call: Call, stage: Stage) -> 
         ({"name": "a", "entity_resource": {"resource_string": ROBOT},
           "initial_pose": {"header": {"frame_id": "nobody"}}}, 109),
         ({"name": "a", "entity_resource": {"resource_string": ROBOT},
-          "initial_pose": {"pose": wire_pose(0, 0, 0, {"x": 0.0, "y": 0.0, "z": 0.0, "w": 0.0})}}, 109),
+          "initial_pose": {"pose": pose_message(0, 0, 0, {"x": 0.0, "y": 0.0, "z": 0.0, "w": 0.0})}}, 109),
     ],
 )  # fmt: skip
-def test_what_cannot_be_spawned_has_its_code(call: Call, stage: Stage, request_: Any, expected: int) -> None:
-    before = stage.frame.ids
+def test_what_cannot_be_spawned_has_its_code(call: Call, stage: Simulation, request_: Any, expected: int) -> None:
+    before = stage.state.ids
     reply = call("spawn_entity", **request_)
     assert code(reply) == expected, reply
     assert reply["result"]["error_message"]
-    assert stage.frame.ids == before
+    assert stage.state.ids == before
 
 
 def test_many_are_spawned_and_each_has_its_own_result(call: Call) -> None:
     robot = {"resource_string": ROBOT}
     wanted = [
-        {"name": "one", "entity_resource": robot, "initial_pose": {"pose": wire_pose(0, 9, 1)}},
-        {"name": "one", "entity_resource": robot, "initial_pose": {"pose": wire_pose(0, 12, 1)}},
+        {"name": "one", "entity_resource": robot, "initial_pose": {"pose": pose_message(0, 9, 1)}},
+        {"name": "one", "entity_resource": robot, "initial_pose": {"pose": pose_message(0, 12, 1)}},
         {
             "name": "one",
             "allow_renaming": True,
             "entity_resource": robot,
-            "initial_pose": {"pose": wire_pose(0, 15, 1)},
+            "initial_pose": {"pose": pose_message(0, 15, 1)},
         },
     ]
     reply = call("spawn_entities", spawn_requests=wanted)
@@ -188,9 +188,9 @@ def test_many_are_spawned_and_each_has_its_own_result(call: Call) -> None:
     assert code(call("spawn_entities", spawn_requests=[])) == OK
 
 
-def test_a_robot_comes_by_its_own_service_too(call: Call, stage: Stage) -> None:
+def test_a_robot_comes_by_its_own_service_too(call: Call, stage: Simulation) -> None:
     assert call("spawn_robot", name=ROBOT, id="cart") == {"id": "cart", "name": "cart", "success": True}
-    assert "cart/arm" in stage.frame.ids
+    assert "cart/arm" in stage.state.ids
     assert call("spawn_robot", name="pr2", id="pr2") == {"id": "pr2", "name": "", "success": False}
 
 
@@ -198,7 +198,7 @@ def test_a_robot_comes_by_its_own_service_too(call: Call, stage: Stage) -> None:
 
 
 @pytest.fixture
-def worlds(stage: Stage, tmp_path: Path) -> Iterator[Call]:
+def worlds(stage: Simulation, tmp_path: Path) -> Iterator[Call]:
     """Calls a stage that has opened a folder."""
     (tmp_path / "worlds").mkdir()
     (tmp_path / "worlds" / "cart.urdf").write_text(ROBOT, encoding="utf-8")
@@ -206,22 +206,22 @@ def worlds(stage: Stage, tmp_path: Path) -> Iterator[Call]:
     (tmp_path / "worlds" / "notes.txt").write_text("hello", encoding="utf-8")
     (tmp_path / "secret.urdf").write_text(ROBOT, encoding="utf-8")
     (tmp_path / "worlds" / "link.urdf").symlink_to(tmp_path / "secret.urdf")
-    with Hub() as hub, RosFace(stage, hub, folder=tmp_path / "worlds"):
-        yield lambda name, /, **args: hub.call_service(f"/unreal/{name}", args, timeout_s=PATIENCE_S)
+    with LocalNode() as hub, RosInterface(stage, hub, folder=tmp_path / "worlds"):
+        yield lambda name, /, **args: hub.call_service(f"/unreal/{name}", args, timeout_s=TIMEOUT_S)
 
 
-def test_one_world_takes_the_place_of_another(worlds: Call, stage: Stage, knowledge: KnowledgeBase) -> None:
+def test_one_world_takes_the_place_of_another(worlds: Call, stage: Simulation, knowledge: KnowledgeBase) -> None:
     assert worlds("get_current_world")["world"]["name"] == "map"
     there = {each["name"]: each["world_resource"]["uri"] for each in worlds("get_available_worlds")["worlds"]}
     assert {"kitchen", "cart.urdf", "broken.owl"} <= set(there)
     reply = worlds("load_world", world_resource={"uri": there["kitchen"]})
     assert code(reply) == OK
     assert reply["world"]["name"] == "kitchen"
-    assert len(stage.frame.ids) == len(knowledge.world().bodies)
+    assert len(stage.state.ids) == len(knowledge.world().bodies)
     assert code(worlds("load_world", world_resource={"uri": "cart.urdf"})) == OK
-    assert set(stage.frame.ids) == {"base", "arm"}
+    assert set(stage.state.ids) == {"base", "arm"}
     assert code(worlds("unload_world")) == OK
-    assert stage.frame.ids == ()
+    assert stage.state.ids == ()
     assert code(worlds("unload_world")) == 101
     assert code(worlds("get_current_world")) == FAILED
     assert worlds("get_simulation_state")["state"]["state"] == NO_WORLD
@@ -242,24 +242,24 @@ def test_one_world_takes_the_place_of_another(worlds: Call, stage: Stage, knowle
     ],
 )
 def test_a_world_that_cannot_be_loaded_leaves_the_one_that_is_there(
-    worlds: Call, stage: Stage, resource: Any, expected: int
+    worlds: Call, stage: Simulation, resource: Any, expected: int
 ) -> None:
-    before = stage.frame.ids
+    before = stage.state.ids
     reply = worlds("load_world", world_resource=resource)
     assert code(reply) == expected, reply
     assert reply["result"]["error_message"]
-    assert stage.frame.ids == before
+    assert stage.state.ids == before
 
 
-def test_a_text_brings_in_no_file_from_here(worlds: Call, stage: Stage, tmp_path: Path) -> None:
+def test_a_text_brings_in_no_file_from_here(worlds: Call, stage: Simulation, tmp_path: Path) -> None:
     map = tmp_path / "worlds" / "map.ttl"
     save_map(kitchenette(), map)
     text = f"<http://x.org/m> <http://www.w3.org/2002/07/owl#imports> <{map.as_uri()}> ."
     (tmp_path / "worlds" / "importing.ttl").write_text(text, encoding="utf-8")
     assert code(worlds("load_world", world_resource={"uri": "importing.ttl"})) == OK
-    before = stage.frame.ids
+    before = stage.state.ids
     assert code(worlds("load_world", world_resource={"resource_string": text})) == 103
-    assert stage.frame.ids == before
+    assert stage.state.ids == before
 
 
 def test_worlds_are_chosen_by_tags_and_looked_for_nowhere_else(worlds: Call) -> None:
@@ -272,44 +272,44 @@ def test_worlds_are_chosen_by_tags_and_looked_for_nowhere_else(worlds: Call) -> 
 # -- time --------------------------------------------------------------------------------------------------------------
 
 
-def test_it_plays_pauses_and_stops(call: Call, stage: Stage) -> None:
+def test_it_plays_pauses_and_stops(call: Call, stage: Simulation) -> None:
     def state() -> int:
         return int(call("get_simulation_state")["state"]["state"])
 
     assert state() == PAUSED
     assert code(call("set_simulation_state", state={"state": PLAYING})) == OK
     assert state() == PLAYING
-    assert stage.frame.playing
+    assert stage.state.playing
     assert code(call("set_simulation_state", state={"state": PLAYING})) == 101
     assert code(call("step_simulation", steps=1)) == INCORRECT_STATE
     assert code(call("set_simulation_state", state={"state": PAUSED})) == OK
     assert state() == PAUSED
-    call("set_model_pose", id="Mug", pose=wire_pose(4, 4, 4))
+    call("set_model_pose", id="Mug", pose=pose_message(4, 4, 4))
     assert code(call("set_simulation_state", state={"state": STOPPED})) == OK
     assert state() == STOPPED
-    assert at(call("get_model_pose", id="Mug")["pose"]) == (2.0, 0.0, 0.85)
+    assert position_of(call("get_model_pose", id="Mug")["pose"]) == (2.0, 0.0, 0.85)
     assert code(call("set_simulation_state", state={"state": NO_WORLD})) == 103
     assert code(call("set_simulation_state", state={"state": QUITTING})) == UNSUPPORTED
 
 
-def test_a_step_is_a_time_step_of_the_engine(call: Call, stage: Stage) -> None:
-    before = stage.frame.time_s
+def test_a_step_is_a_time_step_of_the_engine(call: Call, stage: Simulation) -> None:
+    before = stage.state.time_s
     assert code(call("step_simulation", steps=100)) == OK
-    assert stage.frame.time_s - before == pytest.approx(0.2)
+    assert stage.state.time_s - before == pytest.approx(0.2)
     assert code(call("step_simulation")) == OK
-    assert stage.frame.time_s - before == pytest.approx(0.202)
+    assert stage.state.time_s - before == pytest.approx(0.202)
 
 
-def test_resetting_goes_back_to_right_after_the_last_spawn(call: Call, stage: Stage) -> None:
+def test_resetting_goes_back_to_right_after_the_last_spawn(call: Call, stage: Simulation) -> None:
     call("step_simulation", steps=100)
     call("delete_model", id="Mug")
     assert code(call("reset_simulation")) == OK
-    assert "Mug" in stage.frame.ids
+    assert "Mug" in stage.state.ids
     assert code(call("reset_simulation", scope=1)) == UNSUPPORTED
-    call("spawn_model", name="Cup", id="later", pose=wire_pose(0, 9, 1))
+    call("spawn_model", name="Cup", id="later", pose=pose_message(0, 9, 1))
     assert code(call("reset_simulation", scope=4)) == OK
-    assert "later" not in stage.frame.ids
-    assert "Mug" in stage.frame.ids
+    assert "later" not in stage.state.ids
+    assert "Mug" in stage.state.ids
 
 
 def test_features_are_those_that_work(call: Call) -> None:
@@ -318,8 +318,8 @@ def test_features_are_those_that_work(call: Call) -> None:
     assert not features & {2, 3, 7, 13, 21}
 
 
-def test_whoever_serves_may_let_others_end_it(stage: Stage) -> None:
+def test_whoever_serves_may_let_others_end_it(stage: Simulation) -> None:
     ended: list[bool] = []
-    with Hub() as hub, RosFace(stage, hub, on_quit=lambda: ended.append(True)):
+    with LocalNode() as hub, RosInterface(stage, hub, on_quit=lambda: ended.append(True)):
         assert code(hub.call_service("/unreal/set_simulation_state", {"state": {"state": QUITTING}})) == OK
     assert ended == [True]

@@ -8,19 +8,19 @@ from typing import Any
 import msgspec
 import pytest
 
-from mindstage.bridge import Client, Hub
+from mindstage.bridge import LocalNode, RosbridgeClient
 from mindstage.engines import MujocoEngine, NullEngine
 from mindstage.errors import EngineError
 from mindstage.knowledge import KnowledgeBase
 from mindstage.msgs import RosVersion, decode, encode, message_type
-from mindstage.ros import Rates, RosFace
-from mindstage.ros.pictures import transforms, world_markers
-from mindstage.stage import Stage
+from mindstage.ros import PublishRates, RosInterface
+from mindstage.ros.pictures import tf_message, world_marker_array
+from mindstage.stage import Simulation
 from mindstage.world import BodyId
 from tests.bridge.talking import eventually
 from tests.kitchenette import kitchenette
 
-from .asking import at
+from .asking import position_of
 
 TYPES = {
     "/clock": "rosgraph_msgs/Clock",
@@ -32,13 +32,13 @@ TYPES = {
 }
 
 
-def listen(client: Client | Hub, topic: str) -> list[Any]:
+def listen(client: RosbridgeClient | LocalNode, topic: str) -> list[Any]:
     heard: list[Any] = []
     client.subscribe(topic, heard.append)
     return heard
 
 
-def test_every_topic_speaks_its_type_to_the_letter(client: Client, stage: Stage) -> None:
+def test_every_topic_speaks_its_type_to_the_letter(client: RosbridgeClient, stage: Simulation) -> None:
     heard = {topic: listen(client, topic) for topic in TYPES}
     stage.play()
     stage.highlight([BodyId("Mug")], (1.0, 0.0, 0.0))
@@ -47,7 +47,7 @@ def test_every_topic_speaks_its_type_to_the_letter(client: Client, stage: Stage)
         assert decode(message_type(type), heard[topic][-1], strict=True), topic
 
 
-def test_time_goes_on_while_it_plays(client: Client, stage: Stage) -> None:
+def test_time_goes_on_while_it_plays(client: RosbridgeClient, stage: Simulation) -> None:
     heard = listen(client, "/clock")
     stage.play()
     eventually(lambda: len(heard) >= 5)
@@ -56,30 +56,30 @@ def test_time_goes_on_while_it_plays(client: Client, stage: Stage) -> None:
     assert times[-1] > times[0]
 
 
-def test_every_body_has_a_transform_from_the_world(client: Client, stage: Stage) -> None:
+def test_every_body_has_a_transform_from_the_world(client: RosbridgeClient, stage: Simulation) -> None:
     heard = listen(client, "/tf")
     eventually(lambda: heard)
     there = {each["child_frame_id"]: each for each in heard[-1]["transforms"]}
-    assert set(there) == set(stage.frame.ids)
+    assert set(there) == set(stage.state.ids)
     assert {each["header"]["frame_id"] for each in there.values()} == {"world"}
     mug = there["Mug"]["transform"]
-    assert at({"position": mug["translation"]}) == (2.0, 0.0, 0.85)
+    assert position_of({"position": mug["translation"]}) == (2.0, 0.0, 0.85)
     assert mug["rotation"] == {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0}
 
 
-def test_joints_are_told_by_the_names_of_their_constraints(client: Client, stage: Stage) -> None:
+def test_joints_are_told_by_the_names_of_their_constraints(client: RosbridgeClient, stage: Simulation) -> None:
     heard = listen(client, "/unreal/joint_states")
     eventually(lambda: heard)
     assert heard[-1]["name"] == ["DrawerSlide", "FridgeHinge"]
-    stage.call(lambda engine: engine.push(BodyId("Drawer"), (-40.0, 0.0, 0.0)))
-    stage.call(lambda engine: engine.step(0.2))
+    stage.run_on_engine(lambda engine: engine.apply_force(BodyId("Drawer"), (-40.0, 0.0, 0.0)))
+    stage.run_on_engine(lambda engine: engine.step(0.2))
     eventually(lambda: heard[-1]["position"][0] < -0.05)
 
 
-def test_bodies_are_forms_in_their_size_and_light(client: Client, stage: Stage) -> None:
+def test_bodies_are_forms_in_their_size_and_light(client: RosbridgeClient, stage: Simulation) -> None:
     heard = listen(client, "/unreal/world")
     stage.highlight([BodyId("Mug")], (0.0, 1.0, 0.0))
-    stage.call(lambda engine: engine.delete([BodyId("Floor")]), edits=True)
+    stage.run_on_engine(lambda engine: engine.delete([BodyId("Floor")]), edits=True)
     eventually(lambda: heard and len(heard[-1]["markers"]) == 8)
     first, *forms = heard[-1]["markers"]
     assert first["action"] == 3
@@ -88,7 +88,9 @@ def test_bodies_are_forms_in_their_size_and_light(client: Client, stage: Stage) 
     assert mug["color"] == {"r": 0.0, "g": 1.0, "b": 0.0, "a": 1.0}
 
 
-def test_what_is_lit_is_told_at_once_and_to_who_comes_late(client: Client, hub: Hub, stage: Stage) -> None:
+def test_what_is_lit_is_told_at_once_and_to_who_comes_late(
+    client: RosbridgeClient, hub: LocalNode, stage: Simulation
+) -> None:
     heard = listen(client, "/unreal/highlights")
     stage.highlight(["Mug"], (1.0, 0.0, 0.0), label="because")
     eventually(lambda: heard and heard[-1]["groups"])
@@ -99,11 +101,11 @@ def test_what_is_lit_is_told_at_once_and_to_who_comes_late(client: Client, hub: 
     assert late[-1]["groups"] == expected
 
 
-def test_nothing_is_made_that_nobody_hears(stage: Stage, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_nothing_is_made_that_nobody_hears(stage: Simulation, monkeypatch: pytest.MonkeyPatch) -> None:
     made: list[str] = []
     for name in ("transforms", "joint_state", "world_markers"):
         monkeypatch.setattr(f"mindstage.ros.broadcast.{name}", lambda *_, name=name, **__: made.append(name) or {})
-    with Hub() as hub, RosFace(stage, hub):
+    with LocalNode() as hub, RosInterface(stage, hub):
         stage.play()
         heard = listen(hub, "/clock")
         eventually(lambda: len(heard) >= 10)
@@ -113,8 +115,8 @@ def test_nothing_is_made_that_nobody_hears(stage: Stage, monkeypatch: pytest.Mon
         assert set(made) == {"transforms"}
 
 
-def test_a_world_that_stands_still_is_told_more_rarely(stage: Stage) -> None:
-    with Hub() as hub, RosFace(stage, hub, rates=Rates(tf=100.0, health=4.0)):
+def test_a_world_that_stands_still_is_told_more_rarely(stage: Simulation) -> None:
+    with LocalNode() as hub, RosInterface(stage, hub, rates=PublishRates(tf=100.0, health=4.0)):
         tf, health = listen(hub, "/tf"), listen(hub, "/mindstage/health")
         eventually(lambda: len(health) >= 6)
         assert 1 <= len(tf) <= 10
@@ -123,8 +125,8 @@ def test_a_world_that_stands_still_is_told_more_rarely(stage: Stage) -> None:
         eventually(lambda: len(tf) - count >= 30)
 
 
-def test_rates_can_be_set_and_put_to_nothing(stage: Stage) -> None:
-    with Hub() as hub, RosFace(stage, hub, rates=Rates(clock=100.0, tf=0.0)):
+def test_rates_can_be_set_and_put_to_nothing(stage: Simulation) -> None:
+    with LocalNode() as hub, RosInterface(stage, hub, rates=PublishRates(clock=100.0, tf=0.0)):
         clock, tf = listen(hub, "/clock"), listen(hub, "/tf")
         stage.play()
         eventually(lambda: len(clock) >= 20)
@@ -133,30 +135,34 @@ def test_rates_can_be_set_and_put_to_nothing(stage: Stage) -> None:
 
 def test_the_heart_beats_and_tells_when_the_engine_is_lost(knowledge: KnowledgeBase) -> None:
     engine = NullEngine()
-    with Stage(knowledge, engine) as stage, Hub() as hub, RosFace(stage, hub, rates=Rates(health=20.0)):
+    with (
+        Simulation(knowledge, engine) as stage,
+        LocalNode() as hub,
+        RosInterface(stage, hub, rates=PublishRates(health=20.0)),
+    ):
         heard = listen(hub, "/mindstage/health")
         eventually(lambda: heard and heard[-1]["status"][0]["level"] == 0)
         assert heard[-1]["status"][0]["name"] == "mindstage: engine null"
         engine.close()
         eventually(lambda: heard[-1]["status"][0]["level"] == 2)
         assert "is closed" in heard[-1]["status"][0]["message"]
-        assert stage.lost is not None
+        assert stage.engine_error is not None
 
 
 @pytest.mark.parametrize("ros", list(RosVersion))
 def test_what_is_written_for_speed_is_what_the_types_would_write(knowledge: KnowledgeBase, ros: RosVersion) -> None:
-    with Stage(knowledge, MujocoEngine()) as stage:
+    with Simulation(knowledge, MujocoEngine()) as stage:
         stage.spawn(kitchenette())
         for type, written in (
-            ("tf2_msgs/TFMessage", transforms(stage.frame, ros=ros)),
-            ("visualization_msgs/MarkerArray", world_markers(stage.frame, stage.log().bodies, ros=ros)),
+            ("tf2_msgs/TFMessage", tf_message(stage.state, ros=ros)),
+            ("visualization_msgs/MarkerArray", world_marker_array(stage.state, stage.snapshot().bodies, ros=ros)),
         ):
             sent = json.loads(json.dumps(written))
             again = encode(decode(message_type(type), sent, strict=True), ros=ros)
             assert json.loads(json.dumps(again)) == sent
 
 
-def test_places_that_are_no_numbers_are_never_told(stage: Stage) -> None:
-    broken = msgspec.structs.replace(stage.frame, poses=stage.frame.poses * float("nan"))
+def test_places_that_are_no_numbers_are_never_told(stage: Simulation) -> None:
+    broken = msgspec.structs.replace(stage.state, poses=stage.state.poses * float("nan"))
     with pytest.raises(EngineError, match="no numbers"):
-        transforms(broken, ros=RosVersion.TWO)
+        tf_message(broken, ros=RosVersion.TWO)

@@ -7,25 +7,25 @@ from typing import Any
 import msgspec
 from hypothesis import strategies as st
 
-from mindstage.shapes import DESIGNS, Design, Gap, Side
+from mindstage.shapes import SHAPE_TEMPLATES, BodySide, Cutout, ShapeTemplate
 from mindstage.world import Vector
 
-__all__ = ["designs_of", "orientations", "sizes", "surfaces_of"]
+__all__ = ["materials_for", "orientations", "sizes", "templates"]
 
 _EXTENTS_M = st.floats(-2.6, 0.8).map(lambda power: 10.0**power)
 
 sizes: st.SearchStrategy[Vector] = st.tuples(_EXTENTS_M, _EXTENTS_M, _EXTENTS_M)
-"""From a quarter of a centimetre to some metres, each way."""
+"""From a quarter of a centimetre to some meters, each way."""
 
-orientations = st.permutations(list(Side)).map(
+orientations = st.permutations(list(BodySide)).map(
     lambda sides: (sides[0], next(side for side in sides if side.axis != sides[0].axis))
 )
 """Up and front."""
 
 
-def designs_of(kind: str) -> st.SearchStrategy[Design]:
+def templates(shape_name: str) -> st.SearchStrategy[ShapeTemplate]:
     """Designs of one kind: some parameters are told, the others keep their defaults."""
-    design = DESIGNS[kind]
+    design = SHAPE_TEMPLATES[shape_name]
     fields = {field.name: _values(field.type, field.name) for field in msgspec.structs.fields(design)}
     return st.fixed_dictionaries({}, optional=fields).map(lambda told: design(**told))
 
@@ -46,7 +46,7 @@ def _of_info(info: Any, name: str) -> st.SearchStrategy[Any]:
         case msgspec.inspect.LiteralType(values=values):
             return st.sampled_from(values)
         case msgspec.inspect.EnumType():
-            return st.sampled_from([Side.LEFT, Side.RIGHT, Side.TOP, Side.BOTTOM])
+            return st.sampled_from([BodySide.LEFT, BodySide.RIGHT, BodySide.TOP, BodySide.BOTTOM])
         case msgspec.inspect.UnionType(types=types):
             told = [_of_info(each, name) for each in types if not isinstance(each, msgspec.inspect.NoneType)]
             return st.none() | st.one_of(told)
@@ -54,19 +54,19 @@ def _of_info(info: Any, name: str) -> st.SearchStrategy[Any]:
             return st.lists(_of_info(item, name), max_size=3).map(tuple)
         case msgspec.inspect.TupleType(item_types=items):
             return st.tuples(*(_of_info(item, name) for item in items))
-        case msgspec.inspect.StructType(cls=cls) if cls is Gap:
-            return st.tuples(_corners, _corners).map(_gap)
+        case msgspec.inspect.StructType(cls=cls) if cls is Cutout:
+            return st.tuples(_corners, _corners).map(_cutout)
     raise AssertionError(f"no values for {name}: {info}")
 
 
 _corners = st.tuples(*[st.floats(-1.0, 1.0)] * 3)
 
 
-def _gap(corners: tuple[Vector, Vector]) -> Gap:
+def _cutout(corners: tuple[Vector, Vector]) -> Cutout:
     (a, b, c), (d, e, f) = corners
-    return Gap(low=(min(a, d), min(b, e), min(c, f)), high=(max(a, d), max(b, e), max(c, f)))
+    return Cutout(low=(min(a, d), min(b, e), min(c, f)), high=(max(a, d), max(b, e), max(c, f)))
 
 
-def surfaces_of(design: Design) -> tuple[str, ...]:
+def materials_for(template: ShapeTemplate) -> tuple[str, ...]:
     """The roles of a design."""
-    return tuple(design.roles)
+    return tuple(template.roles)

@@ -8,26 +8,26 @@ from math import cos, pi, sin
 import numpy as np
 
 from mindstage.knowledge import KnowledgeBase
-from mindstage.shapes import Side
-from mindstage.shapes.fitting import Fitted, forms_for
+from mindstage.shapes import BodySide
+from mindstage.shapes.fitting import FittedGeometry, fit_geometry
 from mindstage.world import (
     Attachment,
+    AxisMotion,
     Body,
+    BodyGeometry,
     BodyId,
-    Constraint,
-    Form,
+    BodyPhysics,
+    CollisionShape,
     Iri,
-    LinearMotion,
+    Joint,
+    LinearLimits,
     Mobility,
-    Motion,
-    Physics,
     Pose,
     Quaternion,
-    Solid,
     Vector,
     World,
 )
-from mindstage.world.geometry import Array, rotate, rotation_matrix, unit_pose
+from mindstage.world.geometry import Array, normalized_pose_array, quat_rotate, rotation_matrix
 from tests.kitchenette import KNOWROB
 
 MY = "http://example.org/my#"
@@ -36,10 +36,10 @@ QUARTERS = tuple((cos(quarter * pi / 4), 0.0, 0.0, sin(quarter * pi / 4)) for qu
 """Turned about the upright by 0, 90, 180 and 270 degrees."""
 
 
-def thing(
-    id: str, cls: str, at: Vector, size: Vector | None, *, loose: bool = False, turn: Quaternion = UPRIGHT
+def make_body(
+    id: str, cls: str, at: Vector, size: Vector | None, *, is_free: bool = False, turn: Quaternion = UPRIGHT
 ) -> Body:
-    mobility = Mobility.DYNAMIC if loose else Mobility.STATIC
+    mobility = Mobility.DYNAMIC if is_free else Mobility.STATIC
     iri = cls if "//" in cls else KNOWROB + cls
     return Body(
         id=BodyId(id),
@@ -47,64 +47,64 @@ def thing(
         cls=Iri(iri),
         pose=Pose(at, turn),
         size=size,
-        physics=Physics(mobility=mobility),
+        physics=BodyPhysics(mobility=mobility),
     )
 
 
-def slide(parent: str, child: str, *, middle: float = 0.0, turn: Quaternion = UPRIGHT) -> Constraint:
-    linear = LinearMotion(x=Motion.LIMITED, limit=0.2, x_middle=middle)
+def slide_joint(parent: str, child: str, *, middle: float = 0.0, turn: Quaternion = UPRIGHT) -> Joint:
+    linear = LinearLimits(x=AxisMotion.LIMITED, limit=0.2, x_middle=middle)
     id = BodyId(f"{child}_slide")
-    return Constraint(
+    return Joint(
         id=id, iri=Iri(MY + id), parent=BodyId(parent), child=BodyId(child), pose=Pose((0, 0, 0), turn), linear=linear
     )
 
 
-def world(
-    bodies: Iterable[Body], constraints: Sequence[Constraint] = (), holds: Sequence[tuple[str, str]] = ()
-) -> World:
-    attachments = tuple(Attachment(parent=BodyId(parent), child=BodyId(child)) for parent, child in holds)
-    return World(iri=Iri(MY + "map"), bodies=tuple(bodies), constraints=tuple(constraints), attachments=attachments)
+def world(bodies: Iterable[Body], constraints: Sequence[Joint] = (), attached: Sequence[tuple[str, str]] = ()) -> World:
+    attachments = tuple(Attachment(parent=BodyId(parent), child=BodyId(child)) for parent, child in attached)
+    return World(iri=Iri(MY + "map"), bodies=tuple(bodies), joints=tuple(constraints), attachments=attachments)
 
 
-def fit(knowledge: KnowledgeBase, *bodies: Body) -> Fitted:
-    return forms_for(world(bodies), knowledge)
+def fit(knowledge: KnowledgeBase, *bodies: Body) -> FittedGeometry:
+    return fit_geometry(world(bodies), knowledge)
 
 
 # -- what can be seen of a form ----------------------------------------------------------------------------------------
 
 
-def box_of(solid: Solid) -> tuple[Array, Array]:
+def box_of(solid: CollisionShape) -> tuple[Array, Array]:
     """The lower and upper corner of a solid, in the body's frame."""
-    pose = unit_pose(solid.pose)
+    pose = normalized_pose_array(solid.pose)
     if solid.points:
-        points = rotate(pose[3:], np.array(solid.points)) + pose[:3]
+        points = quat_rotate(pose[3:], np.array(solid.points)) + pose[:3]
         return points.min(axis=0), points.max(axis=0)
     reach = np.abs(rotation_matrix(pose[3:])) @ np.array(solid.size) / 2
     return pose[:3] - reach, pose[:3] + reach
 
 
-def is_free(form: Form, point: Vector, room: float = 0.0) -> bool:
+def has_clearance(form: BodyGeometry, point: Vector, clearance: float = 0.0) -> bool:
     """Whether no solid's box comes nearer to a point than that, along each axis."""
-    boxes = [box_of(solid) for solid in form.solids]
-    return not any(np.all(low - room < point) and np.all(np.array(point) < high + room) for low, high in boxes)
+    boxes = [box_of(solid) for solid in form.collision_shapes]
+    return not any(
+        np.all(low - clearance < point) and np.all(np.array(point) < high + clearance) for low, high in boxes
+    )
 
 
-def open_sides(form: Form, size: Vector) -> set[Side]:
+def open_sides(form: BodyGeometry, size: Vector) -> set[BodySide]:
     """The sides of a body through whose middle one can reach into it."""
     reached = set()
-    for side in Side:
+    for side in BodySide:
         point = [0.0, 0.0, 0.0]
         point[side.axis] = side.sign * (size[side.axis] / 2 - 0.0002)
-        if is_free(form, (point[0], point[1], point[2])):
+        if has_clearance(form, (point[0], point[1], point[2])):
             reached.add(side)
     return reached
 
 
-def panel_side(form: Form, size: Vector) -> Side:
+def panel_side(form: BodyGeometry, size: Vector) -> BodySide:
     """The side of a drawer that its front closes: the only one with a solid that covers all of it."""
     covering = []
-    for side in (Side.FRONT, Side.BACK, Side.LEFT, Side.RIGHT):
-        for low, high in map(box_of, form.solids):
+    for side in (BodySide.FRONT, BodySide.BACK, BodySide.LEFT, BodySide.RIGHT):
+        for low, high in map(box_of, form.collision_shapes):
             across = [axis for axis in range(3) if axis != side.axis]
             covers = np.allclose((high - low)[across], np.array(size)[across])
             outer = (high if side.sign > 0 else -low)[side.axis]

@@ -7,61 +7,61 @@ from itertools import combinations, product
 
 import numpy as np
 
-from mindstage.world import Form, Pose, Skin, Solid, SolidKind, Vector
+from mindstage.world import BodyGeometry, CollisionShape, CollisionShapeType, Pose, Vector, VisualMesh
 from mindstage.world.geometry import Array, rotation_matrix
 
-__all__ = ["is_closed", "is_convex", "is_inside", "reach", "seen_extents", "volume"]
+__all__ = ["is_closed", "is_convex", "is_inside", "shape_bounds", "visual_bounds", "volume"]
 
 
-def seen_extents(form: Form) -> tuple[Array, Array]:
+def visual_bounds(geometry: BodyGeometry) -> tuple[Array, Array]:
     """The corners of the box round all skins."""
-    points = np.concatenate([skin.points for skin in form.skins])
+    points = np.concatenate([skin.points for skin in geometry.visuals])
     return points.min(axis=0), points.max(axis=0)
 
 
-def is_closed(skin: Skin) -> bool:
+def is_closed(visual: VisualMesh) -> bool:
     """Whether each edge runs just once each way."""
-    edges = skin.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2).astype(np.int64)
-    there = edges[:, 0] * len(skin.points) + edges[:, 1]
-    back = edges[:, 1] * len(skin.points) + edges[:, 0]
+    edges = visual.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2).astype(np.int64)
+    there = edges[:, 0] * len(visual.points) + edges[:, 1]
+    back = edges[:, 1] * len(visual.points) + edges[:, 0]
     return len(np.unique(there)) == len(there) and np.array_equal(np.sort(there), np.sort(back))
 
 
-def volume(skin: Skin) -> float:
+def volume(visual: VisualMesh) -> float:
     """What a closed skin encloses [m³]; negative if it looks inwards."""
-    a, b, c = (skin.points[skin.faces[:, corner]] for corner in range(3))
+    a, b, c = (visual.points[visual.faces[:, corner]] for corner in range(3))
     return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)
 
 
-def reach(solid: Solid) -> tuple[Array, Array]:
+def shape_bounds(shape: CollisionShape) -> tuple[Array, Array]:
     """The corners of the box round a solid, in the body's frame."""
-    corners = _in_body(solid, _corners(solid))
+    corners = _in_body(shape, _corners(shape))
     return corners.min(axis=0), corners.max(axis=0)
 
 
-def is_convex(solid: Solid) -> bool:
+def is_convex(shape: CollisionShape) -> bool:
     """Whether each point of a hull is a corner of it; what is no hull is convex by its kind."""
-    if solid.kind is not SolidKind.HULL:
-        return not solid.points and min(solid.size) > 0.0
-    points = np.array(solid.points)
-    normals, offsets = _facets(solid.points)
+    if shape.type is not CollisionShapeType.HULL:
+        return not shape.points and min(shape.size) > 0.0
+    points = np.array(shape.points)
+    normals, offsets = _facets(shape.points)
     distance = points @ normals.T - offsets
     return bool(np.all(np.max(distance, axis=1) > -1e-7 * np.ptp(points)))
 
 
-def is_inside(solid: Solid, point: Array, *, margin: float = 0.0) -> bool:
+def is_inside(shape: CollisionShape, point: Array, *, margin: float = 0.0) -> bool:
     """Whether a point of the body's frame is in a solid, at least by a margin [m]."""
-    local = _turn(solid.pose).T @ (point - np.array(solid.pose.position))
-    half = np.array(solid.size) / 2 - margin
-    match solid.kind:
-        case SolidKind.BOX:
+    local = _turn(shape.pose).T @ (point - np.array(shape.pose.position))
+    half = np.array(shape.size) / 2 - margin
+    match shape.type:
+        case CollisionShapeType.BOX:
             return bool(np.all(np.abs(local) < half))
-        case SolidKind.SPHERE:
+        case CollisionShapeType.SPHERE:
             return bool(np.all(half > 0.0) and np.sum((local / half) ** 2) < 1.0)
-        case SolidKind.CYLINDER:
+        case CollisionShapeType.CYLINDER:
             return bool(np.all(half > 0.0) and abs(local[2]) < half[2] and np.sum((local[:2] / half[:2]) ** 2) < 1.0)
-        case SolidKind.HULL:
-            normals, offsets = _facets(solid.points)
+        case CollisionShapeType.HULL:
+            normals, offsets = _facets(shape.points)
             return bool(np.all(normals @ local < offsets - margin))
 
 
@@ -81,13 +81,13 @@ def _facets(corners: tuple[Vector, ...]) -> tuple[Array, Array]:
     return np.concatenate([normals[below], -normals[above]]), np.concatenate([offsets[below], -offsets[above]])
 
 
-def _corners(solid: Solid) -> Array:
-    if solid.kind is SolidKind.HULL:
+def _corners(solid: CollisionShape) -> Array:
+    if solid.type is CollisionShapeType.HULL:
         return np.array(solid.points)
     return np.array(list(product((-0.5, 0.5), repeat=3))) * solid.size
 
 
-def _in_body(solid: Solid, local: Array) -> Array:
+def _in_body(solid: CollisionShape, local: Array) -> Array:
     return np.asarray(local @ _turn(solid.pose).T + solid.pose.position)
 
 

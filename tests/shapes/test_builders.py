@@ -9,12 +9,12 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from mindstage.shapes import DESIGNS, Design, Side, build, design_of
-from mindstage.world import Form, Vector
-from tests.shapes.designs import designs_of, orientations, sizes
-from tests.shapes.judging import is_closed, is_convex, is_inside, reach, seen_extents, volume
+from mindstage.shapes import SHAPE_TEMPLATES, BodySide, ShapeTemplate, build_geometry, template_by_name
+from mindstage.world import BodyGeometry, Vector
+from tests.shapes.designs import orientations, sizes, templates
+from tests.shapes.judging import is_closed, is_convex, is_inside, shape_bounds, visual_bounds, volume
 
-each_kind = pytest.mark.parametrize("kind", DESIGNS)
+each_kind = pytest.mark.parametrize("kind", SHAPE_TEMPLATES)
 few = settings(max_examples=5, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
 
 
@@ -22,14 +22,14 @@ few = settings(max_examples=5, deadline=None, derandomize=True, suppress_health_
 @few
 @given(data=st.data(), size=sizes, way=orientations)
 def test_a_form_is_as_large_as_its_body_closed_and_looks_outwards(
-    kind: str, data: st.DataObject, size: Vector, way: tuple[Side, Side]
+    kind: str, data: st.DataObject, size: Vector, way: tuple[BodySide, BodySide]
 ) -> None:
     form = _built(kind, data, size, way)
-    low, high = seen_extents(form)
+    low, high = visual_bounds(form)
     half = np.array(size) / 2
     assert np.allclose(low, -half, rtol=0, atol=1e-9)
     assert np.allclose(high, half, rtol=0, atol=1e-9)
-    for skin in form.skins:
+    for skin in form.visuals:
         assert is_closed(skin)
         assert volume(skin) > 0.0
         if skin.normals is not None:
@@ -40,14 +40,14 @@ def test_a_form_is_as_large_as_its_body_closed_and_looks_outwards(
 @few
 @given(data=st.data(), size=sizes, way=orientations)
 def test_what_can_be_touched_is_convex_and_within_the_size(
-    kind: str, data: st.DataObject, size: Vector, way: tuple[Side, Side]
+    kind: str, data: st.DataObject, size: Vector, way: tuple[BodySide, BodySide]
 ) -> None:
     form = _built(kind, data, size, way)
     half = np.array(size) / 2
-    assert form.solids
-    for solid in form.solids:
+    assert form.collision_shapes
+    for solid in form.collision_shapes:
         assert is_convex(solid)
-        low, high = reach(solid)
+        low, high = shape_bounds(solid)
         assert np.all(low >= -half - 1e-9)
         assert np.all(high <= half + 1e-9)
 
@@ -56,21 +56,21 @@ def test_what_can_be_touched_is_convex_and_within_the_size(
 @few
 @given(data=st.data(), size=sizes, way=orientations)
 def test_a_place_is_in_the_body_and_has_the_room_above_it_that_it_says(
-    kind: str, data: st.DataObject, size: Vector, way: tuple[Side, Side]
+    kind: str, data: st.DataObject, size: Vector, way: tuple[BodySide, BodySide]
 ) -> None:
     form = _built(kind, data, size, way)
     half = np.array(size) / 2
-    for place in form.places:
-        centre, up = np.array(place.centre), np.array(way[0].vector)
-        assert place.up == way[0].vector
+    for place in form.support_surfaces:
+        center, up = np.array(place.center), np.array(way[0].vector)
+        assert place.normal == way[0].vector
         across = np.insert(np.array(place.size), way[0].axis, 0.0)
-        assert np.all(np.abs(centre) + across / 2 <= half + 1e-9)
-        above = [1e-6] if place.height is None else np.linspace(1e-6, place.height - 1e-6, 5)
+        assert np.all(np.abs(center) + across / 2 <= half + 1e-9)
+        above = [1e-6] if place.clearance is None else np.linspace(1e-6, place.clearance - 1e-6, 5)
         for height in above:
-            spot = centre + height * up
-            assert not any(is_inside(solid, spot, margin=1e-7) for solid in form.solids)
-        beneath = [centre - depth * up for depth in (1e-7, 1e-5)]
-        assert any(is_inside(solid, spot) for solid in form.solids for spot in beneath), "nothing holds it up"
+            spot = center + height * up
+            assert not any(is_inside(solid, spot, margin=1e-7) for solid in form.collision_shapes)
+        beneath = [center - depth * up for depth in (1e-7, 1e-5)]
+        assert any(is_inside(solid, spot) for solid in form.collision_shapes for spot in beneath), "nothing holds it up"
 
 
 @each_kind
@@ -79,27 +79,27 @@ def test_a_place_is_in_the_body_and_has_the_room_above_it_that_it_says(
 def test_the_same_form_has_the_same_key_and_another_one_another(
     kind: str, data: st.DataObject, size: Vector, other: Vector
 ) -> None:
-    design = data.draw(designs_of(kind))
-    form = build(design, size)
-    assert build(_copied(design), size, why="for another reason").key == form.key
-    assert (build(design, other).key == form.key) == (size == other)
-    assert build(design, size, friction=0.25).key != form.key
+    design = data.draw(templates(kind))
+    form = build_geometry(design, size)
+    assert build_geometry(_copied(design), size, reason="for another reason").key == form.key
+    assert (build_geometry(design, other).key == form.key) == (size == other)
+    assert build_geometry(design, size, friction=0.25).key != form.key
 
 
-def _built(kind: str, data: st.DataObject, size: Vector, way: tuple[Side, Side]) -> Form:
-    return build(data.draw(designs_of(kind)), size, up=way[0], front=way[1])
+def _built(kind: str, data: st.DataObject, size: Vector, way: tuple[BodySide, BodySide]) -> BodyGeometry:
+    return build_geometry(data.draw(templates(kind)), size, up=way[0], front=way[1])
 
 
-def _copied(design: Design) -> Design:
+def _copied(design: ShapeTemplate) -> ShapeTemplate:
     return type(design)(**{name: getattr(design, name) for name in design.__struct_fields__})
 
 
 def test_skins_and_key_are_computed_when_first_read_and_only_once() -> None:
-    form = build(design_of("mug"), (0.08, 0.08, 0.0937))
+    form = build_geometry(template_by_name("mug"), (0.08, 0.08, 0.0937))
     with pytest.raises(AttributeError):
         object.__getattribute__(form, "skins")
     with pytest.raises(AttributeError, match="colour"):
-        form.colour  # type: ignore[attr-defined]  # noqa: B018
-    assert form.skins is form.skins
-    assert form.key == build(design_of("mug"), (0.08, 0.08, 0.0937), why="again").key
-    assert replace(form, friction=0.5).skins is form.skins
+        form.color  # type: ignore[attr-defined]  # noqa: B018
+    assert form.visuals is form.visuals
+    assert form.key == build_geometry(template_by_name("mug"), (0.08, 0.08, 0.0937), reason="again").key
+    assert replace(form, friction=0.5).visuals is form.visuals

@@ -5,82 +5,82 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mindstage.errors import ShapeRefused, ShapeUnknown
-from mindstage.shapes import DESIGNS, Gap, Side, build, design_of
-from mindstage.world import Form, FormSource, Glow, Skin, SolidKind, Surface
+from mindstage.errors import InvalidShapeError, ShapeNotFoundError
+from mindstage.shapes import SHAPE_TEMPLATES, BodySide, Cutout, build_geometry, template_by_name
+from mindstage.world import AttachedLight, BodyGeometry, CollisionShapeType, GeometrySource, PbrMaterial, VisualMesh
 from mindstage.world.geometry import Array
-from tests.shapes.judging import is_closed, is_inside, seen_extents, volume
+from tests.shapes.judging import is_closed, is_inside, visual_bounds, volume
 
 
-def is_solid_at(form: Form, x: float, y: float, z: float) -> bool:
-    return any(is_inside(solid, np.array([x, y, z])) for solid in form.solids)
+def is_solid_at(form: BodyGeometry, x: float, y: float, z: float) -> bool:
+    return any(is_inside(solid, np.array([x, y, z])) for solid in form.collision_shapes)
 
 
-def skin_of(form: Form, surface: Surface) -> Skin:
-    return next(skin for skin in form.skins if skin.surface == surface)
+def skin_of(form: BodyGeometry, surface: PbrMaterial) -> VisualMesh:
+    return next(skin for skin in form.visuals if skin.material == surface)
 
 
 # -- storage -----------------------------------------------------------------------------------------------------------
 
 
 def test_a_drawer_is_five_boards_round_a_hollow_that_is_open_to_the_top() -> None:
-    form = build(design_of("drawer"), (0.5, 0.6, 0.2))
-    assert [solid.kind for solid in form.solids] == [SolidKind.BOX] * 5
+    form = build_geometry(template_by_name("drawer"), (0.5, 0.6, 0.2))
+    assert [solid.type for solid in form.collision_shapes] == [CollisionShapeType.BOX] * 5
     assert not any(is_solid_at(form, 0.0, 0.0, z) for z in np.linspace(-0.08, 0.1, 10))
     assert is_solid_at(form, 0.245, 0.0, 0.0), "its front"
     assert is_solid_at(form, 0.0, 0.0, -0.09), "its floor"
-    (place,) = form.places
-    assert place.inside
-    assert place.centre[2] == pytest.approx(-0.086)
+    (place,) = form.support_surfaces
+    assert place.is_inside
+    assert place.center[2] == pytest.approx(-0.086)
 
 
 @pytest.mark.parametrize("kind", ["tub", "basket"])
 def test_what_is_carried_about_stands_on_its_floor_and_not_on_the_edges_of_its_walls(kind: str) -> None:
-    form = build(design_of(kind), (0.4, 0.3, 0.2))
-    lowest = [solid for solid in form.solids if solid.pose.position[2] - solid.size[2] / 2 < -0.1 + 1e-4]
-    assert len(form.solids) == 5
+    form = build_geometry(template_by_name(kind), (0.4, 0.3, 0.2))
+    lowest = [solid for solid in form.collision_shapes if solid.pose.position[2] - solid.size[2] / 2 < -0.1 + 1e-4]
+    assert len(form.collision_shapes) == 5
     assert [solid.size[:2] for solid in lowest] == [pytest.approx((0.4, 0.3))]
 
 
 def test_things_stand_in_a_drawer_where_it_is_told() -> None:
-    form = build(design_of("drawer", {"level": -0.05}), (0.5, 0.6, 0.2))
-    assert form.places[0].centre[2] == -0.05
+    form = build_geometry(template_by_name("drawer", {"level": -0.05}), (0.5, 0.6, 0.2))
+    assert form.support_surfaces[0].center[2] == -0.05
     assert is_solid_at(form, 0.0, 0.0, -0.0501)
     assert not is_solid_at(form, 0.0, 0.0, -0.0499)
 
 
 def test_a_tall_drawer_carries_trays_one_above_the_other() -> None:
-    form = build(design_of("drawer"), (0.53, 0.3, 1.32))
-    levels = [place.centre[2] for place in form.places]
+    form = build_geometry(template_by_name("drawer"), (0.53, 0.3, 1.32))
+    levels = [place.center[2] for place in form.support_surfaces]
     assert len(levels) == 2
     assert levels == sorted(levels)
 
 
 def test_a_case_is_open_to_the_front_and_has_its_shelves_where_things_stand() -> None:
-    form = build(design_of("case", {"levels": [-0.2, 0.1]}), (0.4, 0.6, 0.8))
+    form = build_geometry(template_by_name("case", {"levels": [-0.2, 0.1]}), (0.4, 0.6, 0.8))
     assert not is_solid_at(form, 0.199, 0.0, 0.0)
     assert is_solid_at(form, -0.199, 0.0, 0.0)
-    inside = sorted(place.centre[2] for place in form.places if place.inside)
+    inside = sorted(place.center[2] for place in form.support_surfaces if place.is_inside)
     assert inside == pytest.approx([-0.384, -0.2, 0.1])
     assert is_solid_at(form, 0.0, 0.0, 0.0999)
     assert not is_solid_at(form, 0.0, 0.0, 0.1001)
 
 
 def test_the_floor_of_a_case_reaches_up_to_what_stands_just_above_it() -> None:
-    form = build(design_of("case", {"levels": [-0.375]}), (0.4, 0.6, 0.8))
-    assert [place.centre[2] for place in form.places if place.inside] == [-0.375]
+    form = build_geometry(template_by_name("case", {"levels": [-0.375]}), (0.4, 0.6, 0.8))
+    assert [place.center[2] for place in form.support_surfaces if place.is_inside] == [-0.375]
     assert is_solid_at(form, 0.0, 0.0, -0.3751)
 
 
 def test_walls_of_a_case_can_be_told_one_by_one() -> None:
-    form = build(design_of("case", {"walls": [["+x", 0.03], ["+z", 0.0]]}), (0.4, 0.6, 0.8))
+    form = build_geometry(template_by_name("case", {"walls": [["+x", 0.03], ["+z", 0.0]]}), (0.4, 0.6, 0.8))
     assert is_solid_at(form, 0.171, 0.0, 0.0)
     assert not is_solid_at(form, 0.0, 0.0, 0.399)
 
 
 def test_shelves_that_have_no_room_are_left_out_and_told() -> None:
-    form = build(design_of("case", {"shelves": 9}), (0.4, 0.6, 0.2))
-    assert form.why == "room for 2 of 9 shelves"
+    form = build_geometry(template_by_name("case", {"shelves": 9}), (0.4, 0.6, 0.2))
+    assert form.reason == "room for 2 of 9 shelves"
 
 
 @pytest.mark.parametrize(
@@ -99,34 +99,34 @@ def test_shelves_that_have_no_room_are_left_out_and_told() -> None:
     ],
 )
 def test_a_vessel_is_hollow_and_holds_what_lies_in_it(kind: str, size: tuple[float, float, float]) -> None:
-    form = build(design_of(kind), size)
-    place = next(place for place in form.places if place.inside)
-    x, y, level = place.centre
+    form = build_geometry(template_by_name(kind), size)
+    place = next(place for place in form.support_surfaces if place.is_inside)
+    x, y, level = place.center
     assert level < 0.0
     assert not any(is_solid_at(form, x, y, z) for z in np.linspace(level + 1e-6, size[2] / 2, 8))
     assert is_solid_at(form, x, y, level - 1e-4)
     around = np.linspace(0.1, 2 * np.pi, 8, endpoint=False)  # not along a seam
     for turn in around:  # whatever rolls away from the middle meets a wall before it leaves the body
         way = np.array([np.cos(turn), np.sin(turn), 0.0])
-        path = [np.array(place.centre) + [0.0, 0.0, 0.3 * size[2]] + way * out for out in np.linspace(0.0, 0.6, 200)]
+        path = [np.array(place.center) + [0.0, 0.0, 0.3 * size[2]] + way * out for out in np.linspace(0.0, 0.6, 200)]
         assert any(is_solid_at(form, *spot) for spot in path)
 
 
 def test_a_vessel_in_which_something_stands_high_is_filled_up_to_there() -> None:
-    form = build(design_of("bowl", {"level": 0.03}), (0.16, 0.16, 0.07))
-    assert len(form.solids) == 1
+    form = build_geometry(template_by_name("bowl", {"level": 0.03}), (0.16, 0.16, 0.07))
+    assert len(form.collision_shapes) == 1
     assert is_solid_at(form, 0.0, 0.0, 0.0299)
     assert not is_solid_at(form, 0.0, 0.0, 0.0301)
 
 
 def test_the_pieces_of_a_round_wall_are_one_part_turned() -> None:
-    form = build(design_of("bowl"), (0.16, 0.16, 0.07))
-    hulls = [solid for solid in form.solids if solid.kind is SolidKind.HULL]
+    form = build_geometry(template_by_name("bowl"), (0.16, 0.16, 0.07))
+    hulls = [solid for solid in form.collision_shapes if solid.type is CollisionShapeType.HULL]
     assert len(hulls) == 8
     assert len({solid.points for solid in hulls}) == 1
-    assert {solid.kind for solid in build(design_of("glass"), (0.07, 0.07, 0.12)).solids} == {
-        SolidKind.BOX,
-        SolidKind.CYLINDER,
+    assert {solid.type for solid in build_geometry(template_by_name("glass"), (0.07, 0.07, 0.12)).collision_shapes} == {
+        CollisionShapeType.BOX,
+        CollisionShapeType.CYLINDER,
     }
 
 
@@ -134,125 +134,133 @@ def test_the_pieces_of_a_round_wall_are_one_part_turned() -> None:
 
 
 def test_an_opening_in_a_wall_is_free_from_side_to_side_and_the_rest_of_it_stands() -> None:
-    door = Gap(low=(-1.0, -0.4, -1.25), high=(1.0, 0.5, 0.8))
-    form = build(design_of("wall", {"free": [door]}), (0.1, 3.2, 2.5))
+    door = Cutout(low=(-1.0, -0.4, -1.25), high=(1.0, 0.5, 0.8))
+    form = build_geometry(template_by_name("wall", {"free": [door]}), (0.1, 3.2, 2.5))
     assert not is_solid_at(form, 0.0, 0.0, 0.0)
     assert is_solid_at(form, 0.0, 0.0, 0.81)
     assert is_solid_at(form, 0.0, -0.41, 0.0)
-    assert volume(form.skins[0]) == pytest.approx(0.1 * (3.2 * 2.5 - 0.9 * 2.05))
-    assert is_closed(form.skins[0])
+    assert volume(form.visuals[0]) == pytest.approx(0.1 * (3.2 * 2.5 - 0.9 * 2.05))
+    assert is_closed(form.visuals[0])
 
 
 def test_openings_that_meet_in_a_corner_leave_the_wall_closed() -> None:
-    low = Gap(low=(-1.0, -0.5, -1.0), high=(1.0, 0.0, 0.0))
-    high = Gap(low=(-1.0, 0.0, 0.0), high=(1.0, 0.5, 1.0))
-    form = build(design_of("wall", {"free": [low, high]}), (0.1, 3.2, 2.5))
-    assert is_closed(form.skins[0])
-    assert volume(form.skins[0]) == pytest.approx(0.1 * (3.2 * 2.5 - 2 * 0.5))
+    low = Cutout(low=(-1.0, -0.5, -1.0), high=(1.0, 0.0, 0.0))
+    high = Cutout(low=(-1.0, 0.0, 0.0), high=(1.0, 0.5, 1.0))
+    form = build_geometry(template_by_name("wall", {"free": [low, high]}), (0.1, 3.2, 2.5))
+    assert is_closed(form.visuals[0])
+    assert volume(form.visuals[0]) == pytest.approx(0.1 * (3.2 * 2.5 - 2 * 0.5))
 
 
 def test_a_sink_s_cut_out_goes_through_a_worktop_and_what_is_under_it() -> None:
-    gap = Gap(low=(-0.2, -0.3, 0.3), high=(0.2, 0.3, 0.5))
-    form = build(design_of("counter", {"free": [gap]}), (0.64, 1.8, 0.9))
+    gap = Cutout(low=(-0.2, -0.3, 0.3), high=(0.2, 0.3, 0.5))
+    form = build_geometry(template_by_name("counter", {"free": [gap]}), (0.64, 1.8, 0.9))
     assert not any(is_solid_at(form, 0.0, 0.0, z) for z in np.linspace(-0.44, 0.44, 9))
     assert is_solid_at(form, 0.0, 0.5, 0.44)
-    assert all(abs(place.centre[1]) > 0.3 or abs(place.centre[0]) > 0.2 for place in form.places)
+    assert all(abs(place.center[1]) > 0.3 or abs(place.center[0]) > 0.2 for place in form.support_surfaces)
 
 
 def test_a_frame_is_open_in_the_middle_and_a_doorway_s_at_the_bottom() -> None:
-    assert is_solid_at(build(design_of("frame"), (0.1, 1.0, 2.1)), 0.0, 0.0, -1.04)
-    form = build(design_of("frame", {"sill": False}), (0.1, 1.0, 2.1))
+    assert is_solid_at(build_geometry(template_by_name("frame"), (0.1, 1.0, 2.1)), 0.0, 0.0, -1.04)
+    form = build_geometry(template_by_name("frame", {"sill": False}), (0.1, 1.0, 2.1))
     assert not any(is_solid_at(form, 0.0, 0.0, z) for z in np.linspace(-1.05, 0.98, 9))
     assert is_solid_at(form, 0.0, 0.0, 1.04)
 
 
 def test_one_can_put_legs_under_a_table_but_not_under_a_board() -> None:
-    assert len(build(design_of("table"), (0.8, 1.4, 0.74)).solids) == 5
-    board = build(design_of("table"), (0.8, 1.4, 0.04))
-    assert len(board.solids) == 1
-    assert board.why == "too low for legs: the top alone"
+    assert len(build_geometry(template_by_name("table"), (0.8, 1.4, 0.74)).collision_shapes) == 5
+    board = build_geometry(template_by_name("table"), (0.8, 1.4, 0.04))
+    assert len(board.collision_shapes) == 1
+    assert board.reason == "too low for legs: the top alone"
 
 
 def test_one_sits_on_a_chair_before_its_back() -> None:
-    form = build(design_of("chair"), (0.45, 0.45, 0.9))
-    (seat,) = form.places
-    assert seat.centre[2] == pytest.approx(0.0)
-    assert seat.centre[0] > 0.0
+    form = build_geometry(template_by_name("chair"), (0.45, 0.45, 0.9))
+    (seat,) = form.support_surfaces
+    assert seat.center[2] == pytest.approx(0.0)
+    assert seat.center[0] > 0.0
     assert is_solid_at(form, -0.22, 0.0, 0.3)
 
 
 def test_a_handle_can_be_held_between_its_standoffs() -> None:
-    form = build(design_of("handle"), (0.04, 0.16, 0.012))
+    form = build_geometry(template_by_name("handle"), (0.04, 0.16, 0.012))
     assert is_solid_at(form, 0.015, 0.0, 0.0), "the bar"
     assert not is_solid_at(form, -0.01, 0.0, 0.0), "room for fingers"
-    assert len(form.solids) == 3
+    assert len(form.collision_shapes) == 3
 
 
 # -- any of them -------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("front", [Side.FRONT, Side.BACK, Side.LEFT, Side.RIGHT])
-def test_the_front_of_a_drawer_is_on_the_side_that_is_asked_for(front: Side) -> None:
-    form = build(design_of("drawer"), (0.5, 0.5, 0.2), front=front)
+@pytest.mark.parametrize("front", [BodySide.FRONT, BodySide.BACK, BodySide.LEFT, BodySide.RIGHT])
+def test_the_front_of_a_drawer_is_on_the_side_that_is_asked_for(front: BodySide) -> None:
+    form = build_geometry(template_by_name("drawer"), (0.5, 0.5, 0.2), front=front)
     low, high = points_of(form, "lacquered wood")
     middle = (low + high) / 2
     assert np.allclose(middle, 0.241 * np.array(front.vector), atol=1e-9)
 
 
-def points_of(form: Form, material: str) -> tuple[Array, Array]:
-    points = np.concatenate([skin.points for skin in form.skins if skin.surface.material == material])
+def points_of(form: BodyGeometry, material: str) -> tuple[Array, Array]:
+    points = np.concatenate([skin.points for skin in form.visuals if skin.material.name == material])
     return points.min(axis=0), points.max(axis=0)
 
 
 def test_a_thing_that_lies_has_its_places_on_its_own_upper_side() -> None:
-    form = build(design_of("tub"), (0.2, 0.3, 0.4), up=Side.BACK, front=Side.TOP)
-    (place,) = form.places
-    assert place.up == (-1.0, 0.0, 0.0)
-    assert place.centre[0] == pytest.approx(0.092)
+    form = build_geometry(template_by_name("tub"), (0.2, 0.3, 0.4), up=BodySide.BACK, front=BodySide.TOP)
+    (place,) = form.support_surfaces
+    assert place.normal == (-1.0, 0.0, 0.0)
+    assert place.center[0] == pytest.approx(0.092)
     assert place.size == pytest.approx((0.284, 0.384))  # along y and z
 
 
 def test_surfaces_go_to_their_roles_and_roles_without_one_follow() -> None:
-    oak, steel = Surface(material="oak"), Surface(material="steel")
-    form = build(design_of("case"), (0.4, 0.6, 0.8), surfaces={"body": oak, "shelf": steel, "wheels": steel})
-    assert {skin.surface for skin in form.skins} == {oak}
-    form = build(design_of("case", {"shelves": 1}), (0.4, 0.6, 0.8), surfaces={"body": oak, "shelf": steel})
-    assert {skin.surface for skin in form.skins} == {oak, steel}
+    oak, steel = PbrMaterial(name="oak"), PbrMaterial(name="steel")
+    form = build_geometry(
+        template_by_name("case"), (0.4, 0.6, 0.8), materials={"body": oak, "shelf": steel, "wheels": steel}
+    )
+    assert {skin.material for skin in form.visuals} == {oak}
+    form = build_geometry(
+        template_by_name("case", {"shelves": 1}), (0.4, 0.6, 0.8), materials={"body": oak, "shelf": steel}
+    )
+    assert {skin.material for skin in form.visuals} == {oak, steel}
 
 
 def test_light_comes_from_where_the_bulb_is() -> None:
-    form = build(design_of("lamp", {"style": "floor"}), (0.3, 0.3, 1.6), glow=Glow(), front=Side.LEFT)
-    (glow,) = form.glows
+    form = build_geometry(
+        template_by_name("lamp", {"style": "floor"}), (0.3, 0.3, 1.6), light=AttachedLight(), front=BodySide.LEFT
+    )
+    (glow,) = form.lights
     low, high = points_of(form, "glass")
     assert np.all(low < glow.pose.position)
     assert np.all(glow.pose.position < high)
 
 
 def test_what_is_too_thin_for_its_walls_is_a_plain_box_and_says_so() -> None:
-    form = build(design_of("case"), (0.4, 0.6, 0.004), why="because it is one")
-    assert form.kind == "box"
-    assert form.why == "because it is one; too small for its walls, so a plain box"
-    assert len(form.solids) == 1
+    form = build_geometry(template_by_name("case"), (0.4, 0.6, 0.004), reason="because it is one")
+    assert form.shape_name == "box"
+    assert form.reason == "because it is one; too small for its walls, so a plain box"
+    assert len(form.collision_shapes) == 1
 
 
 def test_the_same_is_built_once_and_what_it_is_for_is_told_each_time() -> None:
-    one = build(design_of("mug"), (0.08, 0.08, 0.1), source=FormSource.NAME, why="a")
-    other = build(design_of("mug", {}), (0.08, 0.08, 0.1), why="b")
-    assert one.skins is other.skins
+    one = build_geometry(template_by_name("mug"), (0.08, 0.08, 0.1), source=GeometrySource.CLASS_NAME, reason="a")
+    other = build_geometry(template_by_name("mug", {}), (0.08, 0.08, 0.1), reason="b")
+    assert one.visuals is other.visuals
     assert one.key == other.key
-    assert (one.source, one.why, other.why) == (FormSource.NAME, "a", "b")
+    assert (one.source, one.reason, other.reason) == (GeometrySource.CLASS_NAME, "a", "b")
 
 
 def test_parameters_can_be_told_as_text() -> None:
-    assert design_of("drawer", {"wall": "0.02", "trays": "3"}) == design_of("drawer", {"wall": 0.02, "trays": 3})
-    assert design_of("lever", {"towards": "-y"}) == design_of("lever", {"towards": Side.RIGHT})
+    assert template_by_name("drawer", {"wall": "0.02", "trays": "3"}) == template_by_name(
+        "drawer", {"wall": 0.02, "trays": 3}
+    )
+    assert template_by_name("lever", {"towards": "-y"}) == template_by_name("lever", {"towards": BodySide.RIGHT})
 
 
 def test_a_kind_that_there_is_not_is_refused_with_one_that_is_like_it() -> None:
-    with pytest.raises(ShapeUnknown, match="no shape 'drawr'; near: 'drawer'"):
-        design_of("drawr")
-    with pytest.raises(ShapeUnknown, match="there is appliance, bag"):
-        design_of("x")
+    with pytest.raises(ShapeNotFoundError, match="no shape 'drawr'; near: 'drawer'"):
+        template_by_name("drawr")
+    with pytest.raises(ShapeNotFoundError, match="there is appliance, bag"):
+        template_by_name("x")
 
 
 @pytest.mark.parametrize(
@@ -265,36 +273,36 @@ def test_a_kind_that_there_is_not_is_refused_with_one_that_is_like_it() -> None:
     ],
 )
 def test_parameters_that_cannot_be_are_refused(parameters: dict[str, object], words: str) -> None:
-    with pytest.raises(ShapeRefused, match=words):
-        design_of("drawer", parameters)
+    with pytest.raises(InvalidShapeError, match=words):
+        template_by_name("drawer", parameters)
 
 
 @pytest.mark.parametrize(
     "size", [(0.0, 1.0, 1.0), (1.0, -1.0, 1.0), (1.0, 1.0, float("nan")), (1.0, float("inf"), 1.0)]
 )
 def test_a_size_that_cannot_be_is_refused(size: tuple[float, float, float]) -> None:
-    with pytest.raises(ShapeRefused, match="its size is"):
-        build(design_of("box"), size)
+    with pytest.raises(InvalidShapeError, match="its size is"):
+        build_geometry(template_by_name("box"), size)
 
 
 def test_front_and_top_cannot_lie_on_one_axis() -> None:
-    with pytest.raises(ShapeRefused, match="on one axis"):
-        build(design_of("box"), (1.0, 1.0, 1.0), up=Side.TOP, front=Side.BOTTOM)
+    with pytest.raises(InvalidShapeError, match="on one axis"):
+        build_geometry(template_by_name("box"), (1.0, 1.0, 1.0), up=BodySide.TOP, front=BodySide.BOTTOM)
 
 
 def test_every_kind_tells_what_it_is_and_what_its_body_is_made_of() -> None:
-    for kind, design in DESIGNS.items():
-        assert design.kind() == kind
+    for kind, design in SHAPE_TEMPLATES.items():
+        assert design.shape_name() == kind
         assert (design.__doc__ or "").splitlines()[0].endswith(".")
         assert "body" in design.roles
         for told in design.roles.values():
-            assert isinstance(told, Surface) or told in design.roles
+            assert isinstance(told, PbrMaterial) or told in design.roles
 
 
 def test_no_shape_is_drawn_far_from_its_size_and_stretched_into_it() -> None:
     usual = {"pan": (0.45, 0.28, 0.05), "tap": (0.2, 0.06, 0.3), "kettle": (0.22, 0.16, 0.25), "mug": (0.1, 0.09, 0.1)}
     for kind, size in usual.items():
-        points = np.concatenate([skin.points for skin in build(design_of(kind), size).skins])
-        low, high = seen_extents(build(design_of(kind), size))
+        points = np.concatenate([skin.points for skin in build_geometry(template_by_name(kind), size).visuals])
+        low, high = visual_bounds(build_geometry(template_by_name(kind), size))
         assert np.allclose(high - low, size)
         assert np.ptp(points, axis=0) == pytest.approx(size)

@@ -10,26 +10,26 @@ import pytest
 from msgspec.structs import replace
 
 from mindstage.knowledge import KnowledgeBase
-from mindstage.shapes import Side
-from mindstage.shapes.fitting import forms_for
-from mindstage.shapes.fitting.facing import Faces
-from mindstage.shapes.fitting.setting import Setting
+from mindstage.shapes import BodySide
+from mindstage.shapes.fitting import fit_geometry
+from mindstage.shapes.fitting.facing import OrientationSolver
+from mindstage.shapes.fitting.setting import SceneContext
 from mindstage.world import (
     BodyId,
-    LinearMotion,
+    LinearLimits,
     Quaternion,
     Vector,
 )
-from mindstage.world.geometry import conjugate, rotate
+from mindstage.world.geometry import quat_conjugate, quat_rotate
 from tests.shapes.fitting_scenes import (
     QUARTERS,
     box_of,
     fit,
-    is_free,
+    has_clearance,
+    make_body,
     open_sides,
     panel_side,
-    slide,
-    thing,
+    slide_joint,
     world,
 )
 
@@ -45,45 +45,45 @@ def household() -> KnowledgeBase:
 @pytest.mark.parametrize(
     ("handle", "front"),
     [
-        ((0.32, 0.0, 0.0), Side.FRONT),
-        ((-0.32, 0.0, 0.0), Side.BACK),
-        ((0.0, 0.27, 0.0), Side.LEFT),
-        ((0.0, -0.27, 0.0), Side.RIGHT),
+        ((0.32, 0.0, 0.0), BodySide.FRONT),
+        ((-0.32, 0.0, 0.0), BodySide.BACK),
+        ((0.0, 0.27, 0.0), BodySide.LEFT),
+        ((0.0, -0.27, 0.0), BodySide.RIGHT),
     ],
 )
-def test_a_drawer_s_front_is_where_its_handle_is(household: KnowledgeBase, handle: Vector, front: Side) -> None:
+def test_a_drawer_s_front_is_where_its_handle_is(household: KnowledgeBase, handle: Vector, front: BodySide) -> None:
     size = (0.6, 0.5, 0.2)
     bodies = (
-        thing("drawer", "Drawer", (0, 0, 0), size, loose=True),
-        thing("handle", "Handle", handle, (0.04, 0.04, 0.02)),
+        make_body("drawer", "Drawer", (0, 0, 0), size, is_free=True),
+        make_body("handle", "Handle", handle, (0.04, 0.04, 0.02)),
     )
-    fitted = forms_for(world(bodies, holds=[("drawer", "handle")]), household)
-    form = fitted.forms[BodyId("drawer")]
+    fitted = fit_geometry(world(bodies, attached=[("drawer", "handle")]), household)
+    form = fitted.geometry[BodyId("drawer")]
     assert panel_side(form, size) is front
-    assert form.why.endswith("its front is where its handle is")
+    assert form.reason.endswith("its front is where its handle is")
     assert fitted.notes == ()
 
 
 def test_a_drawer_that_may_only_come_out_one_way_has_its_front_there(household: KnowledgeBase) -> None:
     size = (0.5, 0.5, 0.2)
     bodies = (
-        thing("cupboard", "Cupboard", (0, 0, 0), (0.6, 0.6, 0.3)),
-        thing("drawer", "Drawer", (0, 0, 0), size, loose=True),
+        make_body("cupboard", "Cupboard", (0, 0, 0), (0.6, 0.6, 0.3)),
+        make_body("drawer", "Drawer", (0, 0, 0), size, is_free=True),
     )
-    for middle, front in ((0.2, Side.FRONT), (-0.2, Side.BACK)):
-        forms = forms_for(world(bodies, [slide("cupboard", "drawer", middle=middle)]), household).forms
+    for middle, front in ((0.2, BodySide.FRONT), (-0.2, BodySide.BACK)):
+        forms = fit_geometry(world(bodies, [slide_joint("cupboard", "drawer", middle=middle)]), household).geometry
         assert panel_side(forms[BodyId("drawer")], size) is front
 
 
 def test_roles_of_a_constraint_may_be_either_way_round(household: KnowledgeBase) -> None:
     size = (0.5, 0.5, 0.2)
     bodies = (
-        thing("cupboard", "Cupboard", (0, 0, 0), (0.6, 0.6, 0.3)),
-        thing("drawer", "Drawer", (0, 0, 0), size, loose=True),
+        make_body("cupboard", "Cupboard", (0, 0, 0), (0.6, 0.6, 0.3)),
+        make_body("drawer", "Drawer", (0, 0, 0), size, is_free=True),
     )
     # The middle is that of the child, which here is the cupboard: seen from it the drawer goes the other way.
-    joint = slide("drawer", "cupboard", middle=0.2)
-    assert panel_side(forms_for(world(bodies, [joint]), household).forms[BodyId("drawer")], size) is Side.BACK
+    joint = slide_joint("drawer", "cupboard", middle=0.2)
+    assert panel_side(fit_geometry(world(bodies, [joint]), household).geometry[BodyId("drawer")], size) is BodySide.BACK
 
 
 @pytest.mark.parametrize("turn", QUARTERS)
@@ -91,121 +91,127 @@ def test_a_drawer_alone_in_a_cupboard_looks_out_of_it_on_the_way_on_which_it_sli
     household: KnowledgeBase, turn: Quaternion
 ) -> None:
     size = (0.5, 0.4, 0.2)
-    out = rotate(np.array(turn), (0.08, 0.0, 0.0)).tolist()
+    out = quat_rotate(np.array(turn), (0.08, 0.0, 0.0)).tolist()
     bodies = (
-        thing("cupboard", "Cupboard", (0, 0, 0), (0.6, 0.6, 0.3), turn=turn),
-        thing("drawer", "Drawer", (out[0], out[1], 0.0), size, loose=True, turn=turn),
+        make_body("cupboard", "Cupboard", (0, 0, 0), (0.6, 0.6, 0.3), turn=turn),
+        make_body("drawer", "Drawer", (out[0], out[1], 0.0), size, is_free=True, turn=turn),
     )
-    forms = forms_for(world(bodies, [slide("cupboard", "drawer", turn=turn)]), household).forms
-    assert panel_side(forms[BodyId("drawer")], size) is Side.FRONT
-    assert open_sides(forms[BodyId("cupboard")], (0.6, 0.6, 0.3)) == {Side.FRONT}
+    forms = fit_geometry(world(bodies, [slide_joint("cupboard", "drawer", turn=turn)]), household).geometry
+    assert panel_side(forms[BodyId("drawer")], size) is BodySide.FRONT
+    assert open_sides(forms[BodyId("cupboard")], (0.6, 0.6, 0.3)) == {BodySide.FRONT}
 
 
 def test_a_drawer_s_floor_lies_right_under_what_is_in_it(household: KnowledgeBase) -> None:
-    spoon = thing("spoon", "Teaspoon", (0.0, 0.0, -0.05), (0.14, 0.03, 0.02), loose=True)
-    form = fit(household, thing("drawer", "Drawer", (0, 0, 0), (0.5, 0.5, 0.2)), spoon).forms[BodyId("drawer")]
-    (place,) = form.places
-    assert place.inside
-    assert place.centre[2] == pytest.approx(-0.06, abs=1e-9)
+    spoon = make_body("spoon", "Teaspoon", (0.0, 0.0, -0.05), (0.14, 0.03, 0.02), is_free=True)
+    form = fit(household, make_body("drawer", "Drawer", (0, 0, 0), (0.5, 0.5, 0.2)), spoon).geometry[BodyId("drawer")]
+    (place,) = form.support_surfaces
+    assert place.is_inside
+    assert place.center[2] == pytest.approx(-0.06, abs=1e-9)
 
 
 # -- cupboards and their like ------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("side", [Side.FRONT, Side.BACK, Side.LEFT, Side.RIGHT])
+@pytest.mark.parametrize("side", [BodySide.FRONT, BodySide.BACK, BodySide.LEFT, BodySide.RIGHT])
 @pytest.mark.parametrize("turn", QUARTERS[:2])
-def test_a_cupboard_is_open_where_its_door_is(household: KnowledgeBase, side: Side, turn: Quaternion) -> None:
+def test_a_cupboard_is_open_where_its_door_is(household: KnowledgeBase, side: BodySide, turn: Quaternion) -> None:
     size = (0.6, 0.5, 0.8)
     at = [0.0, 0.0, 0.0]
     at[side.axis] = side.sign * (size[side.axis] / 2 + 0.012)
     extent = [0.58, 0.48, 0.78]
     extent[side.axis] = 0.02
-    spot = rotate(np.array(turn), at).tolist()
+    spot = quat_rotate(np.array(turn), at).tolist()
     bodies = (
-        thing("cupboard", "Cupboard", (0, 0, 0), size, turn=turn),
-        thing("door", "Door", (spot[0], spot[1], spot[2]), (extent[0], extent[1], extent[2]), loose=True, turn=turn),
+        make_body("cupboard", "Cupboard", (0, 0, 0), size, turn=turn),
+        make_body(
+            "door", "Door", (spot[0], spot[1], spot[2]), (extent[0], extent[1], extent[2]), is_free=True, turn=turn
+        ),
     )
-    joint = replace(slide("cupboard", "door"), linear=LinearMotion())
+    joint = replace(slide_joint("cupboard", "door"), linear=LinearLimits())
     for joints in ([joint], []):  # told to be held by it, or just standing before it
-        fitted = forms_for(world(bodies, joints), household)
-        assert open_sides(fitted.forms[BodyId("cupboard")], size) == {side}
+        fitted = fit_geometry(world(bodies, joints), household)
+        assert open_sides(fitted.geometry[BodyId("cupboard")], size) == {side}
         assert fitted.notes == ()
 
 
 def test_a_chest_is_open_at_the_top_where_its_lid_is(household: KnowledgeBase) -> None:
     bodies = (
-        thing("freezer", "Refrigerator-Freezer", (0, 0, 0), (0.6, 0.9, 0.8)),
-        thing("lid", "Door", (0, 0, 0.415), (0.58, 0.88, 0.03), loose=True),
+        make_body("freezer", "Refrigerator-Freezer", (0, 0, 0), (0.6, 0.9, 0.8)),
+        make_body("lid", "Door", (0, 0, 0.415), (0.58, 0.88, 0.03), is_free=True),
     )
-    joint = replace(slide("freezer", "lid"), linear=LinearMotion())
-    forms = forms_for(world(bodies, [joint]), household).forms
-    assert open_sides(forms[BodyId("freezer")], (0.6, 0.9, 0.8)) == {Side.TOP}
+    joint = replace(slide_joint("freezer", "lid"), linear=LinearLimits())
+    forms = fit_geometry(world(bodies, [joint]), household).geometry
+    assert open_sides(forms[BodyId("freezer")], (0.6, 0.9, 0.8)) == {BodySide.TOP}
 
 
 def test_shelves_are_where_things_stand(household: KnowledgeBase) -> None:
-    milk = thing("milk", "CowsMilk", (0.0, 0.1, 0.2), (0.07, 0.07, 0.2), loose=True)
-    cheese = thing("cheese", "Cheese", (0.0, -0.1, -0.3), (0.1, 0.1, 0.06), loose=True)
-    on_top = thing("butter", "Butter", (0.0, -0.1, -0.25), (0.08, 0.08, 0.04), loose=True)  # it stands on the cheese
-    fridge = thing("fridge", "Refrigerator", (0, 0, 0), (0.6, 0.6, 1.4))
-    form = fit(household, fridge, milk, cheese, on_top).forms[BodyId("fridge")]
-    inside = sorted(round(place.centre[2], 6) for place in form.places if place.inside)
+    milk = make_body("milk", "CowsMilk", (0.0, 0.1, 0.2), (0.07, 0.07, 0.2), is_free=True)
+    cheese = make_body("cheese", "Cheese", (0.0, -0.1, -0.3), (0.1, 0.1, 0.06), is_free=True)
+    on_top = make_body(
+        "butter", "Butter", (0.0, -0.1, -0.25), (0.08, 0.08, 0.04), is_free=True
+    )  # it stands on the cheese
+    fridge = make_body("fridge", "Refrigerator", (0, 0, 0), (0.6, 0.6, 1.4))
+    form = fit(household, fridge, milk, cheese, on_top).geometry[BodyId("fridge")]
+    inside = sorted(round(place.center[2], 6) for place in form.support_surfaces if place.is_inside)
     assert inside[1:] == [-0.33, 0.1]
     for each in (milk, cheese, on_top):
-        assert is_free(form, each.pose.position)
+        assert has_clearance(form, each.pose.position)
 
 
 def test_a_fridge_with_nothing_in_it_has_as_many_shelves_as_are_known(household: KnowledgeBase) -> None:
-    form = fit(household, thing("fridge", "Refrigerator", (0, 0, 0), (0.6, 0.6, 1.4))).forms[BodyId("fridge")]
-    assert sum(place.inside for place in form.places) == 1 + 3  # its floor and three
+    form = fit(household, make_body("fridge", "Refrigerator", (0, 0, 0), (0.6, 0.6, 1.4))).geometry[BodyId("fridge")]
+    assert sum(place.is_inside for place in form.support_surfaces) == 1 + 3  # its floor and three
 
 
 def test_walls_give_way_to_what_stands_close_to_them(household: KnowledgeBase) -> None:
-    box = thing("box", "CardboardBox", (0.0, 0.148, 0.0), (0.2, 0.2, 0.2), loose=True)
-    form = fit(household, thing("cupboard", "Cupboard", (0, 0, 0), (0.5, 0.5, 0.5)), box).forms[BodyId("cupboard")]
+    box = make_body("box", "CardboardBox", (0.0, 0.148, 0.0), (0.2, 0.2, 0.2), is_free=True)
+    form = fit(household, make_body("cupboard", "Cupboard", (0, 0, 0), (0.5, 0.5, 0.5)), box).geometry[
+        BodyId("cupboard")
+    ]
     for corner in ((-0.0999, 0.2479, -0.0999), (0.0999, 0.2479, 0.0999)):
-        assert is_free(form, corner)
+        assert has_clearance(form, corner)
 
 
 def test_a_lying_cupboard_has_its_shelves_level(household: KnowledgeBase) -> None:
     turned: Quaternion = (cos(pi / 4), sin(pi / 4), 0.0, 0.0)  # about x: its y looks up
-    cupboard = thing("cupboard", "Cupboard", (0, 0, 0), (0.5, 0.8, 0.5), turn=turned)
-    can = thing("can", "DrinkingCan", (0, 0, 0.06), (0.07, 0.07, 0.12), loose=True)
-    form = fit(household, cupboard, can).forms[BodyId("cupboard")]
-    places = [place for place in form.places if place.inside]
-    assert {place.up for place in places} == {(0.0, 1.0, 0.0)}
-    assert min(abs(place.centre[1]) for place in places) < 1e-9
+    cupboard = make_body("cupboard", "Cupboard", (0, 0, 0), (0.5, 0.8, 0.5), turn=turned)
+    can = make_body("can", "DrinkingCan", (0, 0, 0.06), (0.07, 0.07, 0.12), is_free=True)
+    form = fit(household, cupboard, can).geometry[BodyId("cupboard")]
+    places = [place for place in form.support_surfaces if place.is_inside]
+    assert {place.normal for place in places} == {(0.0, 1.0, 0.0)}
+    assert min(abs(place.center[1]) for place in places) < 1e-9
 
 
 # -- openings ----------------------------------------------------------------------------------------------------------
 
 
 def test_a_counter_leaves_room_for_the_sink_in_it(household: KnowledgeBase) -> None:
-    counter = thing("counter", "CounterTop", (0, 0, 0), (0.6, 2.0, 0.04))
-    sink = thing("sink", "Sink", (0.0, 0.5, -0.08), (0.4, 0.5, 0.2))
-    form = fit(household, counter, sink).forms[BodyId("counter")]
-    assert is_free(form, (0.0, 0.5, 0.0), room=0.18)
-    assert not is_free(form, (0.0, -0.5, 0.0))
+    counter = make_body("counter", "CounterTop", (0, 0, 0), (0.6, 2.0, 0.04))
+    sink = make_body("sink", "Sink", (0.0, 0.5, -0.08), (0.4, 0.5, 0.2))
+    form = fit(household, counter, sink).geometry[BodyId("counter")]
+    assert has_clearance(form, (0.0, 0.5, 0.0), clearance=0.18)
+    assert not has_clearance(form, (0.0, -0.5, 0.0))
 
 
 def test_a_wall_leaves_its_windows_free(household: KnowledgeBase) -> None:
-    wall = thing("wall", "WallOfAConstruction", (0, 0, 1.25), (0.1, 4.0, 2.5))
-    window = thing("window", "Window", (0.0, 1.0, 1.4), (0.06, 1.2, 1.0))
-    form = fit(household, wall, window).forms[BodyId("wall")]
-    assert is_free(form, (0.0, 1.0, 0.15), room=0.45)
-    assert not is_free(form, (0.0, -1.0, 0.15))
+    wall = make_body("wall", "WallOfAConstruction", (0, 0, 1.25), (0.1, 4.0, 2.5))
+    window = make_body("window", "Window", (0.0, 1.0, 1.4), (0.06, 1.2, 1.0))
+    form = fit(household, wall, window).geometry[BodyId("wall")]
+    assert has_clearance(form, (0.0, 1.0, 0.15), clearance=0.45)
+    assert not has_clearance(form, (0.0, -1.0, 0.15))
 
 
 def test_the_box_round_the_walls_of_a_room_is_hollow_and_lets_out_what_cuts_through_it(
     household: KnowledgeBase,
 ) -> None:
-    walls = thing("walls", "WallOfAConstruction", (0, 0, 1.25), (5.0, 4.0, 2.5))
-    cupboard = thing("cupboard", "Cupboard", (2.4, 0.0, 0.5), (0.6, 0.6, 1.0))
+    walls = make_body("walls", "WallOfAConstruction", (0, 0, 1.25), (5.0, 4.0, 2.5))
+    cupboard = make_body("cupboard", "Cupboard", (2.4, 0.0, 0.5), (0.6, 0.6, 1.0))
     fitted = fit(household, walls, cupboard)
-    form = fitted.forms[BodyId("walls")]
-    assert form.kind == "shell"
-    assert is_free(form, (0.0, 0.0, 0.0), room=1.5)
-    assert is_free(form, (2.45, 0.0, -0.75), room=0.2)
-    assert not is_free(form, (2.45, 1.5, 0.0))
+    form = fitted.geometry[BodyId("walls")]
+    assert form.shape_name == "shell"
+    assert has_clearance(form, (0.0, 0.0, 0.0), clearance=1.5)
+    assert has_clearance(form, (2.45, 0.0, -0.75), clearance=0.2)
+    assert not has_clearance(form, (2.45, 1.5, 0.0))
 
 
 # -- fronts of the rest ------------------------------------------------------------------------------------------------
@@ -234,47 +240,47 @@ class Placed(NamedTuple):
 )
 @pytest.mark.parametrize("turn", QUARTERS[:2])
 def test_furniture_looks_where_it_is_used_from(household: KnowledgeBase, placed: Placed, turn: Quaternion) -> None:
-    away = conjugate(turn)
-    x, y, _ = rotate(away, placed.size).tolist()
+    away = quat_conjugate(turn)
+    x, y, _ = quat_rotate(away, placed.size).tolist()
     bodies = (
-        thing("it", placed.cls, placed.at, (abs(x), abs(y), placed.size[2]), turn=turn),
-        thing("table", "Table-PieceOfFurniture", (0, 0, 0.375), (0.9, 0.9, 0.75)),
-        thing("sink", "Sink", (-2.0, 1.0, 0.8), (0.5, 0.6, 0.2)),
-        thing("west", "WallOfAConstruction", (-2.96, 0.0, 1.25), (0.1, 6.0, 2.5)),
-        thing("south", "WallOfAConstruction", (0.0, -2.9, 1.25), (6.0, 0.1, 2.5)),
+        make_body("it", placed.cls, placed.at, (abs(x), abs(y), placed.size[2]), turn=turn),
+        make_body("table", "Table-PieceOfFurniture", (0, 0, 0.375), (0.9, 0.9, 0.75)),
+        make_body("sink", "Sink", (-2.0, 1.0, 0.8), (0.5, 0.6, 0.2)),
+        make_body("west", "WallOfAConstruction", (-2.96, 0.0, 1.25), (0.1, 6.0, 2.5)),
+        make_body("south", "WallOfAConstruction", (0.0, -2.9, 1.25), (6.0, 0.1, 2.5)),
     )
     described = world(bodies)
-    setting = Setting(described, {body.cls: household.shape_rule(body.cls) for body in bodies})
-    around, _ = setting.around(np.ones(len(bodies), dtype=bool))
-    facing = Faces(setting, around).of(0)
-    assert rotate(np.array(turn), facing.front.vector) == pytest.approx(placed.looks)
-    assert not facing.guessed
+    setting = SceneContext(described, {body.cls: household.shape_rule(body.cls) for body in bodies})
+    around, _ = setting.neighborhoods(np.ones(len(bodies), dtype=bool))
+    facing = OrientationSolver(setting, around).orientation_of(0)
+    assert quat_rotate(np.array(turn), facing.front.vector) == pytest.approx(placed.looks)
+    assert not facing.is_guess
 
 
 def test_a_handle_stands_out_from_what_it_is_on(household: KnowledgeBase) -> None:
-    door = thing("door", "Door", (0, 0, 0), (0.02, 0.6, 0.8))
+    door = make_body("door", "Door", (0, 0, 0), (0.02, 0.6, 0.8))
     for sign in (1, -1):
-        handle = thing("handle", "Handle", (sign * 0.03, 0.2, 0.0), (0.04, 0.02, 0.3))
+        handle = make_body("handle", "Handle", (sign * 0.03, 0.2, 0.0), (0.04, 0.02, 0.3))
         for holds in ([("door", "handle")], []):
-            form = forms_for(world([door, handle], holds=holds), household).forms[BodyId("handle")]
-            bar = max((box_of(solid) for solid in form.solids), key=lambda box: float(box[1][2] - box[0][2]))
+            form = fit_geometry(world([door, handle], attached=holds), household).geometry[BodyId("handle")]
+            bar = max((box_of(solid) for solid in form.collision_shapes), key=lambda box: float(box[1][2] - box[0][2]))
             assert np.sign((bar[0] + bar[1])[0]) == sign
 
 
 def test_what_nothing_tells_is_guessed_and_told(household: KnowledgeBase) -> None:
     fitted = fit(
         household,
-        thing("cupboard", "Cupboard", (0, 0, 0), (0.4, 0.8, 0.8)),
-        thing("mat", "FloorMat", (3, 0, 0), (1, 1, 0.01)),
+        make_body("cupboard", "Cupboard", (0, 0, 0), (0.4, 0.8, 0.8)),
+        make_body("mat", "FloorMat", (3, 0, 0), (1, 1, 0.01)),
     )
-    assert open_sides(fitted.forms[BodyId("cupboard")], (0.4, 0.8, 0.8)) == {Side.FRONT}
+    assert open_sides(fitted.geometry[BodyId("cupboard")], (0.4, 0.8, 0.8)) == {BodySide.FRONT}
     (note,) = fitted.notes
     assert note.ids == ("cupboard",)
     assert "nothing tells where its front is" in note.text
 
 
 def test_a_table_whose_legs_are_bodies_is_its_top_alone(household: KnowledgeBase) -> None:
-    top = thing("table", "KitchenTable", (0, 0, 0.73), (0.8, 1.4, 0.04))
-    leg = thing("leg", "TableLeg", (0.3, 0.6, 0.355), (0.06, 0.06, 0.71))
-    forms = forms_for(world([top, leg], holds=[("table", "leg")]), household).forms
-    assert (forms[BodyId("table")].kind, forms[BodyId("leg")].kind) == ("counter", "leg")
+    top = make_body("table", "KitchenTable", (0, 0, 0.73), (0.8, 1.4, 0.04))
+    leg = make_body("leg", "TableLeg", (0.3, 0.6, 0.355), (0.06, 0.06, 0.71))
+    forms = fit_geometry(world([top, leg], attached=[("table", "leg")]), household).geometry
+    assert (forms[BodyId("table")].shape_name, forms[BodyId("leg")].shape_name) == ("counter", "leg")

@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mindstage.shapes.holes import Hole, cells, without_slivers
+from mindstage.shapes.holes import Hole, grid_cells, merge_narrow_strips
 
 LOW, HIGH = np.array([0.0, 0.0]), np.array([4.0, 3.0])
 LEAST_M = 0.05
@@ -27,13 +27,13 @@ def holes(draw: st.DrawFn) -> list[Hole]:
 
 def left(openings: list[Hole]) -> float:
     """The area that is left of the plate."""
-    cuts, kept = cells(LOW, HIGH, openings)
+    cuts, kept = grid_cells(LOW, HIGH, openings)
     return float((np.outer(*(np.diff(cut) for cut in cuts)) * kept).sum())
 
 
 @given(holes())
 def test_what_was_free_stays_free(openings: list[Hole]) -> None:
-    fewer = without_slivers(LOW, HIGH, openings, LEAST_M)
+    fewer = merge_narrow_strips(LOW, HIGH, openings, LEAST_M)
     assert len(fewer) <= len(openings)
     for low, high in openings:
         assert left([*fewer, (low, high)]) <= left(fewer) + 1e-6
@@ -43,24 +43,24 @@ def test_what_was_free_stays_free(openings: list[Hole]) -> None:
 
 def test_a_window_alone_keeps_its_very_size() -> None:
     window = hole(1.0, 1.0, 2.0, 2.2)
-    ((low, high),) = without_slivers(LOW, HIGH, [window], LEAST_M)
+    ((low, high),) = merge_narrow_strips(LOW, HIGH, [window], LEAST_M)
     assert low.tolist() == [1.0, 1.0]
     assert high.tolist() == [2.0, 2.2]
 
 
 def test_cupboards_side_by_side_leave_no_strips_between_them() -> None:
     row = [hole(0.5, 0.1, 1.1, 0.9), hole(1.11, 0.1, 1.7, 0.88), hole(1.7, 0.12, 2.3, 0.9)]
-    ((low, high),) = without_slivers(LOW, HIGH, row, LEAST_M)
+    ((low, high),) = merge_narrow_strips(LOW, HIGH, row, LEAST_M)
     assert low.tolist() == [0.5, 0.1]
     assert high.tolist() == [2.3, 0.9]
 
 
 def test_what_is_far_apart_stays_so() -> None:
     pair = [hole(0.5, 0.1, 1.0, 0.9), hole(1.5, 0.1, 2.0, 2.0)]
-    assert len(without_slivers(LOW, HIGH, pair, LEAST_M)) == 2
+    assert len(merge_narrow_strips(LOW, HIGH, pair, LEAST_M)) == 2
 
 
 def test_a_strip_at_the_plate_s_edge_goes_too() -> None:
-    ((low, high),) = without_slivers(LOW, HIGH, [hole(0.02, 0.03, 1.0, 2.98)], LEAST_M)
+    ((low, high),) = merge_narrow_strips(LOW, HIGH, [hole(0.02, 0.03, 1.0, 2.98)], LEAST_M)
     assert low.tolist() == [0.0, 0.0]
     assert high.tolist() == [1.0, 3.0]

@@ -7,18 +7,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mindstage.engines import MujocoEngine, NoteKind
+from mindstage.engines import MujocoEngine, SpawnNoteKind
 from mindstage.knowledge import KnowledgeBase
-from mindstage.stage import Stage
+from mindstage.stage import Simulation
 from mindstage.world import (
+    AxisMotion,
     Body,
     BodyId,
-    Constraint,
+    BodyPhysics,
     Iri,
-    LinearMotion,
+    Joint,
+    LinearLimits,
     Mobility,
-    Motion,
-    Physics,
     Pose,
     Vector,
     World,
@@ -40,14 +40,14 @@ def knowledge(tmp_path: Path) -> KnowledgeBase:
 
 
 def body(id: str, cls: str, at: Vector, size: Vector, mobility: Mobility, mass: float | None = None) -> Body:
-    physics = Physics(mobility=mobility, mass_kg=mass)
+    physics = BodyPhysics(mobility=mobility, mass_kg=mass)
     return Body(id=BodyId(id), iri=Iri(MY + id), cls=Iri(cls), pose=Pose(at), size=size, physics=physics)
 
 
 def place() -> World:
     """A cupboard with one pullout, which opens along x, and a mug that stands in it."""
-    way = LinearMotion(x=Motion.LIMITED, limit=0.2, x_middle=0.2)
-    slide = Constraint(
+    way = LinearLimits(x=AxisMotion.LIMITED, limit=0.2, x_middle=0.2)
+    slide = Joint(
         id=BodyId("slide"),
         iri=Iri(MY + "slide"),
         parent=BodyId("cupboard"),
@@ -62,20 +62,20 @@ def place() -> World:
             body("pullout", MY + "Pullout", (0.04, 0, 0.4), (0.5, 0.56, 0.2), Mobility.DYNAMIC, 4.0),
             body("mug", KNOWROB + "DrinkingMug", (0.04, 0, 0.365), (0.08, 0.08, 0.1), Mobility.DYNAMIC, 0.3),
         ),
-        constraints=(slide,),
+        joints=(slide,),
     )
 
 
 def test_ten_lines_of_turtle_give_a_drawer_that_works(knowledge: KnowledgeBase) -> None:
-    with Stage(knowledge, MujocoEngine()) as stage:
+    with Simulation(knowledge, MujocoEngine()) as stage:
         report = stage.spawn(place())
-        assert stage.forms[BodyId("pullout")].kind == "drawer"
-        assert stage.forms[BodyId("pullout")].why.startswith("Pullout is shaped as ms:DrawerForm")
-        assert [note for note in report.notes if note.kind is NoteKind.OVERLAP] == []
+        assert stage.geometry[BodyId("pullout")].shape_name == "drawer"
+        assert stage.geometry[BodyId("pullout")].reason.startswith("Pullout is shaped as ms:DrawerForm")
+        assert [note for note in report.notes if note.kind is SpawnNoteKind.OVERLAP] == []
         start = positions(stage)
         for force, reached in ((6.0, 0.4), (-6.0, 0.0)):
             for _ in range(80):
-                stage.call(lambda engine, force=force: engine.push(BodyId("pullout"), (force, 0.0, 0.0)))  # type: ignore[misc]
+                stage.run_on_engine(lambda engine, force=force: engine.push(BodyId("pullout"), (force, 0.0, 0.0)))  # type: ignore[misc]
                 stage.step(0.05)
             moved = positions(stage) - start
             assert moved[1, 0] == pytest.approx(reached, abs=0.01)
@@ -83,8 +83,8 @@ def test_ten_lines_of_turtle_give_a_drawer_that_works(knowledge: KnowledgeBase) 
         assert float(np.abs(positions(stage)[0] - start[0]).max()) == 0.0
 
 
-def positions(stage: Stage) -> np.ndarray:
+def positions(stage: Simulation) -> np.ndarray:
     """Of cupboard, pullout and mug."""
-    frame = stage.frame
+    frame = stage.state
     rows = [frame.ids.index(BodyId(id)) for id in ("cupboard", "pullout", "mug")]
     return frame.poses[rows, :3].copy()

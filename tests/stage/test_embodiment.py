@@ -7,10 +7,10 @@ from typing import NamedTuple
 
 import pytest
 
-from mindstage.engines import NoteKind, NullEngine, SpawnReport
+from mindstage.engines import NullEngine, SpawnNoteKind, SpawnReport
 from mindstage.knowledge import KnowledgeBase
-from mindstage.stage import Stage
-from mindstage.world import NO_FORMS, Body, BodyId, Form, Forms, FormSource, World, difference
+from mindstage.stage import Simulation
+from mindstage.world import NO_GEOMETRY, Body, BodyGeometry, BodyId, GeometryMap, GeometrySource, World, diff
 from tests.kitchenette import kitchenette
 
 
@@ -19,26 +19,26 @@ class Listening(NullEngine):
 
     def __init__(self) -> None:
         super().__init__()
-        self.heard: list[Forms] = []
+        self.heard: list[GeometryMap] = []
 
-    def spawn(self, world: World, *, forms: Forms = NO_FORMS) -> SpawnReport:
-        self.heard.append(forms)
-        return super().spawn(world, forms=forms)
+    def spawn(self, world: World, *, geometry: GeometryMap = NO_GEOMETRY) -> SpawnReport:
+        self.heard.append(geometry)
+        return super().spawn(world, geometry=geometry)
 
 
 class Found(NamedTuple):
     """What a source of meshes gives."""
 
-    forms: dict[BodyId, Form]
+    geometry: dict[BodyId, BodyGeometry]
     notes: tuple[str, ...]
 
 
 class Meshes:
     """One mesh, for the mug."""
 
-    mesh = Form(key="00" * 16, skins=(), solids=(), source=FormSource.MESH, kind="mesh")
+    mesh = BodyGeometry(key="00" * 16, visuals=(), collision_shapes=(), source=GeometrySource.MESH, shape_name="mesh")
 
-    def forms(self, bodies: Sequence[Body]) -> Found:
+    def geometry_for(self, bodies: Sequence[Body]) -> Found:
         return Found({body.id: self.mesh for body in bodies if body.id == "Mug"}, ("mug.obj is scaled",))
 
 
@@ -53,78 +53,78 @@ def engine() -> Listening:
 
 
 @pytest.fixture
-def stage(knowledge: KnowledgeBase, engine: Listening) -> Iterator[Stage]:
-    with Stage(knowledge, engine) as stage:
+def stage(knowledge: KnowledgeBase, engine: Listening) -> Iterator[Simulation]:
+    with Simulation(knowledge, engine) as stage:
         yield stage
 
 
 def of_shapes(report: SpawnReport) -> list[str]:
-    return [note.text for note in report.notes if note.kind is NoteKind.SHAPE]
+    return [note.text for note in report.notes if note.kind is SpawnNoteKind.SHAPE]
 
 
-def test_all_that_is_spawned_has_a_form_and_the_engine_gets_it(stage: Stage, engine: Listening) -> None:
+def test_all_that_is_spawned_has_a_form_and_the_engine_gets_it(stage: Simulation, engine: Listening) -> None:
     stage.spawn(kitchenette())
-    assert stage.forms.keys() == {body.id for body in kitchenette().bodies}
-    assert stage.forms[BodyId("Drawer")].kind == "drawer"
-    assert engine.heard == [stage.forms]
+    assert stage.geometry.keys() == {body.id for body in kitchenette().bodies}
+    assert stage.geometry[BodyId("Drawer")].shape_name == "drawer"
+    assert engine.heard == [stage.geometry]
 
 
-def test_the_report_counts_where_forms_come_from(stage: Stage) -> None:
+def test_the_report_counts_where_forms_come_from(stage: Simulation) -> None:
     assert of_shapes(stage.spawn(kitchenette()))[0] == "forms: 8 from what is known of their classes"
 
 
-def test_forms_are_no_part_of_the_world_that_comes_back(stage: Stage) -> None:
+def test_forms_are_no_part_of_the_world_that_comes_back(stage: Simulation) -> None:
     stage.spawn(kitchenette())
-    assert difference(kitchenette(), stage.log()).identical(0.0)
+    assert diff(kitchenette(), stage.snapshot()).identical(0.0)
 
 
-def test_the_mapping_is_the_same_until_bodies_come_or_go(stage: Stage) -> None:
+def test_the_mapping_is_the_same_until_bodies_come_or_go(stage: Simulation) -> None:
     stage.spawn(kitchenette())
-    before = stage.forms
+    before = stage.geometry
     stage.step(0.1)
-    assert stage.forms is before
+    assert stage.geometry is before
 
 
-def test_deleted_bodies_have_no_form_and_come_back_with_theirs(stage: Stage) -> None:
+def test_deleted_bodies_have_no_form_and_come_back_with_theirs(stage: Simulation) -> None:
     stage.spawn(kitchenette())
-    mug = stage.forms[BodyId("Mug")]
-    stage.call(lambda engine: engine.delete([BodyId("Mug")]), edits=True)
-    assert BodyId("Mug") not in stage.forms
+    mug = stage.geometry[BodyId("Mug")]
+    stage.run_on_engine(lambda engine: engine.delete([BodyId("Mug")]), edits=True)
+    assert BodyId("Mug") not in stage.geometry
     stage.reset()
-    assert stage.forms[BodyId("Mug")] is mug
+    assert stage.geometry[BodyId("Mug")] is mug
 
 
-def test_a_cleared_stage_has_no_forms(stage: Stage) -> None:
+def test_a_cleared_stage_has_no_forms(stage: Simulation) -> None:
     stage.spawn(kitchenette())
     stage.clear()
-    assert dict(stage.forms) == {}
+    assert dict(stage.geometry) == {}
 
 
-def test_what_could_not_be_spawned_changes_the_form_of_nothing(stage: Stage) -> None:
+def test_what_could_not_be_spawned_changes_the_form_of_nothing(stage: Simulation) -> None:
     stage.spawn(kitchenette())
-    before = stage.forms[BodyId("Mug")]
-    report = stage.spawn(kitchenette(), forms={BodyId("Mug"): Meshes.mesh})
+    before = stage.geometry[BodyId("Mug")]
+    report = stage.spawn(kitchenette(), geometry={BodyId("Mug"): Meshes.mesh})
     assert not report.ok
-    assert stage.forms[BodyId("Mug")] is before
+    assert stage.geometry[BodyId("Mug")] is before
 
 
-def test_forms_that_are_given_come_before_what_is_known(stage: Stage, engine: Listening) -> None:
-    report = stage.spawn(kitchenette(), forms={BodyId("Mug"): Meshes.mesh})
-    assert dict(stage.forms) == {"Mug": Meshes.mesh}
+def test_forms_that_are_given_come_before_what_is_known(stage: Simulation, engine: Listening) -> None:
+    report = stage.spawn(kitchenette(), geometry={BodyId("Mug"): Meshes.mesh})
+    assert dict(stage.geometry) == {"Mug": Meshes.mesh}
     assert of_shapes(report) == ["forms: 1 from meshes"]
 
 
 def test_a_stage_without_shapes_leaves_bodies_as_the_map_has_them(knowledge: KnowledgeBase, engine: Listening) -> None:
-    with Stage(knowledge, engine, shapes=False) as stage:
+    with Simulation(knowledge, engine, shapes=False) as stage:
         assert of_shapes(stage.spawn(kitchenette())) == []
-        assert dict(stage.forms) == {}
-    assert engine.heard == [NO_FORMS]
+        assert dict(stage.geometry) == {}
+    assert engine.heard == [NO_GEOMETRY]
 
 
 @pytest.mark.parametrize(("shapes", "others"), [(True, 7), (False, 0)])
 def test_meshes_are_used_with_shapes_and_without(knowledge: KnowledgeBase, shapes: bool, others: int) -> None:
-    with Stage(knowledge, NullEngine(), shapes=shapes, meshes=Meshes()) as stage:
+    with Simulation(knowledge, NullEngine(), shapes=shapes, meshes=Meshes()) as stage:
         report = stage.spawn(kitchenette())
-        assert stage.forms[BodyId("Mug")] is Meshes.mesh
-        assert len(stage.forms) == 1 + others
+        assert stage.geometry[BodyId("Mug")] is Meshes.mesh
+        assert len(stage.geometry) == 1 + others
         assert "mug.obj is scaled" in of_shapes(report)

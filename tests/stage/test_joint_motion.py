@@ -12,26 +12,26 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 
 import mindstage as ms
-from mindstage.errors import ArgumentRefused, BodyUnknown, NameUnknown
+from mindstage.errors import BodyNotFoundError, InvalidArgumentError, NameNotFoundError
 from mindstage.knowledge import bundled_kitchen
-from mindstage.stage import JointMotion, Stage
+from mindstage.stage import JointMotion, Simulation
 from mindstage.world import BodyId, Mobility, Pose
 
 
 @pytest.fixture(scope="module")
-def kitchen() -> Iterator[Stage]:
+def kitchen() -> Iterator[Simulation]:
     with ms.open(bundled_kitchen()) as sim:
         yield sim
 
 
 @pytest.fixture
-def sim(kitchen: Stage) -> Stage:
+def sim(kitchen: Simulation) -> Simulation:
     kitchen.reset()
     return kitchen
 
 
 @pytest.fixture(scope="module")
-def still() -> Iterator[Stage]:
+def still() -> Iterator[Simulation]:
     with ms.open(bundled_kitchen(), engine="null") as sim:
         yield sim
 
@@ -40,7 +40,7 @@ def still() -> Iterator[Stage]:
     "name",
     ["fridge_door", "fridge_door_hinge", "http://mindstage.org/maps/kitchen.owl#fridge_door", "drawer_left_1"],
 )
-def test_a_joint_opens_and_closes(sim: Stage, name: str) -> None:
+def test_a_joint_opens_and_closes(sim: Simulation, name: str) -> None:
     joint = sim.joint(name)
     assert (joint.openness, joint.position) == pytest.approx((0.0, 0.0), abs=1e-6)
     opened = joint.open()
@@ -52,97 +52,97 @@ def test_a_joint_opens_and_closes(sim: Stage, name: str) -> None:
     assert joint.openness < 0.05
 
 
-def test_a_door_with_its_roles_upside_down_opens_too(sim: Stage) -> None:
+def test_a_door_with_its_roles_upside_down_opens_too(sim: Simulation) -> None:
     joint = sim.joint("drawer_middle_1_slide")  # the map names the cabinet as its child
     assert joint.open()
     assert joint.slides
     assert abs(joint.position) == pytest.approx(0.45, abs=0.01)
 
 
-def test_the_questions_see_that_it_is_open(sim: Stage) -> None:
+def test_the_questions_see_that_it_is_open(sim: Simulation) -> None:
     sim.joint("fridge_door").open()
     (row,) = sim.ask("openings", thing="fridge")
     assert row.state == "open"
     assert row.share == pytest.approx(sim.joint("fridge_door").openness, abs=0.01)
 
 
-def test_furniture_opens_outwards(sim: Stage) -> None:
-    before = sim.log()
+def test_furniture_opens_outwards(sim: Simulation) -> None:
+    before = sim.snapshot()
     for name in ("fridge_door", "drawer_left_1", "dishwasher_door"):
         joint = sim.joint(name)
         joint.open()
-        after = sim.log()
+        after = sim.snapshot()
         handle, body = f"{joint.body}_handle", after.body(joint.body)
-        holder = next(each for each in before.constraints if joint.body in (each.parent, each.child))
+        holder = next(each for each in before.joints if joint.body in (each.parent, each.child))
         other = before.body(holder.parent if holder.child == body.id else holder.child).pose.position
         gone = math.dist(after.body(handle).pose.position, other) - math.dist(before.body(handle).pose.position, other)
         assert gone > 0.1, name
 
 
-def test_something_in_the_way_stops_it_and_the_result_says_so(sim: Stage) -> None:
+def test_something_in_the_way_stops_it_and_the_result_says_so(sim: Simulation) -> None:
     wall = replace(
-        sim.log().body("fridge"),
+        sim.snapshot().body("fridge"),
         id=BodyId("block"),
-        iri=sim.log().body("fridge").iri + "_block",
+        iri=sim.snapshot().body("fridge").iri + "_block",
         pose=Pose((*_in_front(sim, "drawer_left_1", 0.15),)),
         size=(0.4, 0.1, 0.4),
         mesh=None,
         facts=(),
     )
     sim.spawn(
-        replace(ms.load("bundled:kitchen"), bodies=(wall,), constraints=(), attachments=(), lights=()), lasting=False
+        replace(ms.load("bundled:kitchen"), bodies=(wall,), joints=(), attachments=(), lights=()), persistent=False
     )
     joint = sim.joint("drawer_left_1")
     result = joint.open(timeout_s=4.0)
     assert not result
     assert result.duration_s == pytest.approx(4.0, abs=0.1)
     assert joint.openness < 0.6
-    sim.call(lambda engine: engine.delete([BodyId("block")]), edits=True)
+    sim.run_on_engine(lambda engine: engine.delete([BodyId("block")]), edits=True)
 
 
-def _in_front(sim: Stage, id: str, gap: float) -> tuple[float, float, float]:
-    x, y, z = sim.log().body(f"{id}_handle").pose.position
+def _in_front(sim: Simulation, id: str, gap: float) -> tuple[float, float, float]:
+    x, y, z = sim.snapshot().body(f"{id}_handle").pose.position
     return x, y - gap, z
 
 
 @settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(fraction=st.floats(0.0, 1.0), name=st.sampled_from(["fridge_door", "drawer_left_1", "microwave_door"]))
-def test_an_engine_without_physics_puts_it_exactly_there(still: Stage, fraction: float, name: str) -> None:
+def test_an_engine_without_physics_puts_it_exactly_there(still: Simulation, fraction: float, name: str) -> None:
     joint = still.joint(name)
-    before = still.log().body(f"{joint.body}_handle").pose
+    before = still.snapshot().body(f"{joint.body}_handle").pose
     result = joint.open(fraction)
     assert result == JointMotion(arrived=True, position=joint.position, target=result.target, duration_s=0.0)
     assert joint.openness == pytest.approx(fraction, abs=1e-6)
     if abs(fraction - 0.5) > 0.45:
         joint.close()
         assert joint.openness == pytest.approx(0.0, abs=1e-6)
-        after = still.log().body(f"{joint.body}_handle").pose
+        after = still.snapshot().body(f"{joint.body}_handle").pose
         assert fraction == 0.0 or before != after or joint.openness == 0.0
 
 
-def test_a_body_that_does_not_simulate_is_put_there(sim: Stage) -> None:
-    physics = replace(sim.log().body("fridge_door").physics, mobility=Mobility.KINEMATIC)
-    sim.call(lambda engine: engine.set_physics(BodyId("fridge_door"), physics), edits=True)
-    before = sim.frame.time_s
+def test_a_body_that_does_not_simulate_is_put_there(sim: Simulation) -> None:
+    physics = replace(sim.snapshot().body("fridge_door").physics, mobility=Mobility.KINEMATIC)
+    sim.run_on_engine(lambda engine: engine.set_physics(BodyId("fridge_door"), physics), edits=True)
+    before = sim.state.time_s
     assert sim.joint("fridge_door_hinge").open(0.5)
-    assert sim.frame.time_s == before
+    assert sim.state.time_s == before
 
 
-def test_what_makes_no_sense_is_refused(sim: Stage) -> None:
+def test_what_makes_no_sense_is_refused(sim: Simulation) -> None:
     joint = sim.joint("fridge_door")
     for wrong in (-0.1, 1.1, math.nan):
-        with pytest.raises(ArgumentRefused, match="give 0 to 1"):
+        with pytest.raises(InvalidArgumentError, match="give 0 to 1"):
             joint.open(wrong)
-    with pytest.raises(ArgumentRefused, match="out of its range"):
+    with pytest.raises(InvalidArgumentError, match="out of its range"):
         joint.move_to(2.0)
-    with pytest.raises(NameUnknown, match="near: 'fridge_door'"):
+    with pytest.raises(NameNotFoundError, match="near: 'fridge_door'"):
         sim.joint("fridge_dor")
-    with pytest.raises(NameUnknown):
+    with pytest.raises(NameNotFoundError):
         sim.joint("table")
-    sim.call(lambda engine: engine.delete([BodyId("fridge_door")]), edits=True)
-    with pytest.raises(BodyUnknown):
+    sim.run_on_engine(lambda engine: engine.delete([BodyId("fridge_door")]), edits=True)
+    with pytest.raises(BodyNotFoundError):
         joint.open()
 
 
-def test_it_says_what_it_is(sim: Stage, tmp_path: Path) -> None:
+def test_it_says_what_it_is(sim: Simulation, tmp_path: Path) -> None:
     assert repr(sim.joint("fridge_door")).endswith("fridge_door_hinge of fridge_door: 0.000 rad in [-0.785, 0.785]>")

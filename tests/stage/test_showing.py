@@ -7,18 +7,18 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
+from mindstage.world.colors import COLORS
 from msgspec.structs import replace
 
 from mindstage.engines import MujocoEngine, NullEngine
-from mindstage.errors import BodyUnknown, ColourUnknown
+from mindstage.errors import BodyNotFoundError, InvalidColorError
 from mindstage.knowledge import KnowledgeBase, bundled_kitchen, save_map
-from mindstage.knowledge.moment import Moment
-from mindstage.stage import Lit, NotLit, Stage
+from mindstage.knowledge.moment import WorldState
+from mindstage.stage import HighlightGroup, Simulation, UnhighlightedItem
 from mindstage.world import BodyId
-from mindstage.world.colours import COLOURS
 from tests.kitchenette import kitchenette
 
-RED, GREEN = COLOURS["red"], COLOURS["green"]
+RED, GREEN = COLORS["red"], COLORS["green"]
 MUG, FRIDGE = BodyId("Mug"), BodyId("Fridge")
 
 
@@ -32,27 +32,27 @@ def knowledge(tmp_path_factory: pytest.TempPathFactory) -> KnowledgeBase:
 
 
 @pytest.fixture(params=[NullEngine, MujocoEngine])
-def stage(request: pytest.FixtureRequest, knowledge: KnowledgeBase) -> Iterator[Stage]:
-    with Stage(knowledge, request.param()) as stage:
+def stage(request: pytest.FixtureRequest, knowledge: KnowledgeBase) -> Iterator[Simulation]:
+    with Simulation(knowledge, request.param()) as stage:
         stage.spawn()
         yield stage
 
 
-def lit(stage: Stage) -> dict[str, tuple[str, ...]]:
+def lit(stage: Simulation) -> dict[str, tuple[str, ...]]:
     """The ids of each group by its reason; they are what the engine has lit."""
-    groups = {group.label: group.ids for group in stage.frame.lit}
-    assert {id for ids in groups.values() for id in ids} == set(stage.frame.highlights)
+    groups = {group.label: group.ids for group in stage.state.highlight_groups}
+    assert {id for ids in groups.values() for id in ids} == set(stage.state.highlights)
     return groups
 
 
-def test_the_handle_of_a_door_lights_up_and_not_the_door(stage: Stage) -> None:
+def test_the_handle_of_a_door_lights_up_and_not_the_door(stage: Simulation) -> None:
     shown = stage.highlight(stage.ask("handle_of", individual="FridgeDoor"), RED)
-    assert (shown.lit, shown.not_lit) == (("FridgeHandle",), ())
-    assert stage.frame.highlights == {"FridgeHandle": RED}
-    assert stage.frame.lit == (
-        Lit(
+    assert (shown.highlighted, shown.unhighlighted) == (("FridgeHandle",), ())
+    assert stage.state.highlights == {"FridgeHandle": RED}
+    assert stage.state.highlight_groups == (
+        HighlightGroup(
             ids=(BodyId("FridgeHandle"),),
-            colour=RED,
+            color=RED,
             label="handle_of individual=FridgeDoor",
             question="handle_of",
             args={"individual": "FridgeDoor"},
@@ -73,76 +73,78 @@ def test_the_handle_of_a_door_lights_up_and_not_the_door(stage: Stage) -> None:
         ("openings", {"thing": "Fridge"}, {"FridgeDoor"}),
     ],
 )
-def test_what_was_asked_for_is_what_lights_up(stage: Stage, question: str, args: dict[str, str], ids: set[str]) -> None:
-    assert set(stage.highlight(stage.ask(question, **args), RED).lit) == ids
+def test_what_was_asked_for_is_what_lights_up(
+    stage: Simulation, question: str, args: dict[str, str], ids: set[str]
+) -> None:
+    assert set(stage.highlight(stage.ask(question, **args), RED).highlighted) == ids
 
 
-def test_what_has_no_body_is_named_with_the_reason(stage: Stage) -> None:
+def test_what_has_no_body_is_named_with_the_reason(stage: Simulation) -> None:
     shown = stage.highlight(stage.ask("storage_place", item="CowsMilk"), RED)
-    assert shown.not_lit == (NotLit("Refrigerator", "it is a class, which has no body"),)
+    assert shown.unhighlighted == (UnhighlightedItem("Refrigerator", "it is a class, which has no body"),)
     shown = stage.highlight(stage.ask("maps"), RED)
-    assert shown.not_lit == (NotLit("map", "it is a map, which has no body"),)
+    assert shown.unhighlighted == (UnhighlightedItem("map", "it is a map, which has no body"),)
     shown = stage.highlight(stage.ask("everything_in_map"), RED)
-    assert NotLit("DrawerSlide", "it is a constraint, which has no body") in shown.not_lit
-    assert len(shown.lit) == len(kitchenette().bodies)
+    assert UnhighlightedItem("DrawerSlide", "it is a constraint, which has no body") in shown.unhighlighted
+    assert len(shown.highlighted) == len(kitchenette().bodies)
     shown = stage.highlight(
         ["Mug", "Mugg", "http://example.org/maps/M.owl#nobody"], GREEN, label="by hand", missing_ok=True
     )
-    assert shown.lit == ("Mug",)
-    assert shown.not_lit == (
-        NotLit("Mugg", "no body 'Mugg' in 'map'; near: 'Mug'"),
-        NotLit("nobody", "it has no body here"),
+    assert shown.highlighted == ("Mug",)
+    assert shown.unhighlighted == (
+        UnhighlightedItem("Mugg", "no body 'Mugg' in 'map'; near: 'Mug'"),
+        UnhighlightedItem("nobody", "it has no body here"),
     )
     assert lit(stage)["by hand"] == ("Mug",)
 
 
-def test_answers_without_any_row_light_nothing(stage: Stage) -> None:
+def test_answers_without_any_row_light_nothing(stage: Simulation) -> None:
     shown = stage.highlight(stage.ask("handle_of", individual="Mug"), RED)
-    assert (shown.lit, shown.not_lit, stage.frame.lit) == ((), (), ())
+    assert (shown.highlighted, shown.unhighlighted, stage.state.highlight_groups) == ((), (), ())
 
 
-def test_a_later_show_adds_and_what_is_in_both_has_its_colour(stage: Stage) -> None:
+def test_a_later_show_adds_and_what_is_in_both_has_its_color(stage: Simulation) -> None:
     stage.highlight([MUG, FRIDGE], RED, label="first")
     stage.highlight([FRIDGE], GREEN, label="second")
     assert lit(stage) == {"first": ("Mug",), "second": ("Fridge",)}
-    assert stage.frame.highlights == {"Mug": RED, "Fridge": GREEN}
+    assert stage.state.highlights == {"Mug": RED, "Fridge": GREEN}
 
 
-def test_the_same_reason_again_replaces_what_it_lit(stage: Stage) -> None:
+def test_the_same_reason_again_replaces_what_it_lit(stage: Simulation) -> None:
     stage.highlight([MUG, FRIDGE], RED, label="this")
     stage.highlight(["Drawer"], GREEN, label="that")
     stage.highlight([FRIDGE, BodyId("Floor")], GREEN, label="this")
     assert lit(stage) == {"that": ("Drawer",), "this": ("Fridge", "Floor")}
 
 
-def test_replacing_puts_all_else_out(stage: Stage) -> None:
+def test_replacing_puts_all_else_out(stage: Simulation) -> None:
     stage.highlight([MUG], RED, label="first")
     stage.highlight([FRIDGE], GREEN)
     stage.highlight(["Drawer"], GREEN, label="second", replace=True)
     assert lit(stage) == {"second": ("Drawer",)}
 
 
-def test_no_colour_puts_out_what_is_shown_and_nothing_else(stage: Stage) -> None:
+def test_no_color_puts_out_what_is_shown_and_nothing_else(stage: Simulation) -> None:
     stage.highlight([MUG, FRIDGE], RED, label="first")
-    assert stage.highlight([MUG], None).lit == ("Mug",)
+    assert stage.highlight([MUG], None).highlighted == ("Mug",)
     assert lit(stage) == {"first": ("Fridge",)}
-    stage.put_out()
+    stage.clear_highlights()
     assert lit(stage) == {}
 
 
-def test_what_is_lit_without_a_reason_is_a_group_too(stage: Stage) -> None:
+def test_what_is_lit_without_a_reason_is_a_group_too(stage: Simulation) -> None:
     stage.highlight([MUG], RED)
-    stage.call(lambda engine: engine.highlight([FRIDGE], RED))
-    assert stage.frame.lit == (Lit(ids=(MUG, FRIDGE), colour=RED),)
+    stage.run_on_engine(lambda engine: engine.highlight([FRIDGE], RED))
+    assert stage.state.highlight_groups == (HighlightGroup(ids=(MUG, FRIDGE), color=RED),)
     stage.highlight([MUG], GREEN)
-    assert {group.colour: group.ids for group in stage.frame.lit} == {RED: (FRIDGE,), GREEN: (MUG,)}
-    with pytest.raises(BodyUnknown):
+    assert {group.color: group.ids for group in stage.state.highlight_groups} == {RED: (FRIDGE,), GREEN: (MUG,)}
+    with pytest.raises(BodyNotFoundError):
         stage.highlight([BodyId("nobody")], RED)
 
 
-def test_deleting_and_clearing_put_out(stage: Stage) -> None:
+def test_deleting_and_clearing_put_out(stage: Simulation) -> None:
     stage.highlight([MUG, FRIDGE], RED, label="both")
-    stage.call(lambda engine: engine.delete([FRIDGE]), edits=True)
+    stage.run_on_engine(lambda engine: engine.delete([FRIDGE]), edits=True)
     assert lit(stage) == {"both": ("Mug",)}
     stage.clear()
     assert lit(stage) == {}
@@ -150,7 +152,7 @@ def test_deleting_and_clearing_put_out(stage: Stage) -> None:
     assert lit(stage) == {}, "a body of the same name is another body"
 
 
-def test_a_reset_leaves_lit_what_is_lit(stage: Stage) -> None:
+def test_a_reset_leaves_lit_what_is_lit(stage: Simulation) -> None:
     stage.highlight([MUG], RED, label="first")
     stage.step(0.1)
     stage.highlight([FRIDGE], GREEN, label="second")
@@ -159,15 +161,15 @@ def test_a_reset_leaves_lit_what_is_lit(stage: Stage) -> None:
     assert lit(stage) == {"second": ("Fridge",)}
 
 
-def test_groups_stay_the_same_values_while_nothing_changes(stage: Stage) -> None:
+def test_groups_stay_the_same_values_while_nothing_changes(stage: Simulation) -> None:
     stage.highlight([MUG], RED, label="first")
-    before = stage.frame
+    before = stage.state
     stage.step(0.1)
-    assert stage.frame is not before
-    assert stage.frame.lit is before.lit
+    assert stage.state is not before
+    assert stage.state.highlight_groups is before.highlight_groups
 
 
-def test_many_ask_at_once_and_each_sees_one_moment(stage: Stage) -> None:
+def test_many_ask_at_once_and_each_sees_one_moment(stage: Simulation) -> None:
     stage.play()
     with ThreadPoolExecutor(8) as pool:
         answers = list(pool.map(lambda _: stage.ask("where_is", other="Cupboard", relation="on"), range(24)))
@@ -176,32 +178,34 @@ def test_many_ask_at_once_and_each_sees_one_moment(stage: Stage) -> None:
     )
 
 
-def test_a_moment_is_the_place_as_it_is(stage: Stage) -> None:
-    moment = stage.moment()
-    assert isinstance(moment, Moment)
-    assert moment.world == stage.log()
-    assert moment.told == stage.worlds
-    assert (moment.joints is not None) == (stage.engine_name == "mujoco")
-    assert set(moment.homes().values()) == {kitchenette().iri}
+def test_a_moment_is_the_place_as_it_is(stage: Simulation) -> None:
+    moment = stage.current_state()
+    assert isinstance(moment, WorldState)
+    assert moment.world == stage.snapshot()
+    assert moment.spawned == stage.worlds
+    assert (moment.joint_positions is not None) == (stage.engine_name == "mujoco")
+    assert set(moment.map_of_body().values()) == {kitchenette().iri}
 
 
-def test_of_two_worlds_with_one_id_the_body_that_stands_counts(stage: Stage) -> None:
+def test_of_two_worlds_with_one_id_the_body_that_stands_counts(stage: Simulation) -> None:
     other = replace(
-        kitchenette(), iri=kitchenette().iri + "2", bodies=kitchenette().bodies[-1:], constraints=(), attachments=()
+        kitchenette(), iri=kitchenette().iri + "2", bodies=kitchenette().bodies[-1:], joints=(), attachments=()
     )
     assert stage.spawn(other).failed_bodies
-    assert stage.moment().homes()[MUG] == kitchenette().iri
+    assert stage.current_state().map_of_body()[MUG] == kitchenette().iri
 
 
 def test_the_bundled_kitchen_shows_where_milk_is_kept_and_what_is_there() -> None:
     knowledge = KnowledgeBase()
     knowledge.load(Path(bundled_kitchen()))
-    with Stage(knowledge, NullEngine()) as stage:
+    with Simulation(knowledge, NullEngine()) as stage:
         stage.spawn()
-        assert stage.highlight(stage.ask("storage_place_in_environment", item="CowsMilk"), RED).lit == ("fridge",)
+        assert stage.highlight(stage.ask("storage_place_in_environment", item="CowsMilk"), RED).highlighted == (
+            "fridge",
+        )
         inside = stage.highlight(stage.ask("where_is", relation="inside", other="fridge"), GREEN)
-        assert {"milk_carton_1", "egg_box_1"} <= set(inside.lit)
-        assert len(stage.frame.highlights) == 1 + len(inside.lit)
+        assert {"milk_carton_1", "egg_box_1"} <= set(inside.highlighted)
+        assert len(stage.state.highlights) == 1 + len(inside.highlighted)
 
 
 # -- one way to highlight ----------------------------------------------------------------------------------------------
@@ -211,12 +215,12 @@ TEXT = ",".join(map(str, GREEN))
 
 
 @pytest.mark.parametrize("color", ["green", "#1FA83C", GREEN, list(GREEN), TEXT])
-def test_a_color_is_a_name_or_numbers(stage: Stage, color: str | tuple[float, float, float]) -> None:
+def test_a_color_is_a_name_or_numbers(stage: Simulation, color: str | tuple[float, float, float]) -> None:
     stage.highlight("Mug", color)
-    assert stage.frame.highlights == {"Mug": pytest.approx(GREEN)}
+    assert stage.state.highlights == {"Mug": pytest.approx(GREEN)}
 
 
-def test_an_id_an_iri_and_answers_are_highlighted_alike(stage: Stage) -> None:
+def test_an_id_an_iri_and_answers_are_highlighted_alike(stage: Simulation) -> None:
     answers = stage.ask("storage_place_in_environment", item="CowsMilk")
     iri = answers[0].individual
     for shown in (
@@ -230,48 +234,48 @@ def test_an_id_an_iri_and_answers_are_highlighted_alike(stage: Stage) -> None:
         {"Fridge": 1},
         iter([iri]),
     ):
-        assert stage.highlight(shown, "red").lit == ("Fridge",)
-        assert stage.frame.highlights == {"Fridge": RED}
-        stage.put_out()
+        assert stage.highlight(shown, "red").highlighted == ("Fridge",)
+        assert stage.state.highlights == {"Fridge": RED}
+        stage.clear_highlights()
 
 
-def test_a_loop_over_answers_adds_up(stage: Stage) -> None:
+def test_a_loop_over_answers_adds_up(stage: Simulation) -> None:
     for answer in stage.ask("individual_of_class", cls="Handle"):
         stage.highlight(answer.individual, color="blue")
-    assert stage.frame.highlights.keys() == {"FridgeHandle", "DrawerHandle"}
-    assert [set(group.ids) for group in stage.frame.lit] == [{"FridgeHandle", "DrawerHandle"}]
+    assert stage.state.highlights.keys() == {"FridgeHandle", "DrawerHandle"}
+    assert [set(group.ids) for group in stage.state.highlight_groups] == [{"FridgeHandle", "DrawerHandle"}]
 
 
-def test_an_answer_that_is_a_class_has_no_body(stage: Stage) -> None:
+def test_an_answer_that_is_a_class_has_no_body(stage: Simulation) -> None:
     (answer,) = stage.ask("storage_place", item="CowsMilk")
     shown = stage.highlight(answer, "green")
-    assert shown.not_lit == (NotLit("Refrigerator", "it is a class, which has no body"),)
-    assert stage.highlight(answer.individual, "green").lit == ("Fridge",)
+    assert shown.unhighlighted == (UnhighlightedItem("Refrigerator", "it is a class, which has no body"),)
+    assert stage.highlight(answer.individual, "green").highlighted == ("Fridge",)
 
 
-def test_an_unknown_id_changes_nothing(stage: Stage) -> None:
+def test_an_unknown_id_changes_nothing(stage: Simulation) -> None:
     stage.highlight("Mug", "red", label="first")
     for shown in ("Mugg", ["Fridge", "Mugg"]):
-        with pytest.raises(BodyUnknown, match="near: 'Mug'"):
+        with pytest.raises(BodyNotFoundError, match="near: 'Mug'"):
             stage.highlight(shown, "green", replace=True)
-        with pytest.raises(BodyUnknown):
+        with pytest.raises(BodyNotFoundError):
             stage.highlight(shown, None)
     assert lit(stage) == {"first": ("Mug",)}
-    with pytest.raises(ColourUnknown):
+    with pytest.raises(InvalidColorError):
         stage.highlight("Mug", "greenish")
-    with pytest.raises(ColourUnknown):
+    with pytest.raises(InvalidColorError):
         stage.highlight("Mug", (2.0, 0.0, 0.0))
     shown = stage.highlight("http://example.org/nobody", "green")
-    assert shown.not_lit == (NotLit("nobody", "it has no body here"),)
+    assert shown.not_lit == (UnhighlightedItem("nobody", "it has no body here"),)
 
 
 def test_a_simulation_says_what_it_is_and_calls_back_when_it_closes(knowledge: KnowledgeBase) -> None:
     called: list[str] = []
-    with Stage(knowledge, NullEngine()) as stage:
+    with Simulation(knowledge, NullEngine()) as stage:
         assert repr(stage) == "<Stage: 0 bodies, null, paused at 0.00 s>"
         stage.spawn()
         stage.on_close(lambda: called.append(f"first {stage.closed}"))
-        stage.on_close(lambda: called.append(f"second {len(stage.log().bodies) > 0}"))
+        stage.on_close(lambda: called.append(f"second {len(stage.snapshot().bodies) > 0}"))
         assert repr(stage).startswith("<Stage map: ")
     assert called == ["second True", "first False"]
     assert "closed" in repr(stage)

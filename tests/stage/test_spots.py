@@ -9,30 +9,39 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mindstage.stage.spots import Crowd, places_of
-from mindstage.world import Body, BodyId, Form, Place, Pose, Solid, Vector
-from mindstage.world.boxes import Boxes, depths
+from mindstage.stage.spots import PlacementSampler, support_surfaces
+from mindstage.world import Body, BodyGeometry, BodyId, CollisionShape, Pose, SupportSurface, Vector
+from mindstage.world.boxes import OrientedBoxes, penetration_depths
 from mindstage.world.geometry import pose_array
 from tests.engines.scenes import body
 
 CUP: Vector = (0.08, 0.08, 0.1)
 
 
-def tray(levels: tuple[float, ...] = (-0.2,), height: float = 0.15) -> Form:
+def tray(levels: tuple[float, ...] = (-0.2,), height: float = 0.15) -> BodyGeometry:
     """A case of 0.6 x 0.5 x 0.4 m, open in front, with floors on which things can be put."""
     walls = [
-        Solid(size=(0.6, 0.02, 0.4), pose=Pose((0.0, 0.24, 0.0))),
-        Solid(size=(0.6, 0.02, 0.4), pose=Pose((0.0, -0.24, 0.0))),
-        Solid(size=(0.02, 0.5, 0.4), pose=Pose((-0.29, 0.0, 0.0))),
+        CollisionShape(size=(0.6, 0.02, 0.4), pose=Pose((0.0, 0.24, 0.0))),
+        CollisionShape(size=(0.6, 0.02, 0.4), pose=Pose((0.0, -0.24, 0.0))),
+        CollisionShape(size=(0.02, 0.5, 0.4), pose=Pose((-0.29, 0.0, 0.0))),
     ]
-    floors = [Solid(size=(0.6, 0.46, 0.01), pose=Pose((0.0, 0.0, level - 0.005))) for level in levels]
-    places = [Place(centre=(0.01, 0.0, level), size=(0.57, 0.46), height=height, inside=True) for level in levels]
-    return Form(key=f"tray{levels}", skins=(), solids=(*walls, *floors), places=tuple(places))
+    floors = [CollisionShape(size=(0.6, 0.46, 0.01), pose=Pose((0.0, 0.0, level - 0.005))) for level in levels]
+    places = [
+        SupportSurface(center=(0.01, 0.0, level), size=(0.57, 0.46), clearance=height, is_inside=True)
+        for level in levels
+    ]
+    return BodyGeometry(
+        key=f"tray{levels}", visuals=(), collision_shapes=(*walls, *floors), support_surfaces=tuple(places)
+    )
 
 
-def crowd(*bodies: Body, forms: dict[BodyId, Form] | None = None, ghosts: frozenset[str] = frozenset()) -> Crowd:
+def crowd(
+    *bodies: Body, forms: dict[BodyId, BodyGeometry] | None = None, ghosts: frozenset[str] = frozenset()
+) -> PlacementSampler:
     ids = tuple(each.id for each in bodies)
-    return Crowd({each.id: each for each in bodies}, forms or {}, ids, pose_array(b.pose for b in bodies), ghosts)
+    return PlacementSampler(
+        {each.id: each for each in bodies}, forms or {}, ids, pose_array(b.pose for b in bodies), ghosts
+    )
 
 
 def row(of: Body) -> np.ndarray:
@@ -41,38 +50,40 @@ def row(of: Body) -> np.ndarray:
 
 def test_a_box_offers_the_side_that_looks_up() -> None:
     table = body("table", (1.0, 2.0, 0.5), (1.2, 0.8, 1.0))
-    (holder,) = places_of(table, None, row(table), inside=False)
-    assert holder.frame[:3] == pytest.approx((1.0, 2.0, 1.0))
+    (holder,) = support_surfaces(table, None, row(table), inside=False)
+    assert holder.pose[:3] == pytest.approx((1.0, 2.0, 1.0))
     assert holder.size == (1.2, 0.8)
-    assert not list(places_of(table, None, row(table), inside=True)), "nobody knows of room in a plain box"
+    assert not list(support_surfaces(table, None, row(table), inside=True)), "nobody knows of room in a plain box"
 
 
 def test_what_lies_on_its_side_offers_the_side_that_now_looks_up() -> None:
     quarter = (math.sqrt(0.5), math.sqrt(0.5), 0.0, 0.0)
     chest = body("chest", (0.0, 0.0, 0.4), (1.0, 0.8, 0.5), quaternion=quarter)
-    (holder,) = places_of(chest, None, row(chest), inside=False)
-    assert holder.frame[2] == pytest.approx(0.8)
+    (holder,) = support_surfaces(chest, None, row(chest), inside=False)
+    assert holder.pose[2] == pytest.approx(0.8)
     assert sorted(holder.size) == [0.5, 1.0]
 
 
 def test_what_leans_offers_nothing() -> None:
     leaning = body("board", (0.0, 0.0, 1.0), (1.0, 1.0, 0.1), quaternion=(math.cos(0.2), math.sin(0.2), 0.0, 0.0))
-    assert not list(places_of(leaning, None, row(leaning), inside=False))
+    assert not list(support_surfaces(leaning, None, row(leaning), inside=False))
 
 
 def test_a_form_tells_its_places_apart() -> None:
     case = body("case", (0.0, 0.0, 1.0), (0.6, 0.5, 0.4))
-    top = Place(centre=(0.0, 0.0, 0.2), size=(0.6, 0.5))
+    top = SupportSurface(center=(0.0, 0.0, 0.2), size=(0.6, 0.5))
     form = tray((-0.19, 0.0))
-    both = Form(key="both", skins=(), solids=form.solids, places=(*form.places, top))
-    assert [round(h.frame[2], 3) for h in places_of(case, both, row(case), inside=True)] == [0.81, 1.0]
-    assert [round(h.frame[2], 3) for h in places_of(case, both, row(case), inside=False)] == [1.2]
+    both = BodyGeometry(
+        key="both", visuals=(), collision_shapes=form.collision_shapes, support_surfaces=(*form.support_surfaces, top)
+    )
+    assert [round(h.pose[2], 3) for h in support_surfaces(case, both, row(case), inside=True)] == [0.81, 1.0]
+    assert [round(h.pose[2], 3) for h in support_surfaces(case, both, row(case), inside=False)] == [1.2]
 
 
 def test_the_middle_comes_first() -> None:
     table = body("table", (0.0, 0.0, 0.5), (1.0, 1.0, 1.0))
-    (holder,) = places_of(table, None, row(table), inside=False)
-    spots, why = crowd(table).spots(body("cup", (9.0, 9.0, 9.0), CUP), None, holder)
+    (holder,) = support_surfaces(table, None, row(table), inside=False)
+    spots, why = crowd(table).candidate_poses(body("cup", (9.0, 9.0, 9.0), CUP), None, holder)
     assert not why
     assert spots[0].position == pytest.approx((0.0, 0.0, 1.051))
     distances = [math.hypot(*spot.position[:2]) for spot in spots]
@@ -82,37 +93,38 @@ def test_the_middle_comes_first() -> None:
 def test_what_stands_there_already_is_left_alone() -> None:
     table = body("table", (0.0, 0.0, 0.5), (0.4, 0.4, 1.0))
     vase = body("vase", (0.0, 0.0, 1.1), (0.2, 0.2, 0.2))
-    (holder,) = places_of(table, None, row(table), inside=False)
+    (holder,) = support_surfaces(table, None, row(table), inside=False)
     cup = body("cup", (9.0, 9.0, 9.0), CUP)
-    spots, _ = crowd(table, vase).spots(cup, None, holder)
+    spots, _ = crowd(table, vase).candidate_poses(cup, None, holder)
     assert spots
     assert all(max(abs(x), abs(y)) >= 0.14 - 1e-9 for x, y, _ in (spot.position for spot in spots))
-    through, _ = crowd(table, vase, ghosts=frozenset({"vase"})).spots(cup, None, holder)
+    through, _ = crowd(table, vase, ghosts=frozenset({"vase"})).candidate_poses(cup, None, holder)
     assert through[0].position[:2] == pytest.approx((0.0, 0.0)), "what collides with nothing is in nobody's way"
 
 
 def test_reasons_are_told() -> None:
     case = body("case", (0.0, 0.0, 1.0), (0.6, 0.5, 0.4))
-    (holder,) = places_of(case, tray(), row(case), inside=True)
+    (holder,) = support_surfaces(case, tray(), row(case), inside=True)
     of_trays = {case.id: tray()}
     there = crowd(case, forms=of_trays)
-    assert there.spots(body("pole", (0.0, 0.0, 9.0), (0.05, 0.05, 0.5)), None, holder)[1] == (
+    assert there.candidate_poses(body("pole", (0.0, 0.0, 9.0), (0.05, 0.05, 0.5)), None, holder)[1] == (
         "it is 0.50 m high, and there is room for 0.15 m"
     )
     assert (
-        there.spots(body("plank", (0.0, 0.0, 9.0), (0.9, 0.1, 0.02)), None, holder)[1] == "it is larger than the place"
+        there.candidate_poses(body("plank", (0.0, 0.0, 9.0), (0.9, 0.1, 0.02)), None, holder)[1]
+        == "it is larger than the place"
     )
     block = body("block", (0.0, 0.0, 0.9), (0.5, 0.4, 0.1))
-    assert crowd(case, block, forms=of_trays).spots(body("cup", (9.0, 0.0, 0.0), CUP), None, holder)[1] == (
+    assert crowd(case, block, forms=of_trays).candidate_poses(body("cup", (9.0, 0.0, 0.0), CUP), None, holder)[1] == (
         "something stands there already"
     )
 
 
 def test_what_is_long_is_put_the_way_that_it_fits() -> None:
     case = body("case", (0.0, 0.0, 1.0), (0.6, 0.5, 0.4))
-    (holder,) = places_of(case, tray(), row(case), inside=True)
+    (holder,) = support_surfaces(case, tray(), row(case), inside=True)
     ruler = body("ruler", (0.0, 0.0, 9.0), (0.05, 0.52, 0.02))
-    spots, _ = crowd(case, forms={case.id: tray()}).spots(ruler, None, holder)
+    spots, _ = crowd(case, forms={case.id: tray()}).candidate_poses(ruler, None, holder)
     assert spots
     turned = {round(2 * math.degrees(math.atan2(spot.quaternion[3], spot.quaternion[0]))) for spot in spots}
     assert turned == {90}
@@ -134,15 +146,15 @@ def test_every_spot_is_on_the_place_and_free(
         body(f"other{number}", (3.0 + x, -2.0 + y, 0.8 + extent / 2), (extent,) * 3)
         for number, (x, y, extent) in enumerate(others)
     ]
-    (holder,) = places_of(table, None, row(table), inside=False)
+    (holder,) = support_surfaces(table, None, row(table), inside=False)
     thing = body("thing", (9.0, 9.0, 9.0), cup)
-    spots, why = crowd(table, *there).spots(thing, None, holder)
+    spots, why = crowd(table, *there).candidate_poses(thing, None, holder)
     assert bool(spots) is not bool(why)
     if not spots:
         return
     placed = pose_array(spots[:50])
-    boxes = Boxes.of(placed, np.tile(cup, (len(placed), 1)))
-    corners = boxes.centre[:, None] + np.einsum(
+    boxes = OrientedBoxes.from_poses(placed, np.tile(cup, (len(placed), 1)))
+    corners = boxes.center[:, None] + np.einsum(
         "nij,kj->nki", boxes.rotation, np.array([[x, y, -1] for x in (-1, 1) for y in (-1, 1)]) * np.array(cup) / 2
     )
     assert corners[..., 2] == pytest.approx(0.801)
@@ -151,9 +163,9 @@ def test_every_spot_is_on_the_place_and_free(
     )
     assert (np.abs(local[..., :2]) <= np.array(size) / 2 + 1e-9).all()
     if there:
-        together = Boxes.of(
+        together = OrientedBoxes.from_poses(
             np.concatenate([placed, pose_array(other.pose for other in there)]),
             np.concatenate([np.tile(cup, (len(placed), 1)), [other.size for other in there]]),
         )
         mine, theirs = np.meshgrid(np.arange(len(placed)), np.arange(len(placed), len(placed) + len(there)))
-        assert (depths(together, mine.reshape(-1), theirs.reshape(-1)) <= 1e-9).all()
+        assert (penetration_depths(together, mine.reshape(-1), theirs.reshape(-1)) <= 1e-9).all()

@@ -8,24 +8,24 @@ from typing import Any
 
 import pytest
 
-from mindstage import KnowledgeBase, NullEngine, Stage
-from mindstage.viewport import Viewport
+from mindstage import KnowledgeBase, NullEngine, Simulation
+from mindstage.viewport import Viewer
 from tests.kitchenette import kitchenette
-from tests.viewport.visiting import Visit, visiting
+from tests.viewport.visiting import PageTab, open_tabs
 
 
 @pytest.fixture
-def stage() -> Iterator[Stage]:
+def stage() -> Iterator[Simulation]:
     """The small kitchen, standing still."""
-    with Stage(KnowledgeBase(), NullEngine()) as stage:
+    with Simulation(KnowledgeBase(), NullEngine()) as stage:
         stage.spawn(kitchenette())
         yield stage
 
 
 @pytest.fixture
-def viewport(stage: Stage) -> Iterator[Viewport]:
+def viewport(stage: Simulation) -> Iterator[Viewer]:
     """A page on it, at a port that nobody else has."""
-    with Viewport(stage, port=0) as viewport:
+    with Viewer(stage, port=0) as viewport:
         yield viewport
 
 
@@ -42,7 +42,7 @@ def browser(chromium: Path) -> Iterator[Any]:
 
 
 @pytest.fixture
-def visit(browser: Any) -> Iterator[Callable[[Viewport], Visit]]:
+def visit(browser: Any) -> Iterator[Callable[[Viewer], PageTab]]:
     """Opens a page in the browser, and closes it in the end."""
-    with visiting(browser) as visit:
+    with open_tabs(browser) as visit:
         yield visit

@@ -11,25 +11,25 @@ from typing import Any
 
 from websockets.sync.client import ClientConnection, connect
 
-from tests.viewport.waiting import PATIENCE_S, wait_until
+from tests.viewport.waiting import TIMEOUT_S, wait_until
 
-__all__ = ["Guest", "No", "guest_at"]
+__all__ = ["PageClient", "RequestFailed", "connect_page_client"]
 
 
-class No(Exception):
+class RequestFailed(Exception):
     """The server said no."""
 
-    def __init__(self, kind: str, text: str) -> None:
-        self.kind = kind
-        super().__init__(f"{kind}: {text}")
+    def __init__(self, type: str, text: str) -> None:
+        self.type = type
+        super().__init__(f"{type}: {text}")
 
 
-class Guest:
+class PageClient:
     """Asks, and keeps what it is told by topic."""
 
     def __init__(self, socket: ClientConnection) -> None:
         self.socket = socket
-        self.told: dict[str, Any] = {}
+        self.latest: dict[str, Any] = {}
         self.events: list[tuple[str, Any]] = []
         self._replies: dict[int, Any] = {}
         self._numbers = count(1)
@@ -38,13 +38,13 @@ class Guest:
         """Asks and waits for the answer."""
         number = next(self._numbers)
         self.socket.send(json.dumps({"id": number, "method": what, "params": arguments}))
-        wait_until(lambda: self.hear() and number in self._replies, f"{what!r} is answered")
+        wait_until(lambda: self.receive() and number in self._replies, f"{what!r} is answered")
         reply = self._replies.pop(number)
         if "error" in reply:
-            raise No(reply["error"]["type"], reply["error"]["message"])
+            raise RequestFailed(reply["error"]["type"], reply["error"]["message"])
         return reply["result"]
 
-    def hear(self) -> bool:
+    def receive(self) -> bool:
         """Takes in what has come meanwhile."""
         while True:
             try:
@@ -52,20 +52,22 @@ class Guest:
             except TimeoutError:
                 return True
             if "topic" in message:
-                self.told[message["topic"]] = message["value"]
+                self.latest[message["topic"]] = message["value"]
                 self.events.append((message["topic"], message["value"]))
             else:
                 self._replies[message["id"]] = message
 
-    def sees(self, topic: str) -> Any:
+    def latest_value(self, topic: str) -> Any:
         """What it was told last; None if it was told nothing."""
-        self.hear()
-        return self.told.get(topic)
+        self.receive()
+        return self.latest.get(topic)
 
 
 @contextmanager
-def guest_at(url: str, *, key: str | None = None, headers: dict[str, str] | None = None) -> Iterator[Guest]:
+def connect_page_client(
+    url: str, *, key: str | None = None, headers: dict[str, str] | None = None
+) -> Iterator[PageClient]:
     """A guest at the page of that address."""
     address = f"{url.replace('http', 'ws', 1)}/mindstage/channel?client={key or secrets.token_hex(8)}"
-    with connect(address, additional_headers=headers, open_timeout=PATIENCE_S, max_size=None) as socket:
-        yield Guest(socket)
+    with connect(address, additional_headers=headers, open_timeout=TIMEOUT_S, max_size=None) as socket:
+        yield PageClient(socket)

@@ -8,15 +8,15 @@ from typing import Any
 
 import numpy as np
 
-__all__ = ["Client", "Node", "Scene", "Server"]
+__all__ = ["FakeClient", "FakeNode", "FakeScene", "FakeServer"]
 
-Told = list[tuple[str, str]]
+SentMessages = list[tuple[str, str]]
 
 
-class Node:
+class FakeNode:
     """A node that tells what becomes of it."""
 
-    def __init__(self, scene: Scene, name: str, **properties: Any) -> None:
+    def __init__(self, scene: FakeScene, name: str, **properties: Any) -> None:
         vars(self).update({"visible": True, "scene": scene, "name": name} | properties)
 
     def __setattr__(self, attribute: str, value: Any) -> None:
@@ -35,31 +35,31 @@ class Node:
         vars(self)["update"] = react
 
 
-class Scene:
+class FakeScene:
     """Nodes by name."""
 
     def __init__(self) -> None:
-        self.told: Told = []
-        self.nodes: dict[str, Node] = {}
-        self.world_axes = Node(self, "axes")
+        self.messages: SentMessages = []
+        self.nodes: dict[str, FakeNode] = {}
+        self.world_axes = FakeNode(self, "axes")
 
-    def add(self, name: str, *content: Any, **properties: Any) -> Node:
-        self.told.append((name, "add"))
-        self.nodes[name] = Node(self, name, content=content, **properties)
+    def add(self, name: str, *content: Any, **properties: Any) -> FakeNode:
+        self.messages.append((name, "add"))
+        self.nodes[name] = FakeNode(self, name, content=content, **properties)
         return self.nodes[name]
 
     add_frame = add_glb = add_mesh_simple = add_line_segments = add_grid = add_label = add_transform_controls = add
     add_light_hemisphere = add_light_directional = add_light_point = add
 
-    def add_batched_glb(self, name: str, data: bytes, turns: Any, places: Any, **properties: Any) -> Node:
+    def add_batched_glb(self, name: str, data: bytes, turns: Any, places: Any, **properties: Any) -> FakeNode:
         return self.add(name, data, batched_wxyzs=turns, batched_positions=places, **properties)
 
     def add_batched_meshes_simple(
         self, name: str, vertices: Any, faces: Any, turns: Any, places: Any, **properties: Any
-    ) -> Node:
+    ) -> FakeNode:
         return self.add(name, vertices, faces, batched_wxyzs=turns, batched_positions=places, **properties)
 
-    def get_handle_by_name(self, name: str) -> Node | None:
+    def get_handle_by_name(self, name: str) -> FakeNode | None:
         return self.nodes.get(name)
 
     def configure_default_lights(self, **_: Any) -> None: ...
@@ -67,44 +67,44 @@ class Scene:
     def set_background_image(self, *_: Any, **__: Any) -> None: ...
 
     @contextmanager
-    def listening(self) -> Iterator[Told]:
+    def recording(self) -> Iterator[SentMessages]:
         """What is sent in the meantime."""
-        heard: Told = []
-        start = len(self.told)
+        heard: SentMessages = []
+        start = len(self.messages)
         yield heard
-        heard += self.told[start:]
+        heard += self.messages[start:]
 
 
-class Client:
+class FakeClient:
     """A visitor's browser."""
 
     def __init__(self, number: int, *, aspect: float = 1.5) -> None:
-        self.client_id, self.scene, self.atomic = number, Scene(), nullcontext
-        self.camera = Node(
+        self.client_id, self.scene, self.atomic = number, FakeScene(), nullcontext
+        self.camera = FakeNode(
             self.scene, "camera", position=np.array([9.0, 0, 9]), look_at=np.zeros(3), fov=0.7, aspect=aspect
         )
 
 
-class Server:
+class FakeServer:
     """A server whose visitors come and go by hand."""
 
     def __init__(self) -> None:
-        self.scene, self.atomic = Scene(), nullcontext
-        self.initial_camera = Node(self.scene, "camera")
-        self.come: list[Callable[[Any], None]] = []
-        self.gone: list[Callable[[Any], None]] = []
+        self.scene, self.atomic = FakeScene(), nullcontext
+        self.initial_camera = FakeNode(self.scene, "camera")
+        self.connect_callbacks: list[Callable[[Any], None]] = []
+        self.disconnect_callbacks: list[Callable[[Any], None]] = []
 
     def on_client_connect(self, react: Callable[[Any], None]) -> None:
-        self.come.append(react)
+        self.connect_callbacks.append(react)
 
     def on_client_disconnect(self, react: Callable[[Any], None]) -> None:
-        self.gone.append(react)
+        self.disconnect_callbacks.append(react)
 
-    def welcome(self, client: Client) -> Client:
-        for react in self.come:
+    def connect(self, client: FakeClient) -> FakeClient:
+        for react in self.connect_callbacks:
             react(client)
         return client
 
-    def see_off(self, client: Client) -> None:
-        for react in self.gone:
+    def disconnect(self, client: FakeClient) -> None:
+        for react in self.disconnect_callbacks:
             react(client)

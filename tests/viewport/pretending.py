@@ -7,29 +7,29 @@ from typing import Any
 
 import msgspec
 
-from mindstage.viewport.channel import Channel, _Request
+from mindstage.viewport.channel import RpcChannel, _Request
 
 
-class PretendedPage:
+class FakePage:
     """One visitor without a browser."""
 
-    def __init__(self, channel: Channel) -> None:
+    def __init__(self, channel: RpcChannel) -> None:
         self._channel = channel
-        self.visitor: Any = SimpleNamespace(key="pretended", state={})
+        self.session: Any = SimpleNamespace(key="pretended", state={})
 
     def ask(self, method: str, **arguments: object) -> Any:
-        """What the server answers; an error's words are raised as a `Refused`."""
+        """What the server answers; an error's words are raised as a `RequestFailed`."""
         request = _Request(id=1, method=method, arguments=msgspec.Raw(msgspec.json.encode(arguments)))
-        reply = msgspec.json.decode(self._channel._carry_out(self.visitor, request))
+        reply = msgspec.json.decode(self._channel._run_handler(self.session, request))
         if "error" in reply:
-            raise Refused(f"{reply['error']['type']}: {reply['error']['message']}")
+            raise RequestFailed(f"{reply['error']['type']}: {reply['error']['message']}")
         return reply["result"]
 
-    def sees(self, topic: str) -> Any:
+    def latest_value(self, topic: str) -> Any:
         """What a visitor who comes now is told about a topic; None if nothing."""
         text = self._channel._states.get(topic)
         return None if text is None else msgspec.json.decode(text)["value"]
 
 
-class Refused(Exception):
+class RequestFailed(Exception):
     """The server said no."""

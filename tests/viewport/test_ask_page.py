@@ -7,27 +7,27 @@ from typing import Any
 
 import pytest
 
-from mindstage import KnowledgeBase, NullEngine, Stage
+from mindstage import KnowledgeBase, NullEngine, Simulation
 from mindstage.knowledge import bundled_kitchen
-from mindstage.stage import Guest
-from mindstage.viewport import Viewport
-from tests.viewport.pretending import PretendedPage
+from mindstage.stage import ConnectedClient
+from mindstage.viewport import Viewer
+from tests.viewport.pretending import FakePage
 from tests.viewport.waiting import wait_until
 
 PATIENCE_MS = 60_000
 
 
 @pytest.fixture
-def stage() -> Iterator[Stage]:
+def stage() -> Iterator[Simulation]:
     knowledge = KnowledgeBase()
     knowledge.load(bundled_kitchen())
-    with Stage(knowledge, NullEngine(), shapes=False) as stage:
+    with Simulation(knowledge, NullEngine(), shapes=False) as stage:
         stage.spawn()
         yield stage
 
 
 @pytest.fixture
-def page(viewport: Viewport, browser: Any) -> Iterator[Any]:
+def page(viewport: Viewer, browser: Any) -> Iterator[Any]:
     page = browser.new_page(viewport={"width": 1280, "height": 800})
     errors: list[str] = []
     page.on("pageerror", lambda error: errors.append(str(error)))
@@ -39,7 +39,7 @@ def page(viewport: Viewport, browser: Any) -> Iterator[Any]:
     assert errors == []
 
 
-def test_a_question_is_asked_by_keyboard_explained_and_lit(page: Any, stage: Stage) -> None:
+def test_a_question_is_asked_by_keyboard_explained_and_lit(page: Any, stage: Simulation) -> None:
     page.click("[data-tab=ask]")
     page.get_by_role("combobox", name="item").fill("cowsm")
     page.wait_for_selector("li[data-name=CowsMilk]")
@@ -55,14 +55,14 @@ def test_a_question_is_asked_by_keyboard_explained_and_lit(page: Any, stage: Sta
     assert "CowsMilk" in " ".join(lines.all_inner_texts())
     page.get_by_role("button", name="Highlight", exact=True).click()
     page.wait_for_selector("#legend li[data-highlighted='1']")
-    assert set(stage.frame.highlights) == {"fridge"}
+    assert set(stage.state.highlights) == {"fridge"}
     assert "item=CowsMilk" in page.locator("#legend").inner_text()
     page.locator("#legend button").first.click()
-    wait_until(lambda: not stage.frame.highlights, "nothing is lit any more")
+    wait_until(lambda: not stage.state.highlights, "nothing is lit any more")
     page.locator("#legend").wait_for(state="hidden")
 
 
-def test_what_is_missing_is_told_and_then_known(page: Any, stage: Stage) -> None:
+def test_what_is_missing_is_told_and_then_known(page: Any, stage: Simulation) -> None:
     page.click("[data-tab=ask]")
     page.locator("[data-role=question]").select_option("storage_place")
     page.get_by_role("combobox", name="item").fill("Door")
@@ -77,7 +77,7 @@ def test_what_is_missing_is_told_and_then_known(page: Any, stage: Stage) -> None
     assert [row.place for row in stage.ask("storage_place", item="Door")] == ["http://mindstage.org/ontology#ToolBox"]
 
 
-def test_a_query_and_a_wrong_one_are_answered_in_place(page: Any, viewport: Viewport) -> None:
+def test_a_query_and_a_wrong_one_are_answered_in_place(page: Any, viewport: Viewer) -> None:
     page.click("[data-tab=ask]")
     page.locator("[data-mode=sparql]").click()
     text = page.get_by_role("textbox", name="SPARQL query")
@@ -93,11 +93,13 @@ def test_a_query_and_a_wrong_one_are_answered_in_place(page: Any, viewport: View
     assert page.locator("#panel-ask img").count() == 0
 
 
-def test_the_status_is_shown_searched_and_a_fault_is_said_aloud(page: Any, stage: Stage, viewport: Viewport) -> None:
-    stage.company.introduce(lambda: [Guest(name="/robot", transport="ROS", activity="2 topics heard")])
+def test_the_status_is_shown_searched_and_a_fault_is_said_aloud(page: Any, stage: Simulation, viewport: Viewer) -> None:
+    stage.clients.add_client_source(
+        lambda: [ConnectedClient(name="/robot", transport="ROS", activity="2 topics heard")]
+    )
     page.click("[data-tab=status]")
     page.locator("[data-statistic=engine]", has_text="null").wait_for()
-    assert page.locator("[data-statistic=bodies]").inner_text().startswith(str(len(stage.frame.ids)))
+    assert page.locator("[data-statistic=bodies]").inner_text().startswith(str(len(stage.state.ids)))
     page.locator("[data-client='/robot']").wait_for()
     entries = page.locator("[data-entry]")
     entries.first.wait_for()
@@ -105,6 +107,6 @@ def test_the_status_is_shown_searched_and_a_fault_is_said_aloud(page: Any, stage
     assert before >= 3
     page.get_by_role("searchbox", name="Search the report").fill("quaternion wxyz")
     wait_until(lambda: entries.count() == 1, "one remark is about that")
-    now = PretendedPage(viewport.channel).sees("status")
+    now = FakePage(viewport.channel).latest_value("status")
     viewport.channel.publish("status", now | {"fault": "the physics blew up"})
     page.locator("[data-toast=error]", has_text="The simulation has stopped: the physics blew up").wait_for()

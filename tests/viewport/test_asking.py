@@ -9,13 +9,13 @@ from pathlib import Path
 
 import pytest
 
-from mindstage import KnowledgeBase, NullEngine, Stage
+from mindstage import KnowledgeBase, NullEngine, Simulation
 from mindstage.knowledge import bundled_kitchen
-from mindstage.knowledge.questions import questions
-from mindstage.viewport.asking import AskDesk
-from mindstage.viewport.channel import Channel
+from mindstage.knowledge.questions import list_questions
+from mindstage.viewport.asking import AskHandler
+from mindstage.viewport.channel import RpcChannel
 from mindstage.viewport.lines import has_prolog
-from tests.viewport.pretending import PretendedPage, Refused
+from tests.viewport.pretending import FakePage, RequestFailed
 
 needs_prolog = pytest.mark.skipif(not has_prolog() and not os.environ.get("CI"), reason="Prolog is not installed")
 
@@ -29,27 +29,27 @@ def knowledge() -> KnowledgeBase:
 
 
 @pytest.fixture
-def stage(knowledge: KnowledgeBase) -> Iterator[Stage]:
-    with Stage(knowledge, NullEngine(), shapes=False) as stage:
+def stage(knowledge: KnowledgeBase) -> Iterator[Simulation]:
+    with Simulation(knowledge, NullEngine(), shapes=False) as stage:
         stage.spawn()
         yield stage
 
 
 @pytest.fixture
-def channel() -> Iterator[Channel]:
-    channel = Channel()
+def channel() -> Iterator[RpcChannel]:
+    channel = RpcChannel()
     yield channel
     channel.close()
 
 
 @pytest.fixture
-def desk(stage: Stage, channel: Channel) -> AskDesk:
-    return AskDesk(stage, channel)
+def desk(stage: Simulation, channel: RpcChannel) -> AskHandler:
+    return AskHandler(stage, channel)
 
 
 @pytest.fixture
-def page(desk: AskDesk, channel: Channel) -> PretendedPage:
-    return PretendedPage(channel)
+def page(desk: AskHandler, channel: RpcChannel) -> FakePage:
+    return FakePage(channel)
 
 
 def texts(table: dict, column: str) -> list[object]:
@@ -60,12 +60,12 @@ def texts(table: dict, column: str) -> list[object]:
 # -- forms and names ---------------------------------------------------------------------------------------------------
 
 
-def test_every_declared_question_is_offered_with_its_arguments_and_words(page: PretendedPage) -> None:
+def test_every_declared_question_is_offered_with_its_arguments_and_words(page: FakePage) -> None:
     offered = {each["name"]: each for each in page.ask("ask.questions")}
-    assert list(offered) == [question.name for question in questions()]
+    assert list(offered) == [question.name for question in list_questions()]
     storage = offered["storage_place_in_environment"]
     assert [argument["name"] for argument in storage["arguments"]] == [
-        argument.name for argument in next(q for q in questions() if q.name == storage["name"]).arguments
+        argument.name for argument in next(q for q in list_questions() if q.name == storage["name"]).arguments
     ]
     assert {argument["completion"] for argument in storage["arguments"]} <= {"CLASS", "INDIVIDUAL", "MAP", ""}
     assert storage["text"]
@@ -73,7 +73,7 @@ def test_every_declared_question_is_offered_with_its_arguments_and_words(page: P
     assert "open" in states["choices"]
 
 
-def test_names_are_completed_by_their_beginning_in_any_case(page: PretendedPage) -> None:
+def test_names_are_completed_by_their_beginning_in_any_case(page: FakePage) -> None:
     found = page.ask("ask.complete", prefix="cowsm", kind="CLASS")
     assert found[0]["name"] == "CowsMilk"
     assert found[0]["iri"].endswith("#CowsMilk")
@@ -82,51 +82,51 @@ def test_names_are_completed_by_their_beginning_in_any_case(page: PretendedPage)
     assert "Refrigerator" in [each["name"] for each in page.ask("ask.complete", prefix="frigerat", kind="CLASS")]
 
 
-def test_individuals_are_completed_with_their_class(page: PretendedPage) -> None:
+def test_individuals_are_completed_with_their_class(page: FakePage) -> None:
     found = page.ask("ask.complete", prefix="Fridge", kind="INDIVIDUAL")
     assert {"name": "fridge", "description": "FridgeW60H140"}.items() <= found[0].items()
 
 
-def test_names_with_a_prefix_are_completed_too(page: PretendedPage) -> None:
+def test_names_with_a_prefix_are_completed_too(page: FakePage) -> None:
     assert "CowsMilk" in [each["name"] for each in page.ask("ask.complete", prefix="knowrob:CowsM", kind="CLASS")]
     assert page.ask("ask.complete", prefix="dul:CowsM", kind="CLASS") == []
 
 
-def test_only_so_many_names_are_offered_whatever_a_page_wants(page: PretendedPage) -> None:
+def test_only_so_many_names_are_offered_whatever_a_page_wants(page: FakePage) -> None:
     assert len(page.ask("ask.complete", prefix="", kind="CLASS", limit=3)) == 3
     assert len(page.ask("ask.complete", prefix="", kind="CLASS", limit=100_000)) == 50
-    with pytest.raises(Refused, match="no kind of name; there is CLASS"):
+    with pytest.raises(RequestFailed, match="no kind of name; there is CLASS"):
         page.ask("ask.complete", prefix="x", kind="SECRET")
 
 
 # -- questions ---------------------------------------------------------------------------------------------------------
 
 
-def test_the_milks_place_is_found_as_a_body_that_can_be_selected(page: PretendedPage, stage: Stage) -> None:
+def test_the_milks_place_is_found_as_a_body_that_can_be_selected(page: FakePage, stage: Simulation) -> None:
     table = page.ask("ask", question="storage_place_in_environment", args={"item": "CowsMilk"})
     assert (table["total"], table["ids"]) == (1, ["fridge"])
-    assert "fridge" in stage.frame.ids
+    assert "fridge" in stage.state.ids
     assert table["title"] == "storage_place_in_environment item=CowsMilk"
 
 
-def test_what_is_left_empty_is_asked_for(page: PretendedPage) -> None:
+def test_what_is_left_empty_is_asked_for(page: FakePage) -> None:
     some = page.ask("ask", question="storage_place", args={"item": "CowsMilk", "place": " "})
     assert "Refrigerator" in texts(some, "place")
     assert page.ask("ask", question="storage_place", args={})["total"] > some["total"]
 
 
-def test_a_wrong_name_is_told_with_what_is_near(page: PretendedPage) -> None:
-    with pytest.raises(Refused, match=r"NameUnknown: .*CowsMilkk.*CowsMilk"):
+def test_a_wrong_name_is_told_with_what_is_near(page: FakePage) -> None:
+    with pytest.raises(RequestFailed, match=r"NameUnknown: .*CowsMilkk.*CowsMilk"):
         page.ask("ask", question="storage_place", args={"item": "CowsMilkk"})
-    with pytest.raises(Refused, match="QuestionUnknown"):
+    with pytest.raises(RequestFailed, match="QuestionUnknown"):
         page.ask("ask", question="storage_plase")
-    with pytest.raises(Refused, match=r"ArgumentRefused: .*has no argument 'thing'"):
+    with pytest.raises(RequestFailed, match=r"ArgumentRefused: .*has no argument 'thing'"):
         page.ask("ask", question="storage_place", args={"thing": "x"})
-    with pytest.raises(Refused, match="no question is asked about that"):
+    with pytest.raises(RequestFailed, match="no question is asked about that"):
         page.ask("ask", question="storage_place", args={"self": "x"})
 
 
-def test_why_is_told_line_by_line(page: PretendedPage) -> None:
+def test_why_is_told_line_by_line(page: FakePage) -> None:
     table = page.ask("ask", question="storage_place", args={"item": "CowsMilk"})
     assert table["explainable"]
     lines = page.ask("ask.explain", key=table["key"], row=0)
@@ -134,73 +134,75 @@ def test_why_is_told_line_by_line(page: PretendedPage) -> None:
     assert any("Refrigerator" in line for line in lines)
 
 
-def test_answers_of_long_ago_are_not_kept(page: PretendedPage) -> None:
+def test_answers_of_long_ago_are_not_kept(page: FakePage) -> None:
     first = page.ask("ask", question="storage_place", args={"item": "CowsMilk"})
     for _ in range(8):
         last = page.ask("ask", question="maps")
     assert page.ask("ask.explain", key=last["key"], row=0)
-    with pytest.raises(Refused, match="not kept any more; ask again"):
+    with pytest.raises(RequestFailed, match="not kept any more; ask again"):
         page.ask("ask.explain", key=first["key"], row=0)
-    with pytest.raises(Refused, match="none with the number 99"):
+    with pytest.raises(RequestFailed, match="none with the number 99"):
         page.ask("ask.explain", key=last["key"], row=99)
 
 
-def test_a_visitor_sees_no_other_visitors_answers(page: PretendedPage, channel: Channel) -> None:
+def test_a_visitor_sees_no_other_visitors_answers(page: FakePage, channel: RpcChannel) -> None:
     table = page.ask("ask", question="maps")
-    with pytest.raises(Refused, match="ask again"):
-        PretendedPage(channel).ask("ask.highlight", key=table["key"], color="blue")
+    with pytest.raises(RequestFailed, match="ask again"):
+        FakePage(channel).ask("ask.highlight", key=table["key"], color="blue")
 
 
 # -- lights ------------------------------------------------------------------------------------------------------------
 
 
-def test_showing_answers_lights_only_them_and_tells_all_why(page: PretendedPage, desk: AskDesk, stage: Stage) -> None:
-    desk.tell(stage.frame)
-    assert page.sees("highlights") == []
-    stage.highlight([stage.frame.ids[0]], (1.0, 0.0, 0.0))
+def test_showing_answers_lights_only_them_and_tells_all_why(
+    page: FakePage, desk: AskHandler, stage: Simulation
+) -> None:
+    desk.publish(stage.state)
+    assert page.latest_value("highlights") == []
+    stage.highlight([stage.state.ids[0]], (1.0, 0.0, 0.0))
     table = page.ask("ask", question="storage_place_in_environment", args={"item": "CowsMilk"})
     shown = page.ask("ask.highlight", key=table["key"], color="#1f5fe0")
     assert shown["highlighted"] == sorted(set(table["ids"]), key=table["ids"].index)
-    assert set(stage.frame.highlights) == set(table["ids"])
-    desk.tell(stage.frame)
-    (group,) = page.sees("highlights")
+    assert set(stage.state.highlights) == set(table["ids"])
+    desk.publish(stage.state)
+    (group,) = page.latest_value("highlights")
     assert (group["label"], group["color"]) == (table["title"], "#1f5fe0")
     assert set(group["ids"]) == set(table["ids"])
 
 
-def test_some_rows_alone_are_lit_beside_what_is_lit_already(page: PretendedPage, stage: Stage) -> None:
+def test_some_rows_alone_are_lit_beside_what_is_lit_already(page: FakePage, stage: Simulation) -> None:
     doors = page.ask("ask", question="individual_of_class", args={"cls": "Door"})
     with_bodies = [row for row, id in enumerate(doors["ids"]) if id]
     assert len(with_bodies) > 2
     page.ask("ask.highlight", key=doors["key"], color="green", rows=with_bodies[:1])
     mugs = page.ask("ask", question="storage_place_in_environment", args={"item": "CowsMilk"})
     page.ask("ask.highlight", key=mugs["key"], color="blue", replace=False)
-    assert set(stage.frame.highlights) == {doors["ids"][with_bodies[0]], *mugs["ids"]}
+    assert set(stage.state.highlights) == {doors["ids"][with_bodies[0]], *mugs["ids"]}
     page.ask("ask.clear_highlights", label=mugs["title"])
-    assert set(stage.frame.highlights) == {doors["ids"][with_bodies[0]]}
+    assert set(stage.state.highlights) == {doors["ids"][with_bodies[0]]}
     page.ask("ask.clear_highlights")
-    assert not stage.frame.highlights
+    assert not stage.state.highlights
 
 
-def test_what_has_no_body_is_told_with_the_reason(page: PretendedPage) -> None:
+def test_what_has_no_body_is_told_with_the_reason(page: FakePage) -> None:
     table = page.ask("ask", question="storage_place", args={"item": "CowsMilk"})
     shown = page.ask("ask.highlight", key=table["key"], color="blue")
     assert shown["highlighted"] == []
     assert "class" in shown["not_highlighted"][0]["reason"]
-    with pytest.raises(Refused, match="ColourUnknown"):
+    with pytest.raises(RequestFailed, match="ColourUnknown"):
         page.ask("ask.highlight", key=table["key"], color="bluue")
 
 
 # -- queries -----------------------------------------------------------------------------------------------------------
 
 
-def test_a_query_is_answered_as_a_table_whose_rows_are_bodies(page: PretendedPage, stage: Stage) -> None:
+def test_a_query_is_answered_as_a_table_whose_rows_are_bodies(page: FakePage, stage: Simulation) -> None:
     found = page.ask("ask.sparql", query="SELECT ?x WHERE { ?x a ms:FridgeW60H140 }")
     assert found["columns"] == ["x"]
     assert found["ids"]
-    assert set(found["ids"]) <= set(stage.frame.ids)
+    assert set(found["ids"]) <= set(stage.state.ids)
     page.ask("ask.highlight", key=found["key"], color="yellow")
-    assert set(stage.frame.highlights) == set(found["ids"])
+    assert set(stage.state.highlights) == set(found["ids"])
     assert page.ask("ask.sparql", query="ASK { knowrob:Refrigerator a owl:Class }")["boolean"] is True
 
 
@@ -214,17 +216,17 @@ def test_a_query_is_answered_as_a_table_whose_rows_are_bodies(page: PretendedPag
         "SELECT * FROM <file:///etc/passwd> { ?s ?p ?o",
     ],
 )
-def test_a_query_cannot_write_nor_ask_elsewhere(page: PretendedPage, query: str) -> None:
-    with pytest.raises(Refused, match="QueryRefused"):
+def test_a_query_cannot_write_nor_ask_elsewhere(page: FakePage, query: str) -> None:
+    with pytest.raises(RequestFailed, match="QueryRefused"):
         page.ask("ask.sparql", query=query)
 
 
-def test_a_query_that_names_a_file_reads_none(page: PretendedPage) -> None:
+def test_a_query_that_names_a_file_reads_none(page: FakePage) -> None:
     found = page.ask(
         "ask.sparql", query='SELECT * FROM <file:///etc/passwd> { ?s ?p ?o FILTER(CONTAINS(?o, "root:")) }'
     )
     assert found["total"] == 0
-    with pytest.raises(Refused, match="more than 20000 letters"):
+    with pytest.raises(RequestFailed, match="more than 20000 letters"):
         page.ask("ask.sparql", query="#" * 20_001)
 
 
@@ -232,22 +234,22 @@ def test_a_query_that_names_a_file_reads_none(page: PretendedPage) -> None:
 
 
 @needs_prolog
-def test_a_line_is_answered_as_a_table_of_its_variables(page: PretendedPage, stage: Stage) -> None:
+def test_a_line_is_answered_as_a_table_of_its_variables(page: FakePage, stage: Simulation) -> None:
     assert page.ask("ask.languages") == {"prolog": True}
     line = "storage_place_in_environment(Map, knowrob:'CowsMilk', Place), openings(Map, Place, State, Front)"
     found = page.ask("ask.prolog", line=line)
     assert found["columns"] == ["Map", "Place", "State", "Front"]
     assert (found["ids"], texts(found, "Front"), texts(found, "State")) == (["fridge"], ["fridge_door"], ["closed"])
     page.ask("ask.highlight", key=found["key"], color="red")
-    assert set(stage.frame.highlights) == {"fridge"}
+    assert set(stage.state.highlights) == {"fridge"}
     assert page.ask("ask.prolog", line="storage_place(knowrob:'CowsMilk', ms:'FridgeW60H140')")["boolean"] is False
     assert page.ask("ask.prolog", line="1 < 2")["boolean"] is True
 
 
 @needs_prolog
-def test_a_line_cannot_run_anything(page: PretendedPage, tmp_path: Path) -> None:
+def test_a_line_cannot_run_anything(page: FakePage, tmp_path: Path) -> None:
     mark = tmp_path / "mark"
-    with pytest.raises(Refused, match=r"GoalRefused: .*shell/1 cannot be asked here, only questions"):
+    with pytest.raises(RequestFailed, match=r"GoalRefused: .*shell/1 cannot be asked here, only questions"):
         page.ask("ask.prolog", line=f"storage_place(X, Y), shell('touch {mark}')")
     assert not mark.exists()
 
@@ -255,7 +257,7 @@ def test_a_line_cannot_run_anything(page: PretendedPage, tmp_path: Path) -> None
 # -- telling -----------------------------------------------------------------------------------------------------------
 
 
-def test_what_is_missing_can_be_told_and_is_known_then(page: PretendedPage) -> None:
+def test_what_is_missing_can_be_told_and_is_known_then(page: FakePage) -> None:
     asked = {"question": "storage_place", "args": {"item": "Door"}}
     before = page.ask("ask", **asked)
     statement = {"subject": "ToolBox", "property": "typePrimaryFunction-containerFor", "value": "Door"}
@@ -273,10 +275,10 @@ def test_what_is_missing_can_be_told_and_is_known_then(page: PretendedPage) -> N
     assert page.ask("ask", **asked)["rows"] == before["rows"]
 
 
-def test_a_statement_about_nothing_known_is_refused(page: PretendedPage) -> None:
-    with pytest.raises(Refused, match="NameUnknown"):
+def test_a_statement_about_nothing_known_is_refused(page: FakePage) -> None:
+    with pytest.raises(RequestFailed, match="NameUnknown"):
         page.ask("ask.tell", subject="Nonsense", property="subClassOf", value="Mug")
-    with pytest.raises(Refused, match="RequestRefused"):
+    with pytest.raises(RequestFailed, match="RequestRefused"):
         page.ask("ask.tell", subject="Mug")
 
 
@@ -284,16 +286,18 @@ def test_a_statement_about_nothing_known_is_refused(page: PretendedPage) -> None
 
 
 def test_a_question_that_takes_too_long_says_so_and_the_page_goes_on(
-    stage: Stage, channel: Channel, monkeypatch: pytest.MonkeyPatch
+    stage: Simulation, channel: RpcChannel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    AskDesk(stage, channel, timeout_s=0.2)
-    page, enough = PretendedPage(channel), threading.Event()
+    AskHandler(stage, channel, timeout_s=0.2)
+    page, enough = FakePage(channel), threading.Event()
     monkeypatch.setattr(stage, "ask", lambda *_, **__: enough.wait(60.0))
     try:
         for _ in range(4):
-            with pytest.raises(Refused, match=r"QuestionTimedOut: the question 'maps' was not answered within 0.2 s"):
+            with pytest.raises(
+                RequestFailed, match=r"QuestionTimedOut: the question 'maps' was not answered within 0.2 s"
+            ):
                 page.ask("ask", question="maps")
-        with pytest.raises(Refused, match=r"TooManyQuestions: .*4 other questions are being answered"):
+        with pytest.raises(RequestFailed, match=r"TooManyQuestions: .*4 other questions are being answered"):
             page.ask("ask", question="maps")
         assert page.ask("ask.questions")
         assert stage.ping() < 10.0

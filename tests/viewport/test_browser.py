@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from mindstage.errors import BrowserBroken, BrowserUnavailable
-from mindstage.viewport.browser import Browser, find_browser
+from mindstage.errors import BrowserCrashedError, BrowserNotFoundError
+from mindstage.viewport.browser import HeadlessBrowser, find_browser
 from tests.viewport.waiting import wait_until
 
 
@@ -22,47 +22,47 @@ def program(folder: Path, *lines: str) -> Path:
 
 
 def test_a_page_is_opened_asked_and_photographed(chromium: Path) -> None:
-    with Browser(chromium, size=(200, 100), timeout_s=120.0) as browser:
-        browser.go("data:text/html,<title>Here</title><body style='background:red'>")
+    with HeadlessBrowser(chromium, size=(200, 100), timeout_s=120.0) as browser:
+        browser.navigate("data:text/html,<title>Here</title><body style='background:red'>")
         wait_until(lambda: browser.evaluate("document.title") == "Here", "the page is there")
         assert browser.evaluate("[innerWidth, innerHeight]") == [200, 100]
-        picture = browser.picture()
+        picture = browser.screenshot()
         assert picture.startswith(b"\x89PNG")
         assert int.from_bytes(picture[16:20], "big") == 200
-        with pytest.raises(BrowserBroken, match=r"the page has a fault: .*nothing is not defined"):
+        with pytest.raises(BrowserCrashedError, match=r"the page has a fault: .*nothing is not defined"):
             browser.evaluate("nothing.at.all")
-        with pytest.raises(BrowserBroken, match=r"refuses Page.fly"):
-            browser._ask("Page.fly")
-        with pytest.raises(BrowserBroken, match="cannot open the page"):
-            browser.go("http://127.0.0.1:1/")
+        with pytest.raises(BrowserCrashedError, match=r"refuses Page.fly"):
+            browser._send_command("Page.fly")
+        with pytest.raises(BrowserCrashedError, match="cannot open the page"):
+            browser.navigate("http://127.0.0.1:1/")
         folder = browser._folder
     browser.close()
     assert not folder.exists()
-    with pytest.raises(BrowserBroken, match="it was closed"):
-        browser.picture()
+    with pytest.raises(BrowserCrashedError, match="it was closed"):
+        browser.screenshot()
 
 
 def test_without_a_browser_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("PATH", str(tmp_path))
     monkeypatch.setattr("mindstage.viewport.browser.BROWSERS", ("chromium", "google-chrome"))
-    with pytest.raises(BrowserUnavailable, match=r"install Chromium or Chrome.*searched for chromium, google-chrome"):
+    with pytest.raises(BrowserNotFoundError, match=r"install Chromium or Chrome.*searched for chromium, google-chrome"):
         find_browser()
-    with pytest.raises(BrowserUnavailable, match="there is no program 'netscape'"):
+    with pytest.raises(BrowserNotFoundError, match="there is no program 'netscape'"):
         find_browser("netscape")
 
 
 def test_a_program_that_ends_at_once_is_told_with_its_last_words(tmp_path: Path) -> None:
     sulking = program(tmp_path, "echo cannot open display >&2", "exit 3")
-    with pytest.raises(BrowserUnavailable, match=r"does not start: .*it has ended: cannot open display"):
-        Browser(sulking, timeout_s=20.0)
-    with pytest.raises(BrowserUnavailable, match="does not start"):
-        Browser(tmp_path / "none", timeout_s=20.0)
+    with pytest.raises(BrowserNotFoundError, match=r"does not start: .*it has ended: cannot open display"):
+        HeadlessBrowser(sulking, timeout_s=20.0)
+    with pytest.raises(BrowserNotFoundError, match="does not start"):
+        HeadlessBrowser(tmp_path / "none", timeout_s=20.0)
 
 
 def test_a_program_that_never_answers_is_ended(tmp_path: Path) -> None:
     mute = program(tmp_path, f"echo $$ > {tmp_path / 'pid'}", "exec sleep 600")
-    with pytest.raises(BrowserUnavailable, match=r"did not answer Target.createTarget within 1 s"):
-        Browser(mute, timeout_s=1.0)
+    with pytest.raises(BrowserNotFoundError, match=r"did not answer Target.createTarget within 1 s"):
+        HeadlessBrowser(mute, timeout_s=1.0)
     pid = int((tmp_path / "pid").read_text())
     end = time.monotonic() + 20.0
     while is_running(pid):

@@ -10,12 +10,12 @@ from collections.abc import Iterator
 import msgspec
 import pytest
 
-from mindstage.errors import BodyUnknown
-from mindstage.viewport.channel import Channel, Limits
+from mindstage.errors import BodyNotFoundError
+from mindstage.viewport.channel import RpcChannel, RpcLimits
 from mindstage.viewport.server import address, serve, shut_down
-from mindstage.viewport.visitor import Visitor
-from tests.viewport.guest import Guest, No, guest_at
-from tests.viewport.waiting import PATIENCE_S, wait_until
+from mindstage.viewport.visitor import ClientSession
+from tests.viewport.guest import PageClient, RequestFailed, connect_page_client
+from tests.viewport.waiting import TIMEOUT_S, wait_until
 
 
 class Nothing(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -27,12 +27,12 @@ class Number(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 @pytest.fixture
-def channel() -> Channel:
-    return Channel(Limits(waiting=4, per_second=1000.0))
+def channel() -> RpcChannel:
+    return RpcChannel(RpcLimits(max_pending=4, max_requests_per_second=1000.0))
 
 
 @pytest.fixture
-def url(channel: Channel) -> Iterator[str]:
+def url(channel: RpcChannel) -> Iterator[str]:
     server = serve("127.0.0.1", 0, title="T", channel=channel)
     yield address(server)
     shut_down(server)
@@ -40,87 +40,91 @@ def url(channel: Channel) -> Iterator[str]:
 
 
 @pytest.fixture
-def guest(url: str) -> Iterator[Guest]:
-    with guest_at(url) as guest:
+def guest(url: str) -> Iterator[PageClient]:
+    with connect_page_client(url) as guest:
         yield guest
 
 
-def test_an_answer_can_be_a_refusal_of_the_world(channel: Channel, guest: Guest) -> None:
-    def refuse(_: Visitor, __: Nothing) -> None:
-        raise BodyUnknown("Cupp", known=["Cup"])
+def test_an_answer_can_be_a_refusal_of_the_world(channel: RpcChannel, guest: PageClient) -> None:
+    def refuse(_: ClientSession, __: Nothing) -> None:
+        raise BodyNotFoundError("Cupp", known=["Cup"])
 
-    channel.offer("look", Nothing, refuse)
-    with pytest.raises(No, match="BodyUnknown: no body 'Cupp'; near: 'Cup'"):
+    channel.register("look", Nothing, refuse)
+    with pytest.raises(RequestFailed, match="BodyUnknown: no body 'Cupp'; near: 'Cup'"):
         guest.ask("look")
 
 
 def test_a_defect_of_ours_is_told_to_the_page_and_to_the_log(
-    channel: Channel, guest: Guest, caplog: pytest.LogCaptureFixture
+    channel: RpcChannel, guest: PageClient, caplog: pytest.LogCaptureFixture
 ) -> None:
-    def fail(_: Visitor, __: Nothing) -> None:
+    def fail(_: ClientSession, __: Nothing) -> None:
         raise KeyError("oops")
 
-    channel.offer("fail", Nothing, fail)
-    with caplog.at_level(logging.ERROR), pytest.raises(No, match="Defect: KeyError: 'oops'"):
+    channel.register("fail", Nothing, fail)
+    with caplog.at_level(logging.ERROR), pytest.raises(RequestFailed, match="Defect: KeyError: 'oops'"):
         guest.ask("fail")
     assert [record.exc_info is not None for record in caplog.records] == [True]
 
 
-def test_a_name_is_offered_once(channel: Channel) -> None:
-    channel.offer("look", Nothing, lambda *_: None)
+def test_a_name_is_offered_once(channel: RpcChannel) -> None:
+    channel.register("look", Nothing, lambda *_: None)
     with pytest.raises(ValueError, match="offered already"):
-        channel.offer("look", Nothing, lambda *_: None)
+        channel.register("look", Nothing, lambda *_: None)
 
 
-def test_what_is_published_reaches_all_and_those_who_come_later(channel: Channel, url: str, guest: Guest) -> None:
+def test_what_is_published_reaches_all_and_those_who_come_later(
+    channel: RpcChannel, url: str, guest: PageClient
+) -> None:
     channel.publish("clock", {"time": 1})
-    wait_until(lambda: guest.sees("clock") == {"time": 1}, "who is there is told")
+    wait_until(lambda: guest.latest_value("clock") == {"time": 1}, "who is there is told")
     channel.publish("clock", {"time": 2})
-    with guest_at(url) as late:
-        wait_until(lambda: late.sees("clock") == {"time": 2}, "who comes later is told how it is then")
+    with connect_page_client(url) as late:
+        wait_until(lambda: late.latest_value("clock") == {"time": 2}, "who comes later is told how it is then")
         assert [value for topic, value in late.events if topic == "clock"] == [{"time": 2}]
 
 
-def test_what_has_not_changed_is_not_sent_again(channel: Channel, guest: Guest) -> None:
+def test_what_has_not_changed_is_not_sent_again(channel: RpcChannel, guest: PageClient) -> None:
     for value in (1, 1, 1, 2, 2, 1):
         channel.publish("value", value)
-        wait_until(lambda value=value: guest.sees("value") == value, "it is told")
+        wait_until(lambda value=value: guest.latest_value("value") == value, "it is told")
     assert [value for topic, value in guest.events if topic == "value"] == [1, 2, 1]
 
 
-def test_what_happened_is_told_once_and_not_to_those_who_come_later(channel: Channel, url: str, guest: Guest) -> None:
-    wait_until(lambda: channel.visitors, "somebody is there")
-    channel.announce("toast", "bread")
-    wait_until(lambda: guest.sees("toast") == "bread", "who is there is told")
+def test_what_happened_is_told_once_and_not_to_those_who_come_later(
+    channel: RpcChannel, url: str, guest: PageClient
+) -> None:
+    wait_until(lambda: channel.sessions, "somebody is there")
+    channel.broadcast("toast", "bread")
+    wait_until(lambda: guest.latest_value("toast") == "bread", "who is there is told")
     channel.publish("after", True)
-    with guest_at(url) as late:
-        wait_until(lambda: late.sees("after"), "the late one has heard all that there is")
-        assert "toast" not in late.told
+    with connect_page_client(url) as late:
+        wait_until(lambda: late.latest_value("after"), "the late one has heard all that there is")
+        assert "toast" not in late.latest
 
 
-def test_one_visitor_is_told_what_others_are_not(channel: Channel, url: str) -> None:
-    with guest_at(url, key="a" * 8) as ann, guest_at(url, key="b" * 8) as bob:
-        wait_until(lambda: len(channel.visitors) == 2, "both are there")
-        visitor = channel.visitor("a" * 8)
+def test_one_visitor_is_told_what_others_are_not(channel: RpcChannel, url: str) -> None:
+    with connect_page_client(url, key="a" * 8) as ann, connect_page_client(url, key="b" * 8) as bob:
+        wait_until(lambda: len(channel.sessions) == 2, "both are there")
+        visitor = channel.session("a" * 8)
         assert visitor is not None
         for value in (1, 1, 2):
-            visitor.let_see("mine", value)
-        visitor.tell("mine too", 3)
+            visitor.publish_to("mine", value)
+        visitor.send_event("mine too", 3)
         channel.publish("end", True)
-        wait_until(lambda: ann.sees("end") and bob.sees("end"), "all is told")
-        assert (ann.told["mine"], ann.told["mine too"]) == (2, 3)
-        assert not {"mine", "mine too"} & bob.told.keys()
+        wait_until(lambda: ann.latest_value("end") and bob.latest_value("end"), "all is told")
+        assert (ann.latest["mine"], ann.latest["mine too"]) == (2, 3)
+        assert not {"mine", "mine too"} & bob.latest.keys()
 
 
-def test_a_long_answer_stops_nothing_but_its_own_lane(channel: Channel, guest: Guest) -> None:
+def test_a_long_answer_stops_nothing_but_its_own_lane(channel: RpcChannel, guest: PageClient) -> None:
     let_go, done = threading.Event(), list[int]()
 
-    def wait(_: Visitor, wish: Number) -> None:
-        let_go.wait(PATIENCE_S)
+    def wait(_: ClientSession, wish: Number) -> None:
+        let_go.wait(TIMEOUT_S)
         done.append(wish.number)
 
-    channel.offer("slow", Number, wait, lane="slow")
-    channel.offer("quick", Number, lambda _, wish: wish.number)
+    channel.register("slow", Number, wait, queue="slow")
+    channel.register("quick", Number, lambda _, wish: wish.number)
     for number in (1, 2, 3):
         guest.socket.send(json.dumps({"id": -number, "method": "slow", "params": {"number": number}}))
     assert guest.ask("quick", number=7) == 7
@@ -130,37 +134,37 @@ def test_a_long_answer_stops_nothing_but_its_own_lane(channel: Channel, guest: G
     assert done == [1, 2, 3], "in their order"
 
 
-def test_who_asks_too_much_at_once_is_told_so(channel: Channel, guest: Guest) -> None:
+def test_who_asks_too_much_at_once_is_told_so(channel: RpcChannel, guest: PageClient) -> None:
     let_go = threading.Event()
-    channel.offer("wait", Nothing, lambda *_: let_go.wait(PATIENCE_S))
+    channel.register("wait", Nothing, lambda *_: let_go.wait(TIMEOUT_S))
     for number in range(-6, 0):
         guest.socket.send(json.dumps({"id": number, "method": "wait"}))
-    refused = [json.loads(guest.socket.recv(timeout=PATIENCE_S)) for _ in range(2)]
+    refused = [json.loads(guest.socket.recv(timeout=TIMEOUT_S)) for _ in range(2)]
     assert [reply["error"]["type"] for reply in refused] == ["TooMany", "TooMany"]
     let_go.set()
-    answered = [json.loads(guest.socket.recv(timeout=PATIENCE_S)) for _ in range(4)]
+    answered = [json.loads(guest.socket.recv(timeout=TIMEOUT_S)) for _ in range(4)]
     assert all(reply["result"] is True for reply in answered)
 
 
 def test_requests_have_a_rate() -> None:
-    slow = Channel(Limits(per_second=0.001))
-    slow.offer("ask", Nothing, lambda *_: True)
+    slow = RpcChannel(RpcLimits(max_requests_per_second=0.001))
+    slow.register("ask", Nothing, lambda *_: True)
     server = serve("127.0.0.1", 0, title="T", channel=slow)
     try:
-        with guest_at(address(server)) as guest:
+        with connect_page_client(address(server)) as guest:
             for number in range(4):
                 guest.socket.send(json.dumps({"id": number, "method": "ask"}))
-            replies = [json.loads(guest.socket.recv(timeout=PATIENCE_S)) for _ in range(4)]
+            replies = [json.loads(guest.socket.recv(timeout=TIMEOUT_S)) for _ in range(4)]
             assert {reply["error"]["type"] for reply in replies} == {"TooMany"}
     finally:
         shut_down(server)
         slow.close()
 
 
-def test_whoever_comes_and_leaves_is_noticed(channel: Channel, url: str) -> None:
+def test_whoever_comes_and_leaves_is_noticed(channel: RpcChannel, url: str) -> None:
     seen: list[tuple[str, str]] = []
-    channel.on_come(lambda visitor: seen.append(("came", visitor.key)))
-    channel.on_leave(lambda visitor: seen.append(("left", visitor.key)))
-    with guest_at(url, key="c" * 8):
+    channel.on_connect(lambda visitor: seen.append(("came", visitor.key)))
+    channel.on_disconnect(lambda visitor: seen.append(("left", visitor.key)))
+    with connect_page_client(url, key="c" * 8):
         wait_until(lambda: seen == [("came", "c" * 8)], "it came")
     wait_until(lambda: seen == [("came", "c" * 8), ("left", "c" * 8)], "it left")

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from mindstage import KnowledgeBase, MujocoEngine, Stage
+from mindstage import KnowledgeBase, MujocoEngine, Simulation
 from mindstage.knowledge import bundled_kitchen, write_map
-from mindstage.viewport import Viewport
-from mindstage.world import BodyId, Mobility, Pose, World, difference
+from mindstage.viewport import Viewer
+from mindstage.world import BodyId, Mobility, Pose, World, diff
 from tests.kitchenette import KNOWROB, kitchenette
-from tests.viewport.guest import Guest, No, guest_at
+from tests.viewport.guest import PageClient, RequestFailed, connect_page_client
 from tests.viewport.waiting import wait_until
 
 MUG, DRAWER = BodyId("Mug"), BodyId("Drawer")
@@ -23,67 +23,67 @@ LEVEL = [1.0, 0.0, 0.0, 0.0]
 
 
 @pytest.fixture
-def alive() -> Iterator[Stage]:
-    with Stage(KnowledgeBase(), MujocoEngine()) as stage:
+def alive() -> Iterator[Simulation]:
+    with Simulation(KnowledgeBase(), MujocoEngine()) as stage:
         stage.spawn(kitchenette())
         yield stage
 
 
 @pytest.fixture
-def page(alive: Stage) -> Iterator[Viewport]:
-    with Viewport(alive, port=0) as viewport:
+def page(alive: Simulation) -> Iterator[Viewer]:
+    with Viewer(alive, port=0) as viewport:
         yield viewport
 
 
 @pytest.fixture
-def guest(page: Viewport) -> Iterator[Guest]:
-    with guest_at(page.url) as guest:
-        wait_until(lambda: guest.sees("scene_tree"), "the world is told")
+def guest(page: Viewer) -> Iterator[PageClient]:
+    with connect_page_client(page.url) as guest:
+        wait_until(lambda: guest.latest_value("scene_tree"), "the world is told")
         yield guest
 
 
-def at(stage: Stage, id: BodyId) -> np.ndarray:
-    return stage.frame.poses[stage.frame.ids.index(id)]
+def at(stage: Simulation, id: BodyId) -> np.ndarray:
+    return stage.state.poses[stage.state.ids.index(id)]
 
 
-def names(guest: Guest) -> set[str]:
-    return {row[0] for row in guest.sees("scene_tree")["rows"]}
+def names(guest: PageClient) -> set[str]:
+    return {row[0] for row in guest.latest_value("scene_tree")["rows"]}
 
 
-def eventually(guest: Guest, topic: str, value: Callable[[Any], object], what: str) -> None:
-    wait_until(lambda: guest.sees(topic) is not None and value(guest.told[topic]), what)
+def eventually(guest: PageClient, topic: str, value: Callable[[Any], object], what: str) -> None:
+    wait_until(lambda: guest.latest_value(topic) is not None and value(guest.latest[topic]), what)
 
 
 # -- the world and its time --------------------------------------------------------------------------------------------
 
 
-def test_a_page_is_told_of_the_world_its_time_and_what_can_be_undone(guest: Guest) -> None:
+def test_a_page_is_told_of_the_world_its_time_and_what_can_be_undone(guest: PageClient) -> None:
     eventually(guest, "clock", lambda clock: clock["bodies"] == 8 and not clock["playing"], "the clock is told")
     eventually(guest, "history", lambda history: history == {"undo": None, "redo": None}, "nothing was edited")
     assert names(guest) == {body.id for body in kitchenette().bodies}
-    assert guest.sees("scene_tree")["engine"] == "mujoco"
+    assert guest.latest_value("scene_tree")["engine"] == "mujoco"
 
 
-def test_all_are_told_to_look_again_even_where_the_outline_stays_the_same(page: Viewport, guest: Guest) -> None:
-    with guest_at(page.url) as other:
-        wait_until(lambda: other.sees("details_changed"), "the other one is there")
-        world, before = other.told["scene_tree"], other.told["details_changed"]
+def test_all_are_told_to_look_again_even_where_the_outline_stays_the_same(page: Viewer, guest: PageClient) -> None:
+    with connect_page_client(page.url) as other:
+        wait_until(lambda: other.latest_value("details_changed"), "the other one is there")
+        world, before = other.latest["scene_tree"], other.latest["details_changed"]
         guest.ask("set_physics", id="Mug", mass_kg=1.5)
         eventually(
             other, "details_changed", lambda now: now > before, "the other one is told that something has changed"
         )
-        assert other.told["scene_tree"] == world
+        assert other.latest["scene_tree"] == world
         assert other.ask("details", id="Mug")["mass"] == 1.5
 
 
-def test_time_is_played_paused_stepped_and_reset(alive: Stage, guest: Guest) -> None:
+def test_time_is_played_paused_stepped_and_reset(alive: Simulation, guest: PageClient) -> None:
     guest.ask("play", speed=2.0)
     eventually(guest, "clock", lambda clock: clock["playing"] and clock["speed"] == 2.0, "time passes twice as fast")
     guest.ask("pause")
     eventually(guest, "clock", lambda clock: not clock["playing"], "time stands still")
-    before = alive.frame.time_s
+    before = alive.state.time_s
     guest.ask("step", duration_s=0.25)
-    assert alive.frame.time_s == pytest.approx(before + 0.25)
+    assert alive.state.time_s == pytest.approx(before + 0.25)
     guest.ask("move", id="Mug", position=[0.0, -2.0, 0.05], quaternion=LEVEL)
     guest.ask("reset")
     assert at(alive, MUG)[:3] == pytest.approx((2.0, 0.0, 0.85))
@@ -120,40 +120,40 @@ def test_time_is_played_paused_stepped_and_reset(alive: Stage, guest: Guest) -> 
     ],
 )
 def test_what_cannot_be_done_is_said_and_changes_nothing(
-    alive: Stage, guest: Guest, what: str, arguments: dict[str, Any]
+    alive: Simulation, guest: PageClient, what: str, arguments: dict[str, Any]
 ) -> None:
-    before = alive.log()
-    with pytest.raises(No) as no:
+    before = alive.snapshot()
+    with pytest.raises(RequestFailed) as no:
         guest.ask(what, **arguments)
-    assert no.value.kind != "Defect", str(no.value)
-    assert alive.log() == before
+    assert no.value.type != "Defect", str(no.value)
+    assert alive.snapshot() == before
 
 
 # -- what is selected --------------------------------------------------------------------------------------------------
 
 
-def test_what_is_selected_is_told_with_its_pose_and_joints_as_they_are(alive: Stage, guest: Guest) -> None:
+def test_what_is_selected_is_told_with_its_pose_and_joints_as_they_are(alive: Simulation, guest: PageClient) -> None:
     details = guest.ask("details", id="Drawer")
     assert (details["cls"], details["attached_bodies"]) == ("Drawer", ["DrawerHandle"])
     assert [joint["id"] for joint in details["joints"]] == ["DrawerSlide"]
     assert "ContainerArtifact" in details["ancestors"], "the bundled ontology knows drawers"
     guest.ask("select", id="Drawer")
     eventually(guest, "live_details", lambda live: live["id"] == "Drawer", "where it is is told")
-    assert guest.told["live_details"]["joints"] == {"DrawerSlide": {"x": 0.0}}
+    assert guest.latest["live_details"]["joints"] == {"DrawerSlide": {"x": 0.0}}
     alive.editing.move(DRAWER, Pose((1.75, 0.0, 0.65)))
     eventually(
         guest, "live_details", lambda live: live["joints"] == {"DrawerSlide": {"x": -0.2}}, "and where it is now"
     )
-    assert guest.told["live_details"]["pose"]["position"] == [1.75, 0.0, 0.65]
+    assert guest.latest["live_details"]["pose"]["position"] == [1.75, 0.0, 0.65]
 
 
 def test_where_things_are_kept_is_known_of_what_the_ontology_knows() -> None:
     knowledge = KnowledgeBase()
     knowledge.load(bundled_kitchen())
-    with Stage(knowledge, MujocoEngine(), shapes=False, timeout_s=60.0) as stage:
+    with Simulation(knowledge, MujocoEngine(), shapes=False, timeout_s=60.0) as stage:
         stage.spawn()
-        milk = next(body.id for body in stage.log().bodies if "Milk" in body.cls)
-        with Viewport(stage, port=0) as viewport, guest_at(viewport.url) as guest:
+        milk = next(body.id for body in stage.snapshot().bodies if "Milk" in body.cls)
+        with Viewer(stage, port=0) as viewport, connect_page_client(viewport.url) as guest:
             eventually(guest, "scene_tree", lambda world: len(world["rows"]) > 200, "the kitchen is told")
             kept = guest.ask("details", id=milk)["storage_places"]
             assert any("fridge" in id for place in kept for id in place["ids"])
@@ -162,32 +162,32 @@ def test_where_things_are_kept_is_known_of_what_the_ontology_knows() -> None:
 # -- edits -------------------------------------------------------------------------------------------------------------
 
 
-def test_values_are_changed_through_the_engine_and_undone(alive: Stage, guest: Guest) -> None:
-    before = alive.log()
+def test_values_are_changed_through_the_engine_and_undone(alive: Simulation, guest: PageClient) -> None:
+    before = alive.snapshot()
     guest.ask("set_physics", id="Mug", mass_kg=2.5)
-    assert alive.log().body("Mug").physics.mass_kg == 2.5
+    assert alive.snapshot().body("Mug").physics.mass_kg == 2.5
     eventually(guest, "history", lambda history: history["undo"] == "mass of Mug", "that can be undone")
     guest.ask("set_physics", id="Fridge", mobility="dynamic", gravity=False)
-    physics = alive.log().body("Fridge").physics
+    physics = alive.snapshot().body("Fridge").physics
     assert (physics.mobility, physics.gravity, physics.mass_kg) == (Mobility.DYNAMIC, False, 60.0)
     guest.ask("set_material", id="Mug", name="gold", color="#ffcc00")
-    assert [material.name for material in alive.log().body("Mug").materials] == ["gold"]
+    assert [material.name for material in alive.snapshot().body("Mug").materials] == ["gold"]
     guest.ask("set_material", id="Mug")
-    assert alive.log().body("Mug").materials == ()
+    assert alive.snapshot().body("Mug").materials == ()
     guest.ask("attach", child="DrawerHandle")
-    assert all(hold.child != "DrawerHandle" for hold in alive.log().attachments)
+    assert all(hold.child != "DrawerHandle" for hold in alive.snapshot().attachments)
     guest.ask("attach", child="Mug", parent="Drawer")
-    assert any(hold.child == "Mug" for hold in alive.log().attachments)
+    assert any(hold.child == "Mug" for hold in alive.snapshot().attachments)
     for _ in range(6):
         guest.ask("undo")
-    assert difference(before, alive.log()).identical(1e-9)
+    assert diff(before, alive.snapshot()).identical(1e-9)
     guest.ask("redo")
-    assert alive.log().body("Mug").physics.mass_kg == 2.5
+    assert alive.snapshot().body("Mug").physics.mass_kg == 2.5
 
 
-def test_two_visitors_see_what_one_of_them_edits(page: Viewport, guest: Guest) -> None:
-    with guest_at(page.url) as other:
-        wait_until(lambda: other.sees("scene_tree"), "the other one sees the world")
+def test_two_visitors_see_what_one_of_them_edits(page: Viewer, guest: PageClient) -> None:
+    with connect_page_client(page.url) as other:
+        wait_until(lambda: other.latest_value("scene_tree"), "the other one sees the world")
         guest.ask("delete", ids=["Mug"])
         wait_until(lambda: "Mug" not in names(other) and "Mug" not in names(guest), "both see that the mug is gone")
         eventually(other, "history", lambda history: history["undo"] == "Mug deleted", "and that it can be undone")
@@ -195,20 +195,20 @@ def test_two_visitors_see_what_one_of_them_edits(page: Viewport, guest: Guest) -
         wait_until(lambda: "Mug" in names(other) and "Mug" in names(guest), "both see that it is back")
 
 
-def test_a_slider_opens_a_drawer_in_physics_and_that_can_be_undone(alive: Stage, guest: Guest) -> None:
+def test_a_slider_opens_a_drawer_in_physics_and_that_can_be_undone(alive: Simulation, guest: PageClient) -> None:
     alive.play()
     for value in (-0.05, -0.1, -0.2):
         guest.ask("move_joint", id="DrawerSlide", axis="x", value=value, done=False)
     guest.ask("move_joint", id="DrawerSlide", axis="x", value=-0.3)
     wait_until(lambda: at(alive, DRAWER)[0] == pytest.approx(1.65, abs=0.02), "the drawer came out by 30 cm")
-    wait_until(lambda: not alive._grips, "the hand lets go by itself")
+    wait_until(lambda: not alive._perturbations, "the hand lets go by itself")
     assert at(alive, DRAWER)[1:3] == pytest.approx((0.0, 0.65), abs=1e-3)
     alive.pause()
     guest.ask("undo")
     assert at(alive, DRAWER)[0] == pytest.approx(1.95, abs=1e-3)
 
 
-def test_a_slider_in_a_paused_world_puts_the_drawer_there_in_one_edit(alive: Stage, guest: Guest) -> None:
+def test_a_slider_in_a_paused_world_puts_the_drawer_there_in_one_edit(alive: Simulation, guest: PageClient) -> None:
     for value in (-0.1, -0.2):
         guest.ask("move_joint", id="DrawerSlide", axis="x", value=value, done=False)
     guest.ask("move_joint", id="DrawerSlide", axis="x", value=-0.3)
@@ -218,16 +218,16 @@ def test_a_slider_in_a_paused_world_puts_the_drawer_there_in_one_edit(alive: Sta
     assert at(alive, DRAWER)[0] == pytest.approx(1.95)
 
 
-def test_a_visitor_who_leaves_lets_go_of_the_slider(alive: Stage, page: Viewport) -> None:
+def test_a_visitor_who_leaves_lets_go_of_the_slider(alive: Simulation, page: Viewer) -> None:
     alive.play()
-    with guest_at(page.url) as guest:
-        wait_until(lambda: guest.sees("scene_tree"), "the world is told")
+    with connect_page_client(page.url) as guest:
+        wait_until(lambda: guest.latest_value("scene_tree"), "the world is told")
         guest.ask("move_joint", id="DrawerSlide", axis="x", value=-0.3, done=False)
-        assert alive._grips
-    wait_until(lambda: not alive._grips, "nothing is held any more")
+        assert alive._perturbations
+    wait_until(lambda: not alive._perturbations, "nothing is held any more")
 
 
-def test_a_class_is_found_by_a_part_of_its_name_and_what_is_meant_most_likely_comes_first(guest: Guest) -> None:
+def test_a_class_is_found_by_a_part_of_its_name_and_what_is_meant_most_likely_comes_first(guest: PageClient) -> None:
     found = [each["name"] for each in guest.ask("find_classes", text="cup")]
     assert found[0] == "Cup"
     assert all("cup" in name.lower() for name in found)
@@ -236,35 +236,35 @@ def test_a_class_is_found_by_a_part_of_its_name_and_what_is_meant_most_likely_co
     assert len(guest.ask("find_classes")) > 20
 
 
-def test_a_new_thing_is_dropped_in_and_taken_away_again(alive: Stage, guest: Guest) -> None:
+def test_a_new_thing_is_dropped_in_and_taken_away_again(alive: Simulation, guest: PageClient) -> None:
     id = guest.ask("add", **{"class": f"{KNOWROB}Cup", "at": [0.5, -1.0, 0.0], "size": [0.08, 0.08, 0.1]})
-    cup = alive.log().body(id)
+    cup = alive.snapshot().body(id)
     assert (cup.size, cup.physics.mobility) == ((0.08, 0.08, 0.1), Mobility.DYNAMIC)
     assert cup.pose.position == pytest.approx((0.5, -1.0, 0.052))
     assert guest.ask("details", id=id)["cls"] == "Cup", "what has just come is described at once"
     wait_until(lambda: id in names(guest), "the page sees it")
     guest.ask("undo")
-    assert id not in alive.frame.ids
+    assert id not in alive.state.ids
     guest.ask("redo")
-    assert id in alive.frame.ids
+    assert id in alive.state.ids
 
 
-def test_a_new_thing_is_put_on_what_is_named(alive: Stage, guest: Guest) -> None:
+def test_a_new_thing_is_put_on_what_is_named(alive: Simulation, guest: PageClient) -> None:
     id = guest.ask("add", **{"class": "Cup", "on": "Cupboard", "size": [0.08, 0.08, 0.1]})
     assert at(alive, id)[2] == pytest.approx(0.85, abs=0.01)
     guest.ask("undo")
-    assert id not in alive.frame.ids
+    assert id not in alive.state.ids
 
 
 def test_pulling_in_a_paused_world_says_why_nothing_moves(
-    alive: Stage, page: Viewport, guest: Guest, monkeypatch: pytest.MonkeyPatch
+    alive: Simulation, page: Viewer, guest: PageClient, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    (visitor,) = page.channel.visitors
-    monkeypatch.setattr(page._desks, "visitor", lambda view: visitor)
+    (visitor,) = page.channel.sessions
+    monkeypatch.setattr(page._handlers, "visitor", lambda view: visitor)
     event: Any = SimpleNamespace(phase="start", client_id=0, start_position=(2.0, 0.0, 0.85))
     page._drag(MUG, event)
     eventually(guest, "toast", lambda toast: "press Play" in toast["text"] and toast["kind"] == "info", "it says why")
-    page._guarded(lambda event: page.sights.select(BodyId("Mugg")))(SimpleNamespace(client=event))
+    page._with_toast(lambda event: page.views.select(BodyId("Mugg")))(SimpleNamespace(client=event))
     eventually(
         guest, "toast", lambda toast: "Mugg" in toast["text"] and toast["kind"] == "error", "and what is not there"
     )
@@ -276,14 +276,16 @@ def test_pulling_in_a_paused_world_says_why_nothing_moves(
 @pytest.mark.parametrize(
     "way", [{}, {"format": "turtle"}, {"dialect": "soma"}, {"format": "turtle", "dialect": "semlog"}]
 )
-def test_a_saved_map_is_loaded_again_and_nothing_is_lost(alive: Stage, guest: Guest, way: dict[str, str]) -> None:
-    before = alive.log()
+def test_a_saved_map_is_loaded_again_and_nothing_is_lost(
+    alive: Simulation, guest: PageClient, way: dict[str, str]
+) -> None:
+    before = alive.snapshot()
     saved = guest.ask("save", **way)
     assert saved["name"] == ("map.ttl" if "format" in way else "map.owl")
     guest.ask("delete", ids=["Fridge", "Mug"])
     told = guest.ask("load", name=saved["name"], text=saved["text"])
     assert (told["bodies"], told["joints"], told["failed"]) == (8, 2, [])
-    lost = difference(before, alive.log())
+    lost = diff(before, alive.snapshot())
     assert (lost.only_in_a, lost.only_in_b) == ((), ())
     assert lost.identical(1e-6) or way.get("dialect") == "soma"
     wait_until(lambda: len(names(guest)) == 8, "the page sees it")
@@ -291,11 +293,11 @@ def test_a_saved_map_is_loaded_again_and_nothing_is_lost(alive: Stage, guest: Gu
     assert guest.ask("save", **way)["text"], "what was loaded can be saved again"
 
 
-def test_a_world_that_plays_goes_on_playing_when_a_map_comes(alive: Stage, guest: Guest) -> None:
+def test_a_world_that_plays_goes_on_playing_when_a_map_comes(alive: Simulation, guest: PageClient) -> None:
     saved = guest.ask("save")
     alive.play(speed=0.5)
     guest.ask("load", name="again.owl", text=saved["text"])
-    assert (alive.frame.playing, alive.frame.speed) == (True, 0.5)
+    assert (alive.state.playing, alive.state.speed) == (True, 0.5)
 
 
 RDF = '<rdf:RDF xmlns:rdf="http://www.w3.org/1999/02/22-rdf-syntax-ns#">'
@@ -318,17 +320,19 @@ RDF = '<rdf:RDF xmlns:rdf="http://www.w3.org/1999/02/22-rdf-syntax-ns#">'
         ),
     ],
 )
-def test_what_is_no_map_is_refused_and_changes_nothing(alive: Stage, guest: Guest, name: str, text: str) -> None:
-    before, knowledge = alive.log(), alive.knowledge
-    with pytest.raises(No) as no:
+def test_what_is_no_map_is_refused_and_changes_nothing(
+    alive: Simulation, guest: PageClient, name: str, text: str
+) -> None:
+    before, knowledge = alive.snapshot(), alive.knowledge
+    with pytest.raises(RequestFailed) as no:
         guest.ask("load", name=name, text=text)
-    assert no.value.kind != "Defect", str(no.value)
+    assert no.value.type != "Defect", str(no.value)
     assert "root:" not in str(no.value)
-    assert alive.log() == before
+    assert alive.snapshot() == before
     assert alive.knowledge is knowledge
 
 
-def test_a_map_of_a_stranger_imports_no_file(alive: Stage, guest: Guest, tmp_path: Any) -> None:
+def test_a_map_of_a_stranger_imports_no_file(alive: Simulation, guest: PageClient, tmp_path: Any) -> None:
     secret = tmp_path / "secret.owl"
     text = guest.ask("save")["text"]
     secret.write_text(text.replace("Mug", "Secret"), encoding="utf-8")
@@ -337,15 +341,15 @@ def test_a_map_of_a_stranger_imports_no_file(alive: Stage, guest: Guest, tmp_pat
     )
     guest.ask("load", name="map.owl", text=text.replace("</rdf:RDF>", imports))
     assert secret not in alive.knowledge.sources()
-    assert "Secret" not in alive.frame.ids
+    assert "Secret" not in alive.state.ids
 
 
-def test_a_map_of_a_stranger_names_no_mesh_by_its_place_on_a_disk(alive: Stage, guest: Guest) -> None:
-    before = alive.log()
+def test_a_map_of_a_stranger_names_no_mesh_by_its_place_on_a_disk(alive: Simulation, guest: PageClient) -> None:
+    before = alive.snapshot()
     world = _with_mesh(before, "file:///home/somebody/face.stl")
-    with pytest.raises(No, match=r"ArgumentRefused.*mesh of 'Mug'"):
+    with pytest.raises(RequestFailed, match=r"ArgumentRefused.*mesh of 'Mug'"):
         guest.ask("load", name="map.owl", text=write_map(world))
-    assert alive.log() == before
+    assert alive.snapshot() == before
     told = guest.ask("load", name="map.owl", text=write_map(_with_mesh(before, "package://kitchen/mug.stl")))
     assert told["bodies"] == 8
 

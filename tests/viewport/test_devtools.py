@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from mindstage.errors import BrowserBroken
-from mindstage.viewport.devtools import DevTools
+from mindstage.errors import BrowserCrashedError
+from mindstage.viewport.devtools import CdpPipe
 
 PATIENCE_S = 60.0
 """For what is expected to arrive."""
@@ -33,19 +33,19 @@ def answer(asked, **result):
     say(json.dumps({"id": asked["id"], "result": result}))
 """
 
-Start = Callable[[str], DevTools]
+Start = Callable[[str], CdpPipe]
 
 
 @pytest.fixture
 def start(tmp_path: Path) -> Iterator[Start]:
     """Starts a program that speaks through `ask`, `say` and `answer`."""
-    started: list[DevTools] = []
+    started: list[CdpPipe] = []
 
-    def run(body: str) -> DevTools:
+    def run(body: str) -> CdpPipe:
         path = tmp_path / "fake-browser"
         path.write_text(f"#!{sys.executable}\n{HEAD}{body}")
         path.chmod(0o755)
-        started.append(DevTools(path, [], folder=tmp_path))
+        started.append(CdpPipe(path, [], folder=tmp_path))
         return started[-1]
 
     yield run
@@ -58,7 +58,7 @@ def test_a_reply_may_come_byte_by_byte(start: Start) -> None:
 asked = ask()
 say(json.dumps({"id": asked["id"], "result": {"title": "né", "asked": asked}}), step=1)
 """)
-    result = devtools.ask("Page.title", {"of": 1}, session="S", timeout_s=PATIENCE_S)
+    result = devtools.send("Page.title", {"of": 1}, session="S", timeout_s=PATIENCE_S)
     assert result["title"] == "né"
     assert result["asked"] == {"id": 1, "method": "Page.title", "params": {"of": 1}, "sessionId": "S"}
 
@@ -72,14 +72,14 @@ second = ask()
 say(json.dumps({"id": first["id"], "result": {"n": "late"}}))
 answer(second, n=2)
 """)
-    assert devtools.ask("A", timeout_s=PATIENCE_S) == {"n": 1}
-    assert devtools.ask("B", timeout_s=PATIENCE_S) == {"n": 2}
+    assert devtools.send("A", timeout_s=PATIENCE_S) == {"n": 1}
+    assert devtools.send("B", timeout_s=PATIENCE_S) == {"n": 2}
 
 
 def test_messages_larger_than_a_pipe_go_both_ways(start: Start) -> None:
     devtools = start("asked = ask()\nanswer(asked, text=asked['params']['text'])")
     text = "x" * 3_000_000
-    assert devtools.ask("Echo", {"text": text}, timeout_s=PATIENCE_S) == {"text": text}
+    assert devtools.send("Echo", {"text": text}, timeout_s=PATIENCE_S) == {"text": text}
 
 
 def test_an_error_is_raised_with_its_message(start: Start) -> None:
@@ -88,47 +88,47 @@ say(json.dumps({"id": ask()["id"], "error": {"code": -32601, "message": "'Page.f
 say(json.dumps({"id": ask()["id"], "error": {}}))
 answer(ask(), fine=True)
 """)
-    with pytest.raises(BrowserBroken, match=r"refuses Page.fly: 'Page.fly' was not found"):
-        devtools.ask("Page.fly", timeout_s=PATIENCE_S)
-    with pytest.raises(BrowserBroken, match=r"refuses Page.fly: no reason given"):
-        devtools.ask("Page.fly", timeout_s=PATIENCE_S)
-    assert devtools.ask("Page.walk", timeout_s=PATIENCE_S) == {"fine": True}
+    with pytest.raises(BrowserCrashedError, match=r"refuses Page.fly: 'Page.fly' was not found"):
+        devtools.send("Page.fly", timeout_s=PATIENCE_S)
+    with pytest.raises(BrowserCrashedError, match=r"refuses Page.fly: no reason given"):
+        devtools.send("Page.fly", timeout_s=PATIENCE_S)
+    assert devtools.send("Page.walk", timeout_s=PATIENCE_S) == {"fine": True}
 
 
 @pytest.mark.parametrize("reply", ["not JSON", '{"id": "one"}', "[]"])
 def test_an_invalid_reply_is_an_error(start: Start, reply: str) -> None:
     devtools = start(f"ask()\nsay({reply!r})")
-    with pytest.raises(BrowserBroken, match="its reply is not valid"):
-        devtools.ask("A", timeout_s=PATIENCE_S)
+    with pytest.raises(BrowserCrashedError, match="its reply is not valid"):
+        devtools.send("A", timeout_s=PATIENCE_S)
 
 
 def test_no_reply_ends_in_time_and_the_process_is_killed(start: Start) -> None:
     devtools = start("answer(ask())\nask()\nos.write(4, b'{')\ntime.sleep(1000)")
-    devtools.ask("Start", timeout_s=PATIENCE_S)
+    devtools.send("Start", timeout_s=PATIENCE_S)
     began = time.monotonic()
-    with pytest.raises(BrowserBroken, match=r"did not answer A within 0\.2 s"):
-        devtools.ask("A", timeout_s=0.2)
-    assert not devtools.ended
+    with pytest.raises(BrowserCrashedError, match=r"did not answer A within 0\.2 s"):
+        devtools.send("A", timeout_s=0.2)
+    assert not devtools.has_exited
     devtools.close()
-    assert devtools.ended
+    assert devtools.has_exited
     assert time.monotonic() - began < 4.0, "a process that does not reply was asked to close"
 
 
 def test_a_process_that_does_not_read_cannot_block_the_caller(start: Start) -> None:
     devtools = start("answer(ask())\ntime.sleep(1000)")
-    devtools.ask("Start", timeout_s=PATIENCE_S)
-    with pytest.raises(BrowserBroken, match=r"did not answer A within 0\.2 s"):
-        devtools.ask("A", {"text": "x" * 3_000_000}, timeout_s=0.2)
+    devtools.send("Start", timeout_s=PATIENCE_S)
+    with pytest.raises(BrowserCrashedError, match=r"did not answer A within 0\.2 s"):
+        devtools.send("A", {"text": "x" * 3_000_000}, timeout_s=0.2)
 
 
 @pytest.mark.parametrize("before", ["", "os.write(4, b'{')\n"])
 def test_a_crash_is_noticed_at_once_with_the_last_line_of_the_log(start: Start, before: str) -> None:
     devtools = start(f"ask()\n{before}print('first\\nout of memory\\n', file=sys.stderr)\nsys.exit(1)")
-    with pytest.raises(BrowserBroken, match="it has ended: out of memory"):
-        devtools.ask("A", timeout_s=PATIENCE_S)
-    assert devtools.ended
-    with pytest.raises(BrowserBroken, match="it has ended: out of memory"):
-        devtools.ask("B", timeout_s=PATIENCE_S)
+    with pytest.raises(BrowserCrashedError, match="it has ended: out of memory"):
+        devtools.send("A", timeout_s=PATIENCE_S)
+    assert devtools.has_exited
+    with pytest.raises(BrowserCrashedError, match="it has ended: out of memory"):
+        devtools.send("B", timeout_s=PATIENCE_S)
 
 
 def test_closing_asks_first_and_twice_is_harmless(start: Start, tmp_path: Path) -> None:
@@ -140,15 +140,15 @@ answer(asked)
     devtools.close()
     devtools.close()
     assert (tmp_path / "asked").read_text() == "Browser.close"
-    assert devtools.ended
-    with pytest.raises(BrowserBroken, match="it was closed"):
-        devtools.ask("A", timeout_s=PATIENCE_S)
+    assert devtools.has_exited
+    with pytest.raises(BrowserCrashedError, match="it was closed"):
+        devtools.send("A", timeout_s=PATIENCE_S)
 
 
 def test_no_file_stays_open(start: Start) -> None:
     before = len(os.listdir("/proc/self/fd")) if os.path.isdir("/proc/self/fd") else None
     devtools = start("answer(ask())")
-    devtools.ask("A", timeout_s=PATIENCE_S)
+    devtools.send("A", timeout_s=PATIENCE_S)
     devtools.close()
     if before is not None:
         assert len(os.listdir("/proc/self/fd")) == before

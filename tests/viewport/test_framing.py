@@ -7,22 +7,22 @@ import pytest
 from msgspec.structs import replace
 
 from mindstage import KnowledgeBase
-from mindstage.viewport.framing import View, corners, first_outlook, first_view, focus_view, ground_height
-from mindstage.viewport.looks import Look, decide_looks
-from mindstage.world import Body, BodyId, Iri, Mobility, Physics, Pose, Vector, World
+from mindstage.viewport.framing import CameraPose, corners, focus_camera, ground_height, initial_camera, initial_target
+from mindstage.viewport.looks import BodyAppearance, compute_appearance
+from mindstage.world import Body, BodyId, BodyPhysics, Iri, Mobility, Pose, Vector, World
 from mindstage.world.geometry import pose_array
 from tests.kitchenette import kitchenette
-from tests.viewport.visiting import on_screen
+from tests.viewport.visiting import to_picture
 
 KNOWLEDGE = KnowledgeBase()
 
 
-def looks_of(world: World) -> dict[BodyId, Look]:
-    return decide_looks(world, KNOWLEDGE.shape_rule, KNOWLEDGE.ancestors)
+def looks_of(world: World) -> dict[BodyId, BodyAppearance]:
+    return compute_appearance(world, KNOWLEDGE.shape_rule, KNOWLEDGE.ancestors)
 
 
-def view_of(world: World, aspect: float = 1.2) -> View:
-    return first_view(world, looks_of(world), aspect=aspect)
+def view_of(world: World, aspect: float = 1.2) -> CameraPose:
+    return initial_camera(world, looks_of(world), aspect=aspect)
 
 
 def more(world: World, *bodies: Body) -> World:
@@ -37,14 +37,14 @@ def body(id: str, cls: str, at: Vector, size: Vector, mobility: Mobility = Mobil
         cls=Iri(f"http://x.org#{cls}"),
         pose=Pose(at),
         size=size,
-        physics=Physics(mobility=mobility),
+        physics=BodyPhysics(mobility=mobility),
     )
 
 
-def in_picture(view: View, points: np.ndarray, aspect: float) -> np.ndarray:
+def in_picture(view: CameraPose, points: np.ndarray, aspect: float) -> np.ndarray:
     """Where points are, from -1 to 1 across the picture and upwards."""
     box = {"x": -aspect, "y": -1.0, "width": 2 * aspect, "height": 2.0}
-    return np.array([on_screen(view, tuple(point), box) for point in points.tolist()]) / (aspect, 1.0)
+    return np.array([to_picture(view, tuple(point), box) for point in points.tolist()]) / (aspect, 1.0)
 
 
 def furniture() -> np.ndarray:
@@ -61,7 +61,7 @@ def test_all_furniture_is_in_the_picture_and_fills_it_in_a_window_of_any_shape(a
 
 
 def test_a_plan_is_seen_from_straight_above() -> None:
-    view = first_outlook(kitchenette(), looks_of(kitchenette())).top(1.2)
+    view = initial_target(kitchenette(), looks_of(kitchenette())).top_camera(1.2)
     away = np.subtract(view.position, view.look_at)
     assert away[2] > 0.99 * np.linalg.norm(away)
     assert np.abs(in_picture(view, furniture(), 1.2)).max() < 1.0
@@ -69,7 +69,7 @@ def test_a_plan_is_seen_from_straight_above() -> None:
 
 @pytest.mark.parametrize("aspect", [0.5, 1.2])
 def test_on_a_plan_walls_are_level_or_upright(aspect: float) -> None:
-    view = first_outlook(kitchenette(), looks_of(kitchenette())).top(aspect)
+    view = initial_target(kitchenette(), looks_of(kitchenette())).top_camera(aspect)
     x, y, _ = np.subtract(view.position, view.look_at)
     assert min(abs(x), abs(y)) < 0.01 * max(abs(x), abs(y))
 
@@ -78,14 +78,14 @@ def test_on_a_plan_walls_are_level_or_upright(aspect: float) -> None:
 def test_what_is_focused_fills_the_picture_from_the_same_side(eye: Vector) -> None:
     mug = kitchenette().body("Mug")
     points = corners(pose_array([mug.pose]), np.array([[0.3, 0.3, 0.3]]))
-    view = focus_view(points, eye, mug.pose.position, 1.5)
+    view = focus_camera(points, eye, mug.pose.position, 1.5)
     assert np.ptp(in_picture(view, points, 1.5), axis=0).max() > 0.6
     before, now = np.subtract(eye, mug.pose.position), np.subtract(view.position, view.look_at)
     assert before @ now > 0.99 * np.linalg.norm(before) * np.linalg.norm(now)
 
 
 def test_who_stands_in_what_is_looked_at_can_focus_too() -> None:
-    assert np.isfinite(focus_view(np.zeros((1, 3)), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)).position).all()
+    assert np.isfinite(focus_camera(np.zeros((1, 3)), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)).position).all()
 
 
 def test_fronts_face_the_visitor() -> None:

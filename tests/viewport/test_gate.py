@@ -6,8 +6,8 @@ from http import HTTPStatus
 
 import pytest
 
-from mindstage.errors import AccessRefused
-from mindstage.viewport.gate import Gate, view_key
+from mindstage.errors import AuthenticationError
+from mindstage.viewport.gate import RequestFilter, view_key
 
 HOME = {"Host": "127.0.0.1:8080"}
 VIEW = "/view/0123456789abcdef"
@@ -15,22 +15,22 @@ CHANNEL = "/mindstage/channel?client=0123456789abcdef"
 
 
 @pytest.fixture
-def gate() -> Gate:
-    return Gate(host="127.0.0.1")
+def gate() -> RequestFilter:
+    return RequestFilter(host="127.0.0.1")
 
 
 @pytest.fixture
-def guarded() -> Gate:
-    return Gate(host="0.0.0.0", token="sesame")
+def guarded() -> RequestFilter:
+    return RequestFilter(host="0.0.0.0", token="sesame")
 
 
-def status(gate: Gate, path: str, headers: dict[str, str]) -> HTTPStatus | None:
-    answer = gate.answer(path, headers)
+def status(gate: RequestFilter, path: str, headers: dict[str, str]) -> HTTPStatus | None:
+    answer = gate.respond(path, headers)
     return None if answer is None else answer.status
 
 
-def socket_status(gate: Gate, path: str, headers: dict[str, str]) -> HTTPStatus | None:
-    refusal = gate.judge_socket(path, headers)
+def socket_status(gate: RequestFilter, path: str, headers: dict[str, str]) -> HTTPStatus | None:
+    refusal = gate.socket_error(path, headers)
     return None if refusal is None else refusal.status
 
 
@@ -38,7 +38,7 @@ def socket_status(gate: Gate, path: str, headers: dict[str, str]) -> HTTPStatus 
 
 
 @pytest.mark.parametrize("host", ["127.0.0.1:8080", "localhost:8080", "[::1]:8080", "LOCALHOST", "127.0.0.2"])
-def test_this_machine_is_known_by_its_own_names(gate: Gate, host: str) -> None:
+def test_this_machine_is_known_by_its_own_names(gate: RequestFilter, host: str) -> None:
     assert status(gate, "/", {"Host": host}) == HTTPStatus.OK
 
 
@@ -46,17 +46,17 @@ def test_this_machine_is_known_by_its_own_names(gate: Gate, host: str) -> None:
     "host",
     ["evil.example", "evil.example:8080", "127.0.0.1.evil.example", "192.168.1.7:8080", "", "a b", "x/y", "[::1"],
 )
-def test_a_name_that_somebody_let_point_here_is_refused(gate: Gate, host: str) -> None:
+def test_a_name_that_somebody_let_point_here_is_refused(gate: RequestFilter, host: str) -> None:
     assert status(gate, "/", {"Host": host}) == HTTPStatus.MISDIRECTED_REQUEST
     assert socket_status(gate, CHANNEL, {"Host": host}) == HTTPStatus.MISDIRECTED_REQUEST
 
 
-def test_a_request_without_a_host_is_refused(gate: Gate) -> None:
+def test_a_request_without_a_host_is_refused(gate: RequestFilter) -> None:
     assert status(gate, "/", {}) == HTTPStatus.MISDIRECTED_REQUEST
 
 
 def test_a_name_that_was_allowed_is_known() -> None:
-    gate = Gate(host="127.0.0.1", origins=["https://robot.example/"])
+    gate = RequestFilter(host="127.0.0.1", origins=["https://robot.example/"])
     assert status(gate, "/", {"Host": "robot.example"}) == HTTPStatus.OK
     assert socket_status(gate, CHANNEL, {"Host": "robot.example", "Origin": "https://robot.example"}) is None
     assert status(gate, "/", {"Host": "other.example"}) == HTTPStatus.MISDIRECTED_REQUEST
@@ -65,7 +65,7 @@ def test_a_name_that_was_allowed_is_known() -> None:
 # -- origins -----------------------------------------------------------------------------------------------------------
 
 
-def test_our_own_page_may_open_sockets_and_so_may_programs(gate: Gate) -> None:
+def test_our_own_page_may_open_sockets_and_so_may_programs(gate: RequestFilter) -> None:
     for path in (CHANNEL, VIEW):
         assert socket_status(gate, path, HOME | {"Origin": "http://127.0.0.1:8080"}) is None
         assert socket_status(gate, path, HOME) is None
@@ -84,12 +84,12 @@ def test_our_own_page_may_open_sockets_and_so_may_programs(gate: Gate) -> None:
         "file://",
     ],
 )
-def test_a_page_from_anywhere_else_may_not_open_a_socket(gate: Gate, origin: str) -> None:
+def test_a_page_from_anywhere_else_may_not_open_a_socket(gate: RequestFilter, origin: str) -> None:
     for path in (CHANNEL, VIEW, "/"):
         assert socket_status(gate, path, HOME | {"Origin": origin}) == HTTPStatus.FORBIDDEN
 
 
-def test_a_page_from_elsewhere_may_link_to_the_page_and_load_nothing_of_it(gate: Gate) -> None:
+def test_a_page_from_elsewhere_may_link_to_the_page_and_load_nothing_of_it(gate: RequestFilter) -> None:
     foreign = HOME | {"Sec-Fetch-Site": "cross-site"}
     assert status(gate, "/", foreign) == HTTPStatus.OK
     assert status(gate, "/mindstage/main.js", foreign) == HTTPStatus.FORBIDDEN
@@ -101,11 +101,11 @@ def test_a_page_from_elsewhere_may_link_to_the_page_and_load_nothing_of_it(gate:
 
 def test_others_than_this_machine_are_served_only_with_a_token() -> None:
     for token in (None, ""):
-        with pytest.raises(AccessRefused, match="token"):
-            Gate(host="0.0.0.0", token=token)
+        with pytest.raises(AuthenticationError, match="token"):
+            RequestFilter(host="0.0.0.0", token=token)
 
 
-def test_without_the_token_nothing_is_had(guarded: Gate) -> None:
+def test_without_the_token_nothing_is_had(guarded: RequestFilter) -> None:
     headers = {"Host": "robot.local:8080"}
     for path in ("/", "/mindstage/main.js", VIEW, "/?token=", "/?token=sesam", "/mindstage/main.js?token=Sesame"):
         assert status(guarded, path, headers) == HTTPStatus.UNAUTHORIZED, path
@@ -116,16 +116,16 @@ def test_without_the_token_nothing_is_had(guarded: Gate) -> None:
     assert socket_status(guarded, CHANNEL, headers | {"Cookie": "mindstage=\xe9"}) == HTTPStatus.UNAUTHORIZED
 
 
-def test_a_person_is_asked_for_the_token(guarded: Gate) -> None:
-    answer = guarded.answer("/", {"Host": "robot.local"})
+def test_a_person_is_asked_for_the_token(guarded: RequestFilter) -> None:
+    answer = guarded.respond("/", {"Host": "robot.local"})
     assert answer is not None
     assert b'name="token"' in answer.body
     assert b"sesame" not in answer.body
 
 
-def test_a_token_in_the_address_becomes_a_cookie_that_scripts_cannot_see(guarded: Gate) -> None:
+def test_a_token_in_the_address_becomes_a_cookie_that_scripts_cannot_see(guarded: RequestFilter) -> None:
     headers = {"Host": "robot.local:8080"}
-    answer = guarded.answer("/?token=sesame&fixedDpr=1", headers)
+    answer = guarded.respond("/?token=sesame&fixedDpr=1", headers)
     assert answer is not None
     assert answer.status == HTTPStatus.SEE_OTHER
     assert answer.headers["Location"] == "/?fixedDpr=1"
@@ -140,7 +140,7 @@ def test_a_token_in_the_address_becomes_a_cookie_that_scripts_cannot_see(guarded
     assert socket_status(guarded, CHANNEL, known | {"Origin": "http://evil.example"}) == HTTPStatus.FORBIDDEN
 
 
-def test_a_program_shows_the_token_with_each_request(guarded: Gate) -> None:
+def test_a_program_shows_the_token_with_each_request(guarded: RequestFilter) -> None:
     bearer = {"Host": "robot.local", "Authorization": "Bearer sesame"}
     assert status(guarded, "/mindstage/main.js", bearer) == HTTPStatus.OK
     assert socket_status(guarded, CHANNEL, bearer) is None
@@ -168,11 +168,11 @@ def test_a_program_shows_the_token_with_each_request(guarded: Gate) -> None:
         "//evil.example/",
     ],
 )
-def test_there_is_nothing_but_the_files_of_the_page(gate: Gate, path: str) -> None:
+def test_there_is_nothing_but_the_files_of_the_page(gate: RequestFilter, path: str) -> None:
     assert status(gate, path, HOME) == HTTPStatus.NOT_FOUND
 
 
-def test_a_socket_leads_to_the_channel_or_to_a_view(gate: Gate) -> None:
+def test_a_socket_leads_to_the_channel_or_to_a_view(gate: RequestFilter) -> None:
     for path in ("/", "/mindstage/main.js", "/view/x"):
         assert socket_status(gate, path, HOME) == HTTPStatus.NOT_FOUND
 
@@ -182,8 +182,8 @@ def test_a_view_tells_whose_it_is() -> None:
     assert view_key("/view/0123456789abcdef/more") is None
 
 
-def test_every_answer_forbids_what_a_page_does_not_need(gate: Gate) -> None:
-    answer = gate.answer("/", HOME)
+def test_every_answer_forbids_what_a_page_does_not_need(gate: RequestFilter) -> None:
+    answer = gate.respond("/", HOME)
     assert answer is not None
     policy = answer.headers["Content-Security-Policy"]
     assert "script-src 'self';" in policy
@@ -193,9 +193,9 @@ def test_every_answer_forbids_what_a_page_does_not_need(gate: Gate) -> None:
     assert "frame-ancestors 'self'" in gate.view_headers(HOME)["Content-Security-Policy"]
 
 
-def test_a_file_that_a_browser_has_already_is_not_sent_again(gate: Gate) -> None:
-    answer = gate.answer("/mindstage/main.js", HOME)
+def test_a_file_that_a_browser_has_already_is_not_sent_again(gate: RequestFilter) -> None:
+    answer = gate.respond("/mindstage/main.js", HOME)
     assert answer is not None
-    again = gate.answer("/mindstage/main.js", HOME | {"If-None-Match": answer.headers["ETag"]})
+    again = gate.respond("/mindstage/main.js", HOME | {"If-None-Match": answer.headers["ETag"]})
     assert again is not None
     assert (again.status, again.body) == (HTTPStatus.NOT_MODIFIED, b"")

@@ -4,27 +4,27 @@ from __future__ import annotations
 
 from msgspec.structs import replace
 
-from mindstage.viewport.outline import Link, Outline, outline_of
+from mindstage.viewport.outline import ParentLink, SceneTree, scene_tree
 from mindstage.world import Attachment, BodyId, World
 from tests.kitchenette import kitchenette
 
 
-def above(outline: Outline, id: str) -> tuple[str | None, Link, str | None]:
+def above(outline: SceneTree, id: str) -> tuple[str | None, ParentLink, str | None]:
     row = next(each for each in outline.rows if each.id == id)
     return outline.rows[row.parent].id if row.parent >= 0 else None, row.link, row.joint
 
 
 def test_what_is_attached_and_what_a_joint_holds_is_below() -> None:
-    outline = outline_of(kitchenette(), engine="null")
-    assert above(outline, "Cupboard") == (None, Link.NONE, None)
-    assert above(outline, "Drawer") == ("Cupboard", Link.JOINT, "DrawerSlide")
-    assert above(outline, "DrawerHandle") == ("Drawer", Link.ATTACHED, None)
-    assert above(outline, "FridgeDoor") == ("Fridge", Link.JOINT, "FridgeHinge")
+    outline = scene_tree(kitchenette(), engine="null")
+    assert above(outline, "Cupboard") == (None, ParentLink.NONE, None)
+    assert above(outline, "Drawer") == ("Cupboard", ParentLink.JOINT, "DrawerSlide")
+    assert above(outline, "DrawerHandle") == ("Drawer", ParentLink.ATTACHED, None)
+    assert above(outline, "FridgeDoor") == ("Fridge", ParentLink.JOINT, "FridgeHinge")
     assert (outline.name, outline.engine, outline.joints) == ("map", "null", 2)
 
 
 def test_each_class_is_named_once() -> None:
-    outline = outline_of(kitchenette(), engine="null")
+    outline = scene_tree(kitchenette(), engine="null")
     handles = [row for row in outline.rows if outline.classes[row.cls] == "Handle"]
     assert [row.id for row in handles] == ["DrawerHandle", "FridgeHandle"]
     assert len(set(outline.classes)) == len(outline.classes) == 7
@@ -32,17 +32,17 @@ def test_each_class_is_named_once() -> None:
 
 def test_what_moves_is_below_what_it_moves_in_whatever_the_map_calls_parent() -> None:
     world = kitchenette()
-    turned = tuple(replace(joint, parent=joint.child, child=joint.parent) for joint in world.constraints)
-    assert above(outline_of(replace(world, constraints=turned), engine="null"), "Drawer")[0] == "Cupboard"
+    turned = tuple(replace(joint, parent=joint.child, child=joint.parent) for joint in world.joints)
+    assert above(scene_tree(replace(world, joints=turned), engine="null"), "Drawer")[0] == "Cupboard"
 
 
 def test_joints_in_a_circle_have_a_top_all_the_same() -> None:
     world = kitchenette()
-    slide = world.constraints[0]
+    slide = world.joints[0]
     back = replace(slide, id=BodyId("Back"), parent=BodyId("Drawer"), child=BodyId("Cupboard"))
     holds = (*world.attachments, Attachment(parent=BodyId("DrawerHandle"), child=BodyId("Cupboard")))
-    for circular in (replace(world, constraints=(slide, back)), replace(world, attachments=holds)):
-        outline = outline_of(circular, engine="null")
+    for circular in (replace(world, joints=(slide, back)), replace(world, attachments=holds)):
+        outline = scene_tree(circular, engine="null")
         assert any(row.parent == -1 for row in outline.rows)
         for row in outline.rows:
             steps = 0
@@ -54,14 +54,14 @@ def test_joints_in_a_circle_have_a_top_all_the_same() -> None:
 def test_an_end_that_is_not_there_holds_nothing() -> None:
     world = kitchenette()
     without = replace(world, bodies=tuple(body for body in world.bodies if body.id not in {"Cupboard", "Drawer"}))
-    assert above(outline_of(without, engine="null"), "DrawerHandle") == (None, Link.NONE, None)
+    assert above(scene_tree(without, engine="null"), "DrawerHandle") == (None, ParentLink.NONE, None)
 
 
 def test_shells_and_what_moves_are_marked() -> None:
-    outline = outline_of(kitchenette(), engine="null", shells={BodyId("Floor")})
+    outline = scene_tree(kitchenette(), engine="null", enclosing={BodyId("Floor")})
     assert [row.id for row in outline.rows if row.encloses] == ["Floor"]
     assert {row.id for row in outline.rows if row.movable} == {"Drawer", "FridgeDoor", "Mug"}
 
 
 def test_an_empty_world_has_an_outline() -> None:
-    assert outline_of(World(iri=kitchenette().iri), engine="null").rows == ()
+    assert scene_tree(World(iri=kitchenette().iri), engine="null").rows == ()

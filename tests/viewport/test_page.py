@@ -9,21 +9,21 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from mindstage import KnowledgeBase, MujocoEngine, NullEngine, Stage
-from mindstage.viewport import Viewport
+from mindstage import KnowledgeBase, MujocoEngine, NullEngine, Simulation
+from mindstage.viewport import Viewer
 from mindstage.world import BodyId, Iri, Pose, World
 from tests.kitchenette import kitchenette
-from tests.viewport.visiting import Visit
+from tests.viewport.visiting import PageTab
 from tests.viewport.waiting import wait_until
 
-Visiting = Callable[..., Visit]
+Visiting = Callable[..., PageTab]
 
 ON_THE_HANDLE = (1.66, 0.0, 0.65)
 
 
 @pytest.fixture
-def alive() -> Iterator[Stage]:
-    with Stage(KnowledgeBase(), MujocoEngine()) as stage:
+def alive() -> Iterator[Simulation]:
+    with Simulation(KnowledgeBase(), MujocoEngine()) as stage:
         stage.spawn(kitchenette())
         yield stage
 
@@ -34,47 +34,51 @@ def visit(visit: Visiting) -> Visiting:
     return lambda viewport, *, view=False, **more: visit(viewport, view=view, **more)
 
 
-def position(stage: Stage, id: str) -> np.ndarray:
-    return stage.frame.poses[stage.frame.ids.index(BodyId(id))][:3]
+def position(stage: Simulation, id: str) -> np.ndarray:
+    return stage.state.poses[stage.state.ids.index(BodyId(id))][:3]
 
 
 # -- the bar -----------------------------------------------------------------------------------------------------------
 
 
-def test_the_buttons_play_pause_step_and_reset(stage: Stage, viewport: Viewport, visit: Visiting) -> None:
+def test_the_buttons_play_pause_step_and_reset(stage: Simulation, viewport: Viewer, visit: Visiting) -> None:
     visitor = visit(viewport)
-    wait_until(lambda: visitor.says("8 bodies") and visitor.says("2 joints · null"), "the page says what is there")
-    start = stage.frame.time_s
-    visitor.press("step")
-    wait_until(lambda: stage.frame.time_s == pytest.approx(start + 0.1), "a tenth of a second has passed")
+    wait_until(
+        lambda: visitor.shows_text("8 bodies") and visitor.shows_text("2 joints · null"), "the page says what is there"
+    )
+    start = stage.state.time_s
+    visitor.click_button("step")
+    wait_until(lambda: stage.state.time_s == pytest.approx(start + 0.1), "a tenth of a second has passed")
     visitor.page.locator("[data-action=speed]").select_option("2")
-    visitor.press("play")
-    wait_until(lambda: stage.frame.playing and stage.frame.speed == 2.0, "time passes twice as fast")
-    wait_until(lambda: visitor.says("playing"), "the page says that it plays")
+    visitor.click_button("play")
+    wait_until(lambda: stage.state.playing and stage.state.speed == 2.0, "time passes twice as fast")
+    wait_until(lambda: visitor.shows_text("playing"), "the page says that it plays")
     stage.play(speed=0.5)
     speed = visitor.page.locator("[data-action=speed]")
     wait_until(lambda: speed.input_value() == "0.5", "the page follows the stage")
-    visitor.press("play")
-    wait_until(lambda: not stage.frame.playing and visitor.says("paused"), "time stands still")
-    stage.call(lambda engine: engine.set_pose(BodyId("Mug"), kitchenette().body("Fridge").pose))
-    visitor.press("reset")
+    visitor.click_button("play")
+    wait_until(lambda: not stage.state.playing and visitor.shows_text("paused"), "time stands still")
+    stage.run_on_engine(lambda engine: engine.set_pose(BodyId("Mug"), kitchenette().body("Fridge").pose))
+    visitor.click_button("reset")
     wait_until(lambda: np.allclose(position(stage, "Mug"), (2.0, 0.0, 0.85)), "the mug is back in its place")
 
 
-def test_what_the_stage_refuses_is_said_to_the_visitor(stage: Stage, viewport: Viewport, visit: Visiting) -> None:
+def test_what_the_stage_refuses_is_said_to_the_visitor(stage: Simulation, viewport: Viewer, visit: Visiting) -> None:
     visitor = visit(viewport)
     stage.close()
-    visitor.press("step")
-    wait_until(lambda: visitor.says("the stage is closed"), "the page says why nothing happens")
+    visitor.click_button("step")
+    wait_until(lambda: visitor.shows_text("the stage is closed"), "the page says why nothing happens")
 
 
-def test_a_lost_connection_is_said_and_comes_back_by_itself(stage: Stage, viewport: Viewport, visit: Visiting) -> None:
+def test_a_lost_connection_is_said_and_comes_back_by_itself(
+    stage: Simulation, viewport: Viewer, visit: Visiting
+) -> None:
     visitor = visit(viewport)
-    visitor.choose("Mug")
+    visitor.select_in_tree("Mug")
     port = int(viewport.url.rsplit(":", 1)[1])
     viewport.close()
     wait_until(lambda: visitor.page.locator("#disconnected").is_visible(), "the page says that the connection is lost")
-    with Viewport(stage, port=port) as again:
+    with Viewer(stage, port=port) as again:
         assert again.url == viewport.url
         wait_until(lambda: not visitor.page.locator("#disconnected").is_visible(), "it is there again")
         stage.editing.move(BodyId("Mug"), Pose((1.0, 0.0, 0.85)))
@@ -84,37 +88,37 @@ def test_a_lost_connection_is_said_and_comes_back_by_itself(stage: Stage, viewpo
 # -- the outline and the details ---------------------------------------------------------------------------------------
 
 
-def test_a_thing_is_found_selected_and_described(stage: Stage, viewport: Viewport, visit: Visiting) -> None:
+def test_a_thing_is_found_selected_and_described(stage: Simulation, viewport: Viewer, visit: Visiting) -> None:
     visitor = visit(viewport)
-    wait_until(lambda: visitor.rows() == ["Cupboard", "Floor", "Fridge", "Mug"], "only what is above is open")
+    wait_until(lambda: visitor.tree_rows() == ["Cupboard", "Floor", "Fridge", "Mug"], "only what is above is open")
     visitor.page.locator(".tree-row[data-id=Cupboard] .caret").click()
-    assert visitor.rows() == ["Cupboard", "Drawer", "Floor", "Fridge", "Mug"]
+    assert visitor.tree_rows() == ["Cupboard", "Drawer", "Floor", "Fridge", "Mug"]
     visitor.page.locator("[data-role=find-body]").fill("door handle")
-    wait_until(lambda: visitor.says("0 of 8 found"), "no door is a handle")
+    wait_until(lambda: visitor.shows_text("0 of 8 found"), "no door is a handle")
     visitor.page.locator("[data-role=find-body]").fill("refrigerator")
-    wait_until(lambda: visitor.rows() == ["Fridge"], "it is found by its class")
+    wait_until(lambda: visitor.tree_rows() == ["Fridge"], "it is found by its class")
     visitor.page.locator("[data-role=find-body]").fill("handle")
-    wait_until(lambda: visitor.says("2 of 8 found"), "two handles, with what they hang on")
-    assert visitor.rows() == ["Cupboard", "Drawer", "DrawerHandle", "Fridge", "FridgeDoor", "FridgeHandle"]
-    visitor.choose("FridgeHandle")
-    assert visitor.says("attached to")
-    assert visitor.says("0.04 \N{MULTIPLICATION SIGN} 0.02 \N{MULTIPLICATION SIGN} 0.3 m")
+    wait_until(lambda: visitor.shows_text("2 of 8 found"), "two handles, with what they hang on")
+    assert visitor.tree_rows() == ["Cupboard", "Drawer", "DrawerHandle", "Fridge", "FridgeDoor", "FridgeHandle"]
+    visitor.select_in_tree("FridgeHandle")
+    assert visitor.shows_text("attached to")
+    assert visitor.shows_text("0.04 \N{MULTIPLICATION SIGN} 0.02 \N{MULTIPLICATION SIGN} 0.3 m")
     visitor.page.locator("[data-body-link=FridgeDoor]").first.click()
-    wait_until(lambda: visitor.selected == "FridgeDoor" and visitor.says("FridgeHinge"), "a link leads on")
+    wait_until(lambda: visitor.selected == "FridgeDoor" and visitor.shows_text("FridgeHinge"), "a link leads on")
 
 
-def test_the_outline_is_walked_by_keyboard(viewport: Viewport, visit: Visiting) -> None:
+def test_the_outline_is_walked_by_keyboard(viewport: Viewer, visit: Visiting) -> None:
     visitor = visit(viewport)
-    wait_until(lambda: len(visitor.rows()) == 4, "the tree is there")
+    wait_until(lambda: len(visitor.tree_rows()) == 4, "the tree is there")
     visitor.page.locator("[data-role=find-body]").press("ArrowDown")
     wait_until(lambda: visitor.selected == "Cupboard", "the first row")
     keys = {"ArrowRight": "Cupboard", "ArrowDown": "Drawer", "End": "Mug", "Home": "Cupboard"}
     for key, expected in keys.items():
         visitor.page.keyboard.press(key)
         wait_until(lambda expected=expected: visitor.selected == expected, f"{key} leads to {expected}")
-    assert "Drawer" in visitor.rows()
+    assert "Drawer" in visitor.tree_rows()
     visitor.page.keyboard.press("ArrowLeft")
-    wait_until(lambda: "Drawer" not in visitor.rows(), "it is shut again")
+    wait_until(lambda: "Drawer" not in visitor.tree_rows(), "it is shut again")
 
 
 def test_five_thousand_bodies_are_a_few_rows(visit: Visiting) -> None:
@@ -123,36 +127,36 @@ def test_five_thousand_bodies_are_a_few_rows(visit: Visiting) -> None:
         replace(mug, id=BodyId(f"Mug{n}"), iri=Iri(f"{mug.iri}{n}"), pose=Pose((n % 70 * 0.2, n // 70 * 0.2, 0.1)))
         for n in range(5000)
     )
-    with Stage(KnowledgeBase(bundled_ontology=False), NullEngine(), shapes=False) as stage:
+    with Simulation(KnowledgeBase(bundled_ontology=False), NullEngine(), shapes=False) as stage:
         stage.spawn(World(iri=Iri("http://x#many"), bodies=mugs))
-        with Viewport(stage, port=0) as viewport:
+        with Viewer(stage, port=0) as viewport:
             visitor = visit(viewport)
             state = "mindstage.outliner.state"
             wait_until(lambda: visitor.page.evaluate(f"{state}.bodies") == 5000, "all are known")
             assert visitor.page.evaluate(f"{state}.rendered") < 80
-            visitor.choose("Mug4321")
+            visitor.select_in_tree("Mug4321")
             assert visitor.page.evaluate(f"{state}.rendered") == 1
 
 
-def test_what_is_hidden_is_hidden_for_all(viewport: Viewport, visit: Visiting) -> None:
+def test_what_is_hidden_is_hidden_for_all(viewport: Viewer, visit: Visiting) -> None:
     visitor, other = visit(viewport), visit(viewport)
-    wait_until(visitor.rows, "the tree is there")
+    wait_until(visitor.tree_rows, "the tree is there")
     visitor.page.locator(".tree-row[data-id=Fridge]").hover()
     visitor.page.locator(".tree-row[data-id=Fridge] [data-action=toggle-visibility]").click()
     hidden = {"Fridge", "FridgeDoor", "FridgeHandle"}
-    wait_until(lambda: viewport.sights.hidden == hidden, "the fridge is hidden with all that belongs to it")
+    wait_until(lambda: viewport.views.hidden == hidden, "the fridge is hidden with all that belongs to it")
     wait_until(
         lambda: other.page.locator(".tree-row.hidden-body[data-id=Fridge]").count() == 1, "the other one sees it"
     )
 
 
-def test_values_are_typed_in_and_undone(stage: Stage, viewport: Viewport, visit: Visiting) -> None:
+def test_values_are_typed_in_and_undone(stage: Simulation, viewport: Viewer, visit: Visiting) -> None:
     visitor = visit(viewport)
     page = visitor.page
-    visitor.choose("Mug")
+    visitor.select_in_tree("Mug")
     page.locator("[data-field=mass]").fill("2.5")
     page.keyboard.press("Enter")
-    wait_until(lambda: stage.log().body("Mug").physics.mass_kg == 2.5, "the mug has another mass")
+    wait_until(lambda: stage.snapshot().body("Mug").physics.mass_kg == 2.5, "the mug has another mass")
     wait_until(lambda: page.locator("[data-pose=x]").input_value() == "2", "where it is stands in the fields")
     page.locator("[data-pose=x]").fill("1.25")
     page.keyboard.press("Enter")
@@ -160,55 +164,55 @@ def test_values_are_typed_in_and_undone(stage: Stage, viewport: Viewport, visit:
     page.locator("[data-pose=yaw]").fill("90")
     page.keyboard.press("Enter")
     turned = (0.5**0.5, 0.0, 0.0, 0.5**0.5)
-    wait_until(lambda: stage.log().body("Mug").pose.quaternion == pytest.approx(turned), "and turned")
+    wait_until(lambda: stage.snapshot().body("Mug").pose.quaternion == pytest.approx(turned), "and turned")
     page.locator("[data-field=mobility]").select_option("static")
-    wait_until(lambda: stage.log().body("Mug").physics.mobility.value == "static", "and static")
+    wait_until(lambda: stage.snapshot().body("Mug").physics.mobility.value == "static", "and static")
     page.locator("[data-field=mass]").fill("-1")
     page.keyboard.press("Enter")
-    wait_until(lambda: visitor.says("The mass must be greater than 0 kg."), "nonsense is refused in words")
+    wait_until(lambda: visitor.shows_text("The mass must be greater than 0 kg."), "nonsense is refused in words")
     for _ in range(4):
-        visitor.press("undo")
+        visitor.click_button("undo")
     wait_until(lambda: not stage.editing.history.undo, "all is undone")
-    assert stage.log().body("Mug") == kitchenette().body("Mug")
+    assert stage.snapshot().body("Mug") == kitchenette().body("Mug")
 
 
-def test_a_body_is_attached_by_choosing_its_holder(stage: Stage, viewport: Viewport, visit: Visiting) -> None:
+def test_a_body_is_attached_by_choosing_its_holder(stage: Simulation, viewport: Viewer, visit: Visiting) -> None:
     visitor = visit(viewport)
-    visitor.choose("Mug")
-    visitor.press("attach")
+    visitor.select_in_tree("Mug")
+    visitor.click_button("attach")
     visitor.page.locator("[data-role=find-body]").fill("drawer")
-    wait_until(lambda: "Drawer" in visitor.rows(), "the drawer is found")
+    wait_until(lambda: "Drawer" in visitor.tree_rows(), "the drawer is found")
     visitor.page.locator(".tree-row[data-id=Drawer] .tree-name").click()
-    wait_until(lambda: any(hold.child == "Mug" for hold in stage.log().attachments), "the mug hangs on the drawer")
+    wait_until(lambda: any(hold.child == "Mug" for hold in stage.snapshot().attachments), "the mug hangs on the drawer")
     wait_until(
         lambda: visitor.selected == "Mug" and visitor.details()["attached_to"] == "Drawer", "and the page says so"
     )
-    visitor.press("detach")
-    wait_until(lambda: all(hold.child != "Mug" for hold in stage.log().attachments), "it is loose again")
+    visitor.click_button("detach")
+    wait_until(lambda: all(hold.child != "Mug" for hold in stage.snapshot().attachments), "it is loose again")
 
 
 def test_deleting_by_key_is_seen_by_the_other_visitor_and_undone_by_key(
-    stage: Stage, viewport: Viewport, visit: Visiting
+    stage: Simulation, viewport: Viewer, visit: Visiting
 ) -> None:
     visitor, other = visit(viewport), visit(viewport)
-    other.choose("Mug")
-    visitor.choose("Mug")
+    other.select_in_tree("Mug")
+    visitor.select_in_tree("Mug")
     visitor.page.keyboard.press("Delete")
-    wait_until(lambda: "Mug" not in stage.frame.ids, "the mug is gone")
-    wait_until(lambda: other.selected is None and other.says("No body is selected"), "the other one sees it")
+    wait_until(lambda: "Mug" not in stage.state.ids, "the mug is gone")
+    wait_until(lambda: other.selected is None and other.shows_text("No body is selected"), "the other one sees it")
     other.page.locator("[data-role=tree]").press("Control+z")
-    wait_until(lambda: "Mug" in stage.frame.ids, "the other one brings it back")
+    wait_until(lambda: "Mug" in stage.state.ids, "the other one brings it back")
 
 
-def test_a_slider_opens_the_drawer_and_follows_it(alive: Stage, visit: Visiting) -> None:
+def test_a_slider_opens_the_drawer_and_follows_it(alive: Simulation, visit: Visiting) -> None:
     alive.play()
-    with Viewport(alive, port=0) as viewport:
+    with Viewer(alive, port=0) as viewport:
         visitor = visit(viewport)
-        visitor.choose("Drawer")
+        visitor.select_in_tree("Drawer")
         slider = visitor.page.locator("[data-joint=DrawerSlide]")
         slider.fill("-0.3")
         wait_until(lambda: position(alive, "Drawer")[0] == pytest.approx(1.65, abs=0.02), "the drawer comes out")
-        wait_until(lambda: visitor.says("-0.30") or visitor.says("-0.29"), "and the page says how far")
+        wait_until(lambda: visitor.shows_text("-0.30") or visitor.shows_text("-0.29"), "and the page says how far")
         alive.reset()
         wait_until(lambda: float(slider.input_value()) == pytest.approx(0.0, abs=0.02), "the slider follows")
 
@@ -216,23 +220,23 @@ def test_a_slider_opens_the_drawer_and_follows_it(alive: Stage, visit: Visiting)
 # -- adding, saving, loading -------------------------------------------------------------------------------------------
 
 
-def test_a_thing_is_added_from_the_list(alive: Stage, visit: Visiting) -> None:
-    with Viewport(alive, port=0) as viewport:
+def test_a_thing_is_added_from_the_list(alive: Simulation, visit: Visiting) -> None:
+    with Viewer(alive, port=0) as viewport:
         visitor = visit(viewport)
-        visitor.choose("Cupboard")
-        visitor.open("add")
+        visitor.select_in_tree("Cupboard")
+        visitor.open_panel("add")
         visitor.page.locator("[data-role=find-class]").fill("dinnerplate")
         visitor.page.locator("[data-class=DinnerPlate]").click()
         assert visitor.page.locator("[data-role=placement]").input_value() == "on"
-        visitor.press("add")
-        wait_until(lambda: len(alive.frame.ids) == 9, "there is a plate")
-        new = next(id for id in alive.frame.ids if "DinnerPlate" in id)
+        visitor.click_button("add")
+        wait_until(lambda: len(alive.state.ids) == 9, "there is a plate")
+        new = next(id for id in alive.state.ids if "DinnerPlate" in id)
         wait_until(lambda: visitor.selected == new, "the plate is selected")
         assert position(alive, new)[2] == pytest.approx(0.81, abs=0.03), "it lies on the cupboard"
 
 
 def test_the_map_is_saved_and_loaded_by_file_and_by_drop(
-    stage: Stage, viewport: Viewport, visit: Visiting, tmp_path: Path
+    stage: Simulation, viewport: Viewer, visit: Visiting, tmp_path: Path
 ) -> None:
     visitor = visit(viewport)
     with visitor.page.expect_download() as download:
@@ -242,8 +246,8 @@ def test_the_map_is_saved_and_loaded_by_file_and_by_drop(
     assert saved.name == "map.ttl"
     stage.editing.delete([BodyId("Mug"), BodyId("Fridge")])
     visitor.page.locator("[data-role=upload]").set_input_files(saved)
-    wait_until(lambda: len(stage.frame.ids) == 8, "all is back")
-    wait_until(lambda: visitor.says("map: 8 bodies, 2 joints"), "and the page says so")
+    wait_until(lambda: len(stage.state.ids) == 8, "all is back")
+    wait_until(lambda: visitor.shows_text("map: 8 bodies, 2 joints"), "and the page says so")
     stage.editing.delete([BodyId("Mug")])
     drop = """text => {
         const transfer = new DataTransfer();
@@ -253,16 +257,16 @@ def test_the_map_is_saved_and_loaded_by_file_and_by_drop(
         document.getElementById("drop-target").dispatchEvent(event("drop"));
     }"""
     visitor.page.evaluate(drop, saved.read_text(encoding="utf-8"))
-    wait_until(lambda: "Mug" in stage.frame.ids, "a dropped map is loaded too")
+    wait_until(lambda: "Mug" in stage.state.ids, "a dropped map is loaded too")
     visitor.page.evaluate(drop, "this is no map")
-    wait_until(lambda: visitor.says("dropped.ttl"), "what is no map is said")
-    assert len(stage.frame.ids) == 8
+    wait_until(lambda: visitor.shows_text("dropped.ttl"), "what is no map is said")
+    assert len(stage.state.ids) == 8
 
 
 # -- small screens -----------------------------------------------------------------------------------------------------
 
 
-def test_on_a_phone_panels_are_sheets_over_the_view(viewport: Viewport, visit: Visiting) -> None:
+def test_on_a_phone_panels_are_sheets_over_the_view(viewport: Viewer, visit: Visiting) -> None:
     visitor = visit(viewport, size=(390, 844))
     page = visitor.page
     assert not page.locator("#left-sidebar").is_visible()
@@ -272,7 +276,8 @@ def test_on_a_phone_panels_are_sheets_over_the_view(viewport: Viewport, visit: V
     page.locator("[data-sheet=details]").click()
     assert not page.locator("#left-sidebar").is_visible()
     wait_until(
-        lambda: visitor.says("0.08 \N{MULTIPLICATION SIGN} 0.08 \N{MULTIPLICATION SIGN} 0.1 m"), "the mug is described"
+        lambda: visitor.shows_text("0.08 \N{MULTIPLICATION SIGN} 0.08 \N{MULTIPLICATION SIGN} 0.1 m"),
+        "the mug is described",
     )
     page.locator("[data-sheet=details]").click()
     assert not page.locator("#right-sidebar").is_visible()
@@ -283,14 +288,14 @@ def test_on_a_phone_panels_are_sheets_over_the_view(viewport: Viewport, visit: V
 
 
 def test_what_is_clicked_in_the_picture_is_selected_in_this_page_only(
-    stage: Stage, viewport: Viewport, visit: Visiting
+    stage: Simulation, viewport: Viewer, visit: Visiting
 ) -> None:
     visitor, other = visit(viewport, view=True), visit(viewport)
     visitor.click_until(ON_THE_HANDLE, lambda: visitor.selected == "DrawerHandle", "the handle is selected")
     row = visitor.page.locator(".tree-row[aria-selected=true]")
     wait_until(lambda: row.get_attribute("data-id") == "DrawerHandle", "the outline has opened there")
-    wait_until(lambda: visitor.says("kinematic"), "the details name it")
+    wait_until(lambda: visitor.shows_text("kinematic"), "the details name it")
     assert other.selected is None
-    visitor.choose("Fridge")
-    (number,) = viewport.sights.visitors
-    wait_until(lambda: viewport.sights.selected(number) == "Fridge", "and the view follows the outline")
+    visitor.select_in_tree("Fridge")
+    (number,) = viewport.views.clients
+    wait_until(lambda: viewport.views.selected(number) == "Fridge", "and the view follows the outline")

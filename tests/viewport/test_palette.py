@@ -1,33 +1,33 @@
-"""How a colour changes when something is lit."""
+"""How a color changes when something is lit."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
+from mindstage.world.colors import srgb_to_linear
 
-from mindstage.viewport.palette import HIGHLIGHT_OPACITY, VEIL_OPACITY, Paint, dimmed, lit
-from mindstage.world.colours import linear
+from mindstage.viewport.palette import HIGHLIGHT_OPACITY, OCCLUDER_OPACITY, Paint, dimmed, highlighted
 
 RED = (1.0, 0.0, 0.0)
 
 
-def test_what_is_lit_has_the_colour_of_its_highlight() -> None:
-    assert lit(Paint((0.5, 0.5, 0.5)), RED) == Paint(RED)
+def test_what_is_lit_has_the_color_of_its_highlight() -> None:
+    assert highlighted(Paint((0.5, 0.5, 0.5)), RED) == Paint(RED)
 
 
 def test_what_is_lit_can_be_seen_however_clear_it_is() -> None:
-    assert lit(Paint((0.5, 0.5, 0.5), 0.1), RED) == Paint(RED, HIGHLIGHT_OPACITY)
+    assert highlighted(Paint((0.5, 0.5, 0.5), 0.1), RED) == Paint(RED, HIGHLIGHT_OPACITY)
 
 
 def test_what_is_dimmed_is_paler_and_as_a_veil_hides_little() -> None:
-    red, green, _ = dimmed(Paint(RED)).colour
+    red, green, _ = dimmed(Paint(RED)).color
     assert 0.5 < red < 1.0
     assert 0.0 < green < red
     assert dimmed(Paint(RED)).opacity == 1.0
-    assert dimmed(Paint(RED), veil=True).opacity == VEIL_OPACITY
-    assert dimmed(Paint(RED, 0.1), veil=True).opacity == 0.1, "what is clearer already stays so"
+    assert dimmed(Paint(RED), as_occluder=True).opacity == OCCLUDER_OPACITY
+    assert dimmed(Paint(RED, 0.1), as_occluder=True).opacity == 0.1, "what is clearer already stays so"
 
 
 def test_light_adds_up_by_the_curve_of_srgb() -> None:
-    light = linear(np.array([0.0, 0.04045, 0.5, 1.0, 7.0]))
+    light = srgb_to_linear(np.array([0.0, 0.04045, 0.5, 1.0, 7.0]))
     assert light == pytest.approx([0.0, 0.0031308, 0.2140411, 1.0, 1.0], abs=1e-6)

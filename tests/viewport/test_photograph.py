@@ -9,16 +9,16 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from mindstage import KnowledgeBase, NullEngine, Stage
-from mindstage.errors import ArgumentRefused, BodyUnknown, BrowserUnavailable
-from mindstage.viewport import Shot, Viewport
-from mindstage.viewport.framing import View
-from mindstage.viewport.photograph import _view
+from mindstage import KnowledgeBase, NullEngine, Simulation
+from mindstage.errors import BodyNotFoundError, BrowserNotFoundError, InvalidArgumentError
+from mindstage.viewport import Screenshot, Viewer
+from mindstage.viewport.framing import CameraPose
+from mindstage.viewport.photograph import _camera_for
 from mindstage.world import BodyId
 from tests.viewport.waiting import wait_until
 
 PATIENCE_S = 300.0
-USUAL = View((3.0, -3.0, 2.0), (0.0, 0.0, 0.5), 0.6)
+USUAL = CameraPose((3.0, -3.0, 2.0), (0.0, 0.0, 0.5), 0.6)
 
 
 def pixels(picture: bytes) -> np.ndarray:
@@ -26,15 +26,17 @@ def pixels(picture: bytes) -> np.ndarray:
 
 
 def test_only_what_is_lit_is_blue_and_a_cut_leaves_out_what_is_above(
-    stage: Stage, viewport: Viewport, chromium: Path
+    stage: Simulation, viewport: Viewer, chromium: Path
 ) -> None:
     stage.highlight([BodyId("Fridge")], (0.0, 0.0, 1.0))
-    whole = pixels(viewport.shot(Shot(size=(320, 200), browser=str(chromium), timeout_s=PATIENCE_S)))
-    cut = pixels(viewport.shot(Shot(size=(320, 200), section=0.1, browser=str(chromium), timeout_s=PATIENCE_S)))
+    whole = pixels(viewport.screenshot(Screenshot(size=(320, 200), browser=str(chromium), timeout_s=PATIENCE_S)))
+    cut = pixels(
+        viewport.screenshot(Screenshot(size=(320, 200), clip_height=0.1, browser=str(chromium), timeout_s=PATIENCE_S))
+    )
     assert whole.shape == cut.shape == (200, 320, 3)
     assert blue(whole) > 300
     assert blue(cut) < blue(whole) / 2
-    wait_until(lambda: not viewport.sights.visitors, "the browsers are gone")
+    wait_until(lambda: not viewport.views.clients, "the browsers are gone")
 
 
 def blue(picture: np.ndarray) -> int:
@@ -43,50 +45,54 @@ def blue(picture: np.ndarray) -> int:
     return int(np.count_nonzero((blue > red + 60) & (blue > green + 40)))
 
 
-def test_the_whole_page_is_photographed_with_its_panels(viewport: Viewport, chromium: Path) -> None:
-    shot = Shot(size=(900, 400), panels=True, panel="status", browser=str(chromium), timeout_s=PATIENCE_S)
-    picture = pixels(viewport.shot(shot))
+def test_the_whole_page_is_photographed_with_its_panels(viewport: Viewer, chromium: Path) -> None:
+    shot = Screenshot(size=(900, 400), with_panels=True, panel="status", browser=str(chromium), timeout_s=PATIENCE_S)
+    picture = pixels(viewport.screenshot(shot))
     left, middle = picture[120:380, 10:200].reshape(-1, 3), picture[120:380, 280:600].reshape(-1, 3)
     assert plainest(left) > 0.6 > plainest(middle)
     assert len(np.unique(middle, axis=0)) > 100
 
 
-def plainest(colours: np.ndarray) -> float:
-    """How much of it has the same colour."""
-    _, counts = np.unique(colours, axis=0, return_counts=True)
-    return float(counts.max() / len(colours))
+def plainest(colors: np.ndarray) -> float:
+    """How much of it has the same color."""
+    _, counts = np.unique(colors, axis=0, return_counts=True)
+    return float(counts.max() / len(colors))
 
 
 def test_a_page_that_needs_a_token_is_photographed_too_be_it_empty(chromium: Path) -> None:
-    with Stage(KnowledgeBase(), NullEngine()) as stage, Viewport(stage, port=0, token="open sesame") as viewport:
-        shot = Shot(size=(160, 100), position=(0.0, 0.0, 3.0), browser=str(chromium), timeout_s=PATIENCE_S)
-        picture = pixels(viewport.shot(shot))
+    with Simulation(KnowledgeBase(), NullEngine()) as stage, Viewer(stage, port=0, token="open sesame") as viewport:
+        shot = Screenshot(size=(160, 100), position=(0.0, 0.0, 3.0), browser=str(chromium), timeout_s=PATIENCE_S)
+        picture = pixels(viewport.screenshot(shot))
         assert picture.shape == (100, 160, 3)
         assert len(np.unique(picture.reshape(-1, 3), axis=0)) > 20, "the sky runs from light to dark"
 
 
-def test_what_cannot_be_photographed_is_refused(viewport: Viewport, chromium: Path) -> None:
-    with pytest.raises(ArgumentRefused, match="0 x 10 cannot be drawn; each side is 1 to 8192 px"):
-        Shot(size=(0, 10))
-    with pytest.raises(ArgumentRefused, match="from and to one point"):
-        Shot(position=(1.0, 2.0, 3.0), look_at=(1.0, 2.0, 3.0))
-    with pytest.raises(ArgumentRefused, match="there are no panels in the picture; show the whole page"):
-        Shot(panel="ask")
-    with pytest.raises(BrowserUnavailable, match="there is no program 'netscape'"):
-        viewport.shot(Shot(browser="netscape"))
-    with pytest.raises(BodyUnknown, match=r"Fridgee.*near: 'Fridge'"):
-        viewport.shot(Shot(size=(64, 64), focus=(BodyId("Fridgee"),), browser=str(chromium), timeout_s=PATIENCE_S))
+def test_what_cannot_be_photographed_is_refused(viewport: Viewer, chromium: Path) -> None:
+    with pytest.raises(InvalidArgumentError, match="0 x 10 cannot be drawn; each side is 1 to 8192 px"):
+        Screenshot(size=(0, 10))
+    with pytest.raises(InvalidArgumentError, match="from and to one point"):
+        Screenshot(position=(1.0, 2.0, 3.0), look_at=(1.0, 2.0, 3.0))
+    with pytest.raises(InvalidArgumentError, match="there are no panels in the picture; show the whole page"):
+        Screenshot(panel="ask")
+    with pytest.raises(BrowserNotFoundError, match="there is no program 'netscape'"):
+        viewport.screenshot(Screenshot(browser="netscape"))
+    with pytest.raises(BodyNotFoundError, match=r"Fridgee.*near: 'Fridge'"):
+        viewport.screenshot(
+            Screenshot(size=(64, 64), focus=(BodyId("Fridgee"),), browser=str(chromium), timeout_s=PATIENCE_S)
+        )
 
 
 def test_of_a_view_what_is_not_given_is_as_usual() -> None:
-    assert _view(Shot(), USUAL) == USUAL
-    assert _view(Shot(position=(1.0, 1.0, 1.0)), USUAL) == View((1.0, 1.0, 1.0), (0.0, 0.0, 0.5), 0.6)
-    assert _view(Shot(look_at=(10.0, 0.0, 0.5)), USUAL) == View((13.0, -3.0, 2.0), (10.0, 0.0, 0.5), 0.6)
-    both = _view(Shot(position=(1.0, 2.0, 3.0), look_at=(4.0, 5.0, 6.0)), USUAL)
-    assert both == View((1.0, 2.0, 3.0), (4.0, 5.0, 6.0), 0.6)
+    assert _camera_for(Screenshot(), USUAL) == USUAL
+    assert _camera_for(Screenshot(position=(1.0, 1.0, 1.0)), USUAL) == CameraPose((1.0, 1.0, 1.0), (0.0, 0.0, 0.5), 0.6)
+    assert _camera_for(Screenshot(look_at=(10.0, 0.0, 0.5)), USUAL) == CameraPose(
+        (13.0, -3.0, 2.0), (10.0, 0.0, 0.5), 0.6
+    )
+    both = _camera_for(Screenshot(position=(1.0, 2.0, 3.0), look_at=(4.0, 5.0, 6.0)), USUAL)
+    assert both == CameraPose((1.0, 2.0, 3.0), (4.0, 5.0, 6.0), 0.6)
 
 
 def test_straight_down_is_a_hair_aslant_so_that_a_side_is_up() -> None:
-    x, y, z = _view(Shot(position=(1.0, 2.0, 5.0), look_at=(1.0, 2.0, 0.0)), USUAL).position
+    x, y, z = _camera_for(Screenshot(position=(1.0, 2.0, 5.0), look_at=(1.0, 2.0, 0.0)), USUAL).position
     assert (x, z) == (1.0, 5.0)
     assert 2.0 - y == pytest.approx(0.005)

@@ -15,14 +15,14 @@ from viser.infra import _infra
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
-from mindstage.errors import AccessRefused, ViewportUnavailable
+from mindstage.errors import AuthenticationError, ViewerUnavailableError
 from mindstage.viewport import sockets
-from mindstage.viewport.channel import Channel, Limits
+from mindstage.viewport.channel import RpcChannel, RpcLimits
 from mindstage.viewport.files import page_files
-from mindstage.viewport.server import address, key_of, serve, shut_down
-from mindstage.viewport.visitor import Visitor
-from tests.viewport.guest import No, guest_at
-from tests.viewport.waiting import PATIENCE_S, wait_until
+from mindstage.viewport.server import address, serve, session_key_of, shut_down
+from mindstage.viewport.visitor import ClientSession
+from tests.viewport.guest import RequestFailed, connect_page_client
+from tests.viewport.waiting import TIMEOUT_S, wait_until
 
 KEY = "0123456789abcdef"
 
@@ -32,14 +32,14 @@ class Echo(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 @pytest.fixture
-def channel() -> Channel:
-    channel = Channel(Limits(message_bytes=10_000, visitors=2))
-    channel.offer("echo", Echo, lambda _, wish: wish.text)
+def channel() -> RpcChannel:
+    channel = RpcChannel(RpcLimits(message_bytes=10_000, max_sessions=2))
+    channel.register("echo", Echo, lambda _, wish: wish.text)
     return channel
 
 
 @pytest.fixture
-def server(channel: Channel) -> Iterator[viser.ViserServer]:
+def server(channel: RpcChannel) -> Iterator[viser.ViserServer]:
     server = serve("127.0.0.1", 0, title="T", channel=channel)
     yield server
     shut_down(server)
@@ -47,7 +47,7 @@ def server(channel: Channel) -> Iterator[viser.ViserServer]:
 
 
 def get(server: viser.ViserServer, path: str, **headers: str) -> tuple[int, http.client.HTTPMessage, bytes]:
-    connection = http.client.HTTPConnection("127.0.0.1", server.get_port(), timeout=PATIENCE_S)
+    connection = http.client.HTTPConnection("127.0.0.1", server.get_port(), timeout=TIMEOUT_S)
     with closing(connection):
         connection.request("GET", path, headers=headers)
         response = connection.getresponse()
@@ -108,7 +108,7 @@ def test_a_rebinding_name_a_foreign_origin_and_garbage_get_nothing(server: viser
         ):  # type: ignore[arg-type]
             pass
         assert refused.value.response.status_code == 403
-    with socket.create_connection(("127.0.0.1", server.get_port()), timeout=PATIENCE_S) as raw:
+    with socket.create_connection(("127.0.0.1", server.get_port()), timeout=TIMEOUT_S) as raw:
         raw.sendall(b"\x16\x03\x01 this is no request\r\n\r\n")
         assert b"200" not in raw.recv(1000)
     assert get(server, "/")[0] == 200, "the server lives on"
@@ -121,32 +121,32 @@ def test_the_gate_stands_before_whatever_viser_serves(server: viser.ViserServer)
 
 
 def test_a_viser_that_has_no_place_for_the_gate_is_not_served(
-    channel: Channel, monkeypatch: pytest.MonkeyPatch
+    channel: RpcChannel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(sockets, "_infra", type("Elsewhere", (), {"websockets": _infra.websockets}))
-    with pytest.raises(ViewportUnavailable, match="gate"):
+    with pytest.raises(ViewerUnavailableError, match="gate"):
         serve("127.0.0.1", 0, title="T", channel=channel)
 
 
 # -- tokens ------------------------------------------------------------------------------------------------------------
 
 
-def test_a_page_for_others_needs_a_token_and_gives_a_cookie_for_it(channel: Channel) -> None:
-    with pytest.raises(AccessRefused):
+def test_a_page_for_others_needs_a_token_and_gives_a_cookie_for_it(channel: RpcChannel) -> None:
+    with pytest.raises(AuthenticationError):
         serve("0.0.0.0", 0, title="T", channel=channel)
     server = serve("0.0.0.0", 0, title="T", channel=channel, token="sesame")
     try:
         assert get(server, "/")[0] == 401
         assert get(server, "/mindstage/main.js")[0] == 401
         assert get(server, f"/view/{KEY}/")[0] == 401
-        with pytest.raises(InvalidStatus) as refused, guest_at(address(server)):
+        with pytest.raises(InvalidStatus) as refused, connect_page_client(address(server)):
             pass
         assert refused.value.response.status_code == 401
         status, headers, _ = get(server, "/?token=sesame")
         assert (status, headers["Location"]) == (303, "/")
         cookie = headers["Set-Cookie"].partition(";")[0]
         assert get(server, "/", Cookie=cookie)[0] == 200
-        with guest_at(address(server), headers={"Cookie": cookie}) as guest:
+        with connect_page_client(address(server), headers={"Cookie": cookie}) as guest:
             assert guest.ask("echo", text="hi") == "hi"
     finally:
         shut_down(server)
@@ -156,18 +156,18 @@ def test_a_page_for_others_needs_a_token_and_gives_a_cookie_for_it(channel: Chan
 
 
 def test_a_request_is_answered_and_a_bad_one_says_why(server: viser.ViserServer) -> None:
-    with guest_at(address(server)) as guest:
+    with connect_page_client(address(server)) as guest:
         assert guest.ask("echo", text="grüß \N{SNOWMAN}") == "grüß ☃"
-        with pytest.raises(No, match=r"RequestRefused: 'echo' .*`\$\.text`"):
+        with pytest.raises(RequestFailed, match=r"RequestRefused: 'echo' .*`\$\.text`"):
             guest.ask("echo", text=5)
-        with pytest.raises(No, match="unknown field `more`"):
+        with pytest.raises(RequestFailed, match="unknown field `more`"):
             guest.ask("echo", text="", more=1)
-        with pytest.raises(No, match="nobody answers that; near: 'echo'"):
+        with pytest.raises(RequestFailed, match="nobody answers that; near: 'echo'"):
             guest.ask("ecko")
 
 
 def test_garbage_is_told_and_ends_nothing(server: viser.ViserServer) -> None:
-    with guest_at(address(server)) as guest:
+    with connect_page_client(address(server)) as guest:
         for garbage in (
             "",
             "[]",
@@ -180,40 +180,40 @@ def test_garbage_is_told_and_ends_nothing(server: viser.ViserServer) -> None:
             '{"id":1,"method":"echo","extra":1}',
         ):
             guest.socket.send(garbage)
-            reply = json.loads(guest.socket.recv(timeout=PATIENCE_S))
+            reply = json.loads(guest.socket.recv(timeout=TIMEOUT_S))
             assert reply["error"]["type"] == "RequestRefused", garbage
         assert guest.ask("echo", text="still there") == "still there"
 
 
 def test_what_is_too_large_is_not_taken_in(server: viser.ViserServer) -> None:
-    with guest_at(address(server)) as guest:
+    with connect_page_client(address(server)) as guest:
         guest.socket.send(json.dumps({"id": 1, "method": "echo", "params": {"text": "x" * 20_000}}))
         with pytest.raises(ConnectionClosed) as closed:
-            guest.socket.recv(timeout=PATIENCE_S)
+            guest.socket.recv(timeout=TIMEOUT_S)
         assert closed.value.rcvd is not None
         assert closed.value.rcvd.code == 1009
 
 
-def test_there_is_room_for_so_many_visitors(server: viser.ViserServer, channel: Channel) -> None:
-    with guest_at(address(server)), guest_at(address(server)):
-        wait_until(lambda: len(channel.visitors) == 2, "two are there")
-        with guest_at(address(server)) as third, pytest.raises(ConnectionClosed) as closed:
-            third.socket.recv(timeout=PATIENCE_S)
+def test_there_is_room_for_so_many_visitors(server: viser.ViserServer, channel: RpcChannel) -> None:
+    with connect_page_client(address(server)), connect_page_client(address(server)):
+        wait_until(lambda: len(channel.sessions) == 2, "two are there")
+        with connect_page_client(address(server)) as third, pytest.raises(ConnectionClosed) as closed:
+            third.socket.recv(timeout=TIMEOUT_S)
         assert closed.value.rcvd is not None
         assert "too many" in closed.value.rcvd.reason
-    wait_until(lambda: not channel.visitors, "they have left")
+    wait_until(lambda: not channel.sessions, "they have left")
 
 
-def test_a_visitor_who_comes_back_is_the_same(server: viser.ViserServer, channel: Channel) -> None:
-    left: list[Visitor] = []
-    channel.on_leave(left.append)
-    with guest_at(address(server), key=KEY):
-        wait_until(lambda: channel.visitor(KEY), "it is there")
-        first = channel.visitor(KEY)
-        with guest_at(address(server), key=KEY) as again:
-            wait_until(lambda: channel.visitor(KEY) is not first, "the new socket counts")
+def test_a_visitor_who_comes_back_is_the_same(server: viser.ViserServer, channel: RpcChannel) -> None:
+    left: list[ClientSession] = []
+    channel.on_disconnect(left.append)
+    with connect_page_client(address(server), key=KEY):
+        wait_until(lambda: channel.session(KEY), "it is there")
+        first = channel.session(KEY)
+        with connect_page_client(address(server), key=KEY) as again:
+            wait_until(lambda: channel.session(KEY) is not first, "the new socket counts")
             assert again.ask("echo", text="hi") == "hi"
-    wait_until(lambda: len(left) == 2 and not channel.visitors, "both sockets are gone")
+    wait_until(lambda: len(left) == 2 and not channel.sessions, "both sockets are gone")
 
 
 def test_a_view_belongs_to_the_visitor_whose_key_it_has(server: viser.ViserServer) -> None:
@@ -222,5 +222,5 @@ def test_a_view_belongs_to_the_visitor_whose_key_it_has(server: viser.ViserServe
     with connect(f"ws://127.0.0.1:{server.get_port()}/view/{KEY}", subprotocols=[protocol]):  # type: ignore[list-item]
         wait_until(lambda: connections, "viser has taken it in")
         client = type("Client", (), {"client_id": next(iter(connections))})
-        assert key_of(client, server) == KEY  # type: ignore[arg-type]
-    assert key_of(type("Client", (), {"client_id": 99}), server) is None  # type: ignore[arg-type]
+        assert session_key_of(client, server) == KEY  # type: ignore[arg-type]
+    assert session_key_of(type("Client", (), {"client_id": 99}), server) is None  # type: ignore[arg-type]

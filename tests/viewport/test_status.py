@@ -8,113 +8,115 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from mindstage import KnowledgeBase, NullEngine, Stage, World
-from mindstage.engines import Ability, Note, NoteKind, SpawnReport, Statistics
-from mindstage.engines.contract import Failure
+from mindstage import KnowledgeBase, NullEngine, Simulation, World
+from mindstage.engines import Capability, EngineStats, SpawnNote, SpawnNoteKind, SpawnReport
+from mindstage.engines.contract import SpawnFailure
 from mindstage.knowledge import bundled_kitchen
-from mindstage.stage import Guest
-from mindstage.viewport.channel import Channel
-from mindstage.viewport.status import StatusDesk
-from mindstage.world import NO_FORMS, BodyId, Forms, Iri
+from mindstage.stage import ConnectedClient
+from mindstage.viewport.channel import RpcChannel
+from mindstage.viewport.status import StatusHandler
+from mindstage.world import NO_GEOMETRY, BodyId, GeometryMap, Iri
 from tests.kitchenette import kitchenette
-from tests.viewport.pretending import PretendedPage
+from tests.viewport.pretending import FakePage
 
 
 class BusyEngine(NullEngine):
     """Nothing moves, and it says otherwise; one body it does not take."""
 
-    busy = Statistics(movable=7, awake=3, contacts=12, timestep_s=0.002)
+    busy = EngineStats(movable=7, awake=3, contacts=12, timestep_s=0.002)
 
-    def statistics(self) -> Statistics:
+    def stats(self) -> EngineStats:
         return self.busy
 
-    def spawn(self, world: World, *, forms: Forms = NO_FORMS) -> SpawnReport:
-        report = super().spawn(world, forms=forms)
-        note = Note(NoteKind.HOLLOW, ("Fridge", "Mug"), "Fridge is hollow, so that Mug stands in it")
-        return msgspec.structs.replace(report, notes=(note,), failed_bodies=(Failure("Ghost", "it has no size"),))
+    def spawn(self, world: World, *, geometry: GeometryMap = NO_GEOMETRY) -> SpawnReport:
+        report = super().spawn(world, geometry=geometry)
+        note = SpawnNote(SpawnNoteKind.HOLLOW, ("Fridge", "Mug"), "Fridge is hollow, so that Mug stands in it")
+        return msgspec.structs.replace(report, notes=(note,), failed_bodies=(SpawnFailure("Ghost", "it has no size"),))
 
 
 class SilentEngine(NullEngine):
-    abilities = frozenset({Ability.SAVE})
+    capabilities = frozenset({Capability.SAVE})
 
 
 @pytest.fixture
-def stage() -> Iterator[Stage]:
-    with Stage(KnowledgeBase(), BusyEngine(), shapes=False) as stage:
+def stage() -> Iterator[Simulation]:
+    with Simulation(KnowledgeBase(), BusyEngine(), shapes=False) as stage:
         stage.spawn(kitchenette())
         yield stage
 
 
 @pytest.fixture
-def channel() -> Iterator[Channel]:
-    channel = Channel()
+def channel() -> Iterator[RpcChannel]:
+    channel = RpcChannel()
     yield channel
     channel.close()
 
 
 @pytest.fixture
-def desk(stage: Stage, channel: Channel) -> StatusDesk:
-    return StatusDesk(stage, channel)
+def desk(stage: Simulation, channel: RpcChannel) -> StatusHandler:
+    return StatusHandler(stage, channel)
 
 
-def test_the_engines_figures_are_told(stage: Stage, channel: Channel, desk: StatusDesk) -> None:
-    desk.tell(stage.frame)
-    told = PretendedPage(channel).sees("status")
-    assert (told["engine"], told["bodies"], told["playing"]) == ("null", len(stage.frame.ids), False)
+def test_the_engines_figures_are_told(stage: Simulation, channel: RpcChannel, desk: StatusHandler) -> None:
+    desk.publish(stage.state)
+    told = FakePage(channel).latest_value("status")
+    assert (told["engine"], told["bodies"], told["playing"]) == ("null", len(stage.state.ids), False)
     assert told["statistics"] == {"movable": 7, "awake": 3, "contacts": 12, "timestep_s": 0.002}
     assert (told["errors"], told["warnings"]) == (1, 1)
 
 
-def test_an_engine_that_says_nothing_is_not_asked(channel: Channel) -> None:
-    with Stage(KnowledgeBase(), SilentEngine(), shapes=False) as stage:
-        StatusDesk(stage, channel).tell(stage.frame)
-        assert stage.frame.statistics is None
-    assert PretendedPage(channel).sees("status")["statistics"] is None
+def test_an_engine_that_says_nothing_is_not_asked(channel: RpcChannel) -> None:
+    with Simulation(KnowledgeBase(), SilentEngine(), shapes=False) as stage:
+        StatusHandler(stage, channel).publish(stage.state)
+        assert stage.state.stats is None
+    assert FakePage(channel).latest_value("status")["statistics"] is None
 
 
-def test_a_fault_is_told_to_all(stage: Stage, channel: Channel, desk: StatusDesk) -> None:
-    desk.tell(msgspec.structs.replace(stage.frame, fault="the simulation became unstable"))
-    assert PretendedPage(channel).sees("status")["fault"] == "the simulation became unstable"
+def test_a_fault_is_told_to_all(stage: Simulation, channel: RpcChannel, desk: StatusHandler) -> None:
+    desk.publish(msgspec.structs.replace(stage.state, error="the simulation became unstable"))
+    assert FakePage(channel).latest_value("status")["fault"] == "the simulation became unstable"
 
 
 def test_numbers_are_told_a_few_times_a_second_and_who_came_or_went_at_once(
-    stage: Stage, channel: Channel, desk: StatusDesk
+    stage: Simulation, channel: RpcChannel, desk: StatusHandler
 ) -> None:
-    page = PretendedPage(channel)
-    desk.tell(stage.frame)
-    before = page.sees("status")
-    desk.tell(msgspec.structs.replace(stage.frame, time_s=1000.0))
-    assert page.sees("status") == before
-    stage.call(lambda engine: engine.delete([BodyId("Mug")]), edits=True)
-    desk.tell(stage.frame)
-    after = page.sees("status")
+    page = FakePage(channel)
+    desk.publish(stage.state)
+    before = page.latest_value("status")
+    desk.publish(msgspec.structs.replace(stage.state, time_s=1000.0))
+    assert page.latest_value("status") == before
+    stage.run_on_engine(lambda engine: engine.delete([BodyId("Mug")]), edits=True)
+    desk.publish(stage.state)
+    after = page.latest_value("status")
     assert (after["bodies"], after["report"]) == (before["bodies"] - 1, before["report"])
 
 
 def test_the_report_is_looked_at_again_only_when_there_is_more_to_report(
-    stage: Stage, channel: Channel, desk: StatusDesk
+    stage: Simulation, channel: RpcChannel, desk: StatusHandler
 ) -> None:
-    desk.tell(stage.frame)
-    before = PretendedPage(channel).sees("status")
+    desk.publish(stage.state)
+    before = FakePage(channel).latest_value("status")
     stage.spawn(World(iri=Iri("urn:more"), bodies=(msgspec.structs.replace(kitchenette().body("Mug"), id="Mug2"),)))
-    desk.tell(stage.frame)
-    after = PretendedPage(channel).sees("status")
+    desk.publish(stage.state)
+    after = FakePage(channel).latest_value("status")
     assert (after["report"], after["errors"]) == (before["report"] + 1, before["errors"] + 1)
 
 
-def test_who_is_connected_is_told_until_they_are_gone(stage: Stage, channel: Channel) -> None:
-    farewell = stage.company.introduce(lambda: [Guest(name="/robot", transport="ROS", activity="calls only")])
-    StatusDesk(stage, channel).tell(stage.frame)
-    assert PretendedPage(channel).sees("status")["clients"] == [
+def test_who_is_connected_is_told_until_they_are_gone(stage: Simulation, channel: RpcChannel) -> None:
+    farewell = stage.clients.add_client_source(
+        lambda: [ConnectedClient(name="/robot", transport="ROS", activity="calls only")]
+    )
+    StatusHandler(stage, channel).publish(stage.state)
+    assert FakePage(channel).latest_value("status")["clients"] == [
         {"name": "/robot", "transport": "ROS", "activity": "calls only"}
     ]
     farewell()
     farewell()
-    assert stage.company.guests() == ()
+    assert stage.clients.clients() == ()
 
 
-def test_the_report_groups_what_was_decided_the_gravest_first(channel: Channel, desk: StatusDesk) -> None:
-    report = PretendedPage(channel).ask("status.report")
+def test_the_report_groups_what_was_decided_the_gravest_first(channel: RpcChannel, desk: StatusHandler) -> None:
+    report = FakePage(channel).ask("status.report")
     assert report["groups"] == [{"name": "not spawned", "count": 1}, {"name": "hollow", "count": 1}]
     failed, hollow = report["entries"]
     assert (failed["is_error"], failed["text"]) == (True, "Ghost: it has no size")
@@ -122,16 +124,16 @@ def test_the_report_groups_what_was_decided_the_gravest_first(channel: Channel, 
     assert report["total"] == 2
 
 
-def test_what_was_assumed_and_found_about_a_map_is_in_the_report(channel: Channel, tmp_path: Path) -> None:
+def test_what_was_assumed_and_found_about_a_map_is_in_the_report(channel: RpcChannel, tmp_path: Path) -> None:
     text = bundled_kitchen().read_text(encoding="utf-8")
     broken = tmp_path / "kitchen.owl"
     broken.write_text(text.replace("1.000000 0.000000 0.000000 0.000000", "upright", 1), encoding="utf-8")
     knowledge = KnowledgeBase()
     knowledge.load(broken)
-    with Stage(knowledge, NullEngine(), shapes=False) as stage:
+    with Simulation(knowledge, NullEngine(), shapes=False) as stage:
         stage.spawn()
-        StatusDesk(stage, channel)
-        report = PretendedPage(channel).ask("status.report")
+        StatusHandler(stage, channel)
+        report = FakePage(channel).ask("status.report")
     assumed = [entry["text"] for entry in report["entries"] if entry["group"] == "assumption"]
     assert any("units assumed to m" in text for text in assumed)
     told = [entry for entry in report["entries"] if entry["group"] in {"map warning", "map error"}]

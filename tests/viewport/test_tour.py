@@ -12,12 +12,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mindstage import KnowledgeBase, MujocoEngine, Stage
+from mindstage import KnowledgeBase, MujocoEngine, Simulation
 from mindstage.knowledge import bundled_kitchen
-from mindstage.viewport import Viewport
+from mindstage.viewport import Viewer
 from mindstage.world import BodyId, Vector
 from tests.conftest import ROOT
-from tests.viewport.visiting import Visit, visiting
+from tests.viewport.visiting import PageTab, open_tabs
 from tests.viewport.waiting import wait_until
 
 WINDOW = (900, 480)
@@ -30,16 +30,16 @@ OPENED_RAD = np.radians(15.0)
 
 
 @pytest.fixture(scope="module")
-def kitchen() -> Iterator[Stage]:
+def kitchen() -> Iterator[Simulation]:
     knowledge = KnowledgeBase()
     knowledge.load(bundled_kitchen())
-    with Stage(knowledge, MujocoEngine()) as stage:
+    with Simulation(knowledge, MujocoEngine()) as stage:
         stage.spawn()
         yield stage
 
 
-def test_a_first_visit_from_the_open_page_to_the_saved_map(kitchen: Stage, browser: Any, tmp_path: Path) -> None:
-    with Viewport(kitchen, port=0) as viewport, visiting(browser) as visit:
+def test_a_first_visit_from_the_open_page_to_the_saved_map(kitchen: Simulation, browser: Any, tmp_path: Path) -> None:
+    with Viewer(kitchen, port=0) as viewport, open_tabs(browser) as visit:
         visitor = visit(viewport, size=WINDOW)
         picture(visitor, "opened")
         find_the_fridge(visitor)
@@ -56,91 +56,93 @@ def test_a_first_visit_from_the_open_page_to_the_saved_map(kitchen: Stage, brows
         picture(visitor, "loaded")
 
 
-def find_the_fridge(visitor: Visit) -> None:
-    wait_until(lambda: visitor.says("254 bodies"), "the outline is there")
+def find_the_fridge(visitor: PageTab) -> None:
+    wait_until(lambda: visitor.shows_text("254 bodies"), "the outline is there")
     visitor.page.locator("[data-role=find-body]").fill("fridge")
-    wait_until(lambda: "fridge_door_handle" in visitor.rows(), "what is called so is found, with what belongs to it")
-    assert "coffee_mug_1" not in visitor.rows()
+    wait_until(
+        lambda: "fridge_door_handle" in visitor.tree_rows(), "what is called so is found, with what belongs to it"
+    )
+    assert "coffee_mug_1" not in visitor.tree_rows()
     visitor.page.locator(".tree-row[data-id=fridge] .tree-name").click()
     wait_until(lambda: visitor.details() is not None, "its class is in the details")
     assert visitor.selected == "fridge"
     told = visitor.details()
     assert told is not None
-    wait_until(lambda: visitor.says("FridgeW60H140"), "which are shown")
+    wait_until(lambda: visitor.shows_text("FridgeW60H140"), "which are shown")
     assert told["cls"] == "FridgeW60H140"
     assert "Refrigerator" in told["ancestors"], "and what that is a kind of"
-    (view,) = visitor.viewport.sights.visitors
-    wait_until(lambda: visitor.viewport.sights.selected(view) == "fridge", "and it is framed in the view")
+    (view,) = visitor.viewport.views.clients
+    wait_until(lambda: visitor.viewport.views.selected(view) == "fridge", "and it is framed in the view")
 
 
-def pull_its_door_open(visitor: Visit, kitchen: Stage) -> None:
-    visitor.press("focus")
-    visitor.choose("fridge_door")
+def pull_its_door_open(visitor: PageTab, kitchen: Simulation) -> None:
+    visitor.click_button("focus")
+    visitor.select_in_tree("fridge_door")
     stands_still(visitor)
-    visitor.press("play")
-    wait_until(lambda: kitchen.frame.playing, "time passes")
+    visitor.click_button("play")
+    wait_until(lambda: kitchen.state.playing, "time passes")
     x, y, z = place_of(kitchen, HANDLE)
 
     def follows_the_hand() -> bool:
-        visitor.grab((x, y, z), (x - 0.1, y - 0.45, z))
+        visitor.press_and_move((x, y, z), (x - 0.1, y - 0.45, z))
         try:
-            wait_until(lambda: abs(opened(kitchen)) > OPENED_RAD, "the door comes open", patience_s=8.0)
+            wait_until(lambda: abs(opened(kitchen)) > OPENED_RAD, "the door comes open", timeout_s=8.0)
         except AssertionError:
-            visitor.let_go()  # a slow browser took it for a look round
+            visitor.release()  # a slow browser took it for a look round
             return False
         return True
 
     wait_until(follows_the_hand, "the door is open")
     wait_until(lambda: abs(shown(visitor)) > OPENED_RAD, "the joint's value on the page follows")
-    visitor.let_go()
-    wait_until(lambda: not visitor.viewport._hands.pulls, "the hand is open")
-    visitor.press("play")
-    wait_until(lambda: not kitchen.frame.playing, "time stands still")
+    visitor.release()
+    wait_until(lambda: not visitor.viewport._drag_controller.drag_forces, "the hand is open")
+    visitor.click_button("play")
+    wait_until(lambda: not kitchen.state.playing, "time stands still")
     wait_until(lambda: shown(visitor) == pytest.approx(opened(kitchen), abs=1e-3), "both say the same")
 
 
-def ask_where_milk_is_kept(visitor: Visit, kitchen: Stage) -> None:
+def ask_where_milk_is_kept(visitor: PageTab, kitchen: Simulation) -> None:
     page = visitor.page
-    visitor.open("ask")
+    visitor.open_panel("ask")
     page.get_by_role("combobox", name="item").fill("CowsMilk")
-    visitor.press("ask")
+    visitor.click_button("ask")
     page.locator("#panel-ask tr[data-id=fridge]").wait_for()
-    visitor.press("highlight-all")
+    visitor.click_button("highlight-all")
     page.wait_for_selector("#legend li[data-highlighted='1']")
-    assert set(kitchen.frame.highlights) == {"fridge"}
+    assert set(kitchen.state.highlights) == {"fridge"}
     wait_until(lambda: blue(visitor) > 200, "the fridge is lit in the picture")
 
 
-def make_a_mug_heavier(visitor: Visit, kitchen: Stage) -> None:
+def make_a_mug_heavier(visitor: PageTab, kitchen: Simulation) -> None:
     page = visitor.page
     page.locator("#legend button").first.click()
-    wait_until(lambda: not kitchen.frame.highlights, "nothing is lit any more")
-    visitor.choose(MUG)
-    visitor.open("details")
+    wait_until(lambda: not kitchen.state.highlights, "nothing is lit any more")
+    visitor.select_in_tree(MUG)
+    visitor.open_panel("details")
     page.locator("[data-field=mass]").fill("0.75")
     page.keyboard.press("Enter")
-    wait_until(lambda: kitchen.log().body(MUG).physics.mass_kg == 0.75, "the engine's mug is heavier")
+    wait_until(lambda: kitchen.snapshot().body(MUG).physics.mass_kg == 0.75, "the engine's mug is heavier")
     wait_until(lambda: (visitor.details() or {}).get("mass") == 0.75, "and the page's")
 
 
-def lay_a_plate_on_the_table(visitor: Visit, kitchen: Stage) -> BodyId:
-    before = set(kitchen.frame.ids)
-    visitor.choose("table")
-    visitor.open("add")
+def lay_a_plate_on_the_table(visitor: PageTab, kitchen: Simulation) -> BodyId:
+    before = set(kitchen.state.ids)
+    visitor.select_in_tree("table")
+    visitor.open_panel("add")
     visitor.page.locator("[data-role=find-class]").fill("dinnerplate")
     visitor.page.locator("[data-class=DinnerPlate]").click()
     assert visitor.page.locator("[data-role=placement]").input_value() == "on"
-    visitor.press("add")
-    wait_until(lambda: len(kitchen.frame.ids) == len(before) + 1, "there is one more body")
-    (plate,) = set(kitchen.frame.ids) - before
+    visitor.click_button("add")
+    wait_until(lambda: len(kitchen.state.ids) == len(before) + 1, "there is one more body")
+    (plate,) = set(kitchen.state.ids) - before
     wait_until(lambda: visitor.selected == plate, "the plate is selected")
-    table, size = place_of(kitchen, BodyId("table")), kitchen.log().body(BodyId("table")).size
+    table, size = place_of(kitchen, BodyId("table")), kitchen.snapshot().body(BodyId("table")).size
     assert size is not None
     assert place_of(kitchen, plate)[2] == pytest.approx(table[2] + size[2] / 2, abs=0.03), "it lies on the table"
     return plate
 
 
-def save_the_map(visitor: Visit, folder: Path) -> Path:
+def save_the_map(visitor: PageTab, folder: Path) -> Path:
     with visitor.page.expect_download() as download:
         visitor.page.locator("[data-action=save]").select_option("turtle semlog")
     saved = folder / download.value.suggested_filename
@@ -148,14 +150,14 @@ def save_the_map(visitor: Visit, folder: Path) -> Path:
     return saved
 
 
-def load_it_again(visitor: Visit, kitchen: Stage, saved: Path, plate: BodyId) -> None:
+def load_it_again(visitor: PageTab, kitchen: Simulation, saved: Path, plate: BodyId) -> None:
     door = place_of(kitchen, BodyId("fridge_door"))
     kitchen.clear()
-    wait_until(lambda: visitor.says("0 bodies"), "the place is empty")
+    wait_until(lambda: visitor.shows_text("0 bodies"), "the place is empty")
     visitor.page.locator("[data-role=upload]").set_input_files(saved)
-    wait_until(lambda: len(kitchen.frame.ids) == 255, "all is back, and the plate")
-    wait_until(lambda: visitor.says("255 bodies"), "and the page says so")
-    loaded = kitchen.log()
+    wait_until(lambda: len(kitchen.state.ids) == 255, "all is back, and the plate")
+    wait_until(lambda: visitor.shows_text("255 bodies"), "and the page says so")
+    loaded = kitchen.snapshot()
     assert loaded.body(plate).cls.endswith("#DinnerPlate")
     assert loaded.body(MUG).physics.mass_kg == 0.75
     assert place_of(kitchen, BodyId("fridge_door")) == pytest.approx(door, abs=1e-3), "the door is as it was left"
@@ -165,23 +167,23 @@ def load_it_again(visitor: Visit, kitchen: Stage, saved: Path, plate: BodyId) ->
 # -- how ---------------------------------------------------------------------------------------------------------------
 
 
-def place_of(kitchen: Stage, id: BodyId) -> Vector:
-    x, y, z = kitchen.frame.poses[kitchen.frame.ids.index(id)][:3].tolist()
+def place_of(kitchen: Simulation, id: BodyId) -> Vector:
+    x, y, z = kitchen.state.poses[kitchen.state.ids.index(id)][:3].tolist()
     return x, y, z
 
 
-def opened(kitchen: Stage) -> float:
+def opened(kitchen: Simulation) -> float:
     """How far the engine says the door is open [rad]."""
-    positions = kitchen.call(lambda engine: engine.joint_positions())
+    positions = kitchen.run_on_engine(lambda engine: engine.joint_positions())
     return max(positions[BodyId(HINGE)], key=abs)
 
 
-def shown(visitor: Visit) -> float:
+def shown(visitor: PageTab) -> float:
     """How far the page says so [rad]."""
     return max((visitor.live() or {"joints": {}})["joints"].get(HINGE, {"": 0.0}).values(), key=abs)
 
 
-def stands_still(visitor: Visit) -> None:
+def stands_still(visitor: PageTab) -> None:
     """Waits until the camera has come to where it flies."""
     seen: list[object] = []
 
@@ -193,12 +195,12 @@ def stands_still(visitor: Visit) -> None:
     wait_until(still, "the camera stands still")
 
 
-def blue(visitor: Visit) -> int:
-    """How many pixels of the picture are of the colour in which answers are lit."""
+def blue(visitor: PageTab) -> int:
+    """How many pixels of the picture are of the color in which answers are lit."""
     red, green, blue = np.moveaxis(visitor.pixels().astype(int), 2, 0)
     return int(np.sum((blue > 100) & (blue > red + 60) & (blue > green + 40)))
 
 
-def picture(visitor: Visit, name: str) -> None:
+def picture(visitor: PageTab, name: str) -> None:
     PICTURES.mkdir(parents=True, exist_ok=True)
     visitor.page.screenshot(path=PICTURES / f"{name}.png", timeout=60_000)

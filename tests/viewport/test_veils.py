@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mindstage.viewport.veils import find_veils
+from mindstage.viewport.veils import find_occluders
 from mindstage.world import Pose
 from mindstage.world.geometry import pose_array
 
@@ -29,7 +29,7 @@ def test_what_is_before_or_round_it_is_seen_through(
 ) -> None:
     poses = pose_array([Pose((4.0, 0.0, 1.0)), Pose(place)])
     sizes = np.array([(0.4, 0.4, 0.4), size])
-    assert find_veils(EYE, poses, sizes, LIT).tolist() == ([1] if hides else [])
+    assert find_occluders(EYE, poses, sizes, LIT).tolist() == ([1] if hides else [])
 
 
 def test_it_counts_how_a_thing_is_turned() -> None:
@@ -37,10 +37,10 @@ def test_it_counts_how_a_thing_is_turned() -> None:
     board = np.array([(0.4, 0.4, 0.4), (0.02, 3.0, 3.0)])
     across = pose_array([Pose((4.0, 0.0, 1.0)), Pose((2.0, 0.5, 1.0))])
     along = pose_array([Pose((4.0, 0.0, 1.0)), Pose((2.0, 0.5, 1.0), (half, 0.0, 0.0, half))])
-    assert find_veils(EYE, across, board, LIT).tolist() == [1]
-    assert find_veils(EYE, along, board, LIT).tolist() == []
+    assert find_occluders(EYE, across, board, LIT).tolist() == [1]
+    assert find_occluders(EYE, along, board, LIT).tolist() == []
 
 
 def test_what_is_lit_itself_is_no_veil() -> None:
     poses = pose_array([Pose((4.0, 0.0, 1.0)), Pose((2.0, 0.0, 1.0))])
-    assert find_veils(EYE, poses, np.full((2, 3), 0.4), np.array([0, 1])).tolist() == []
+    assert find_occluders(EYE, poses, np.full((2, 3), 0.4), np.array([0, 1])).tolist() == []

@@ -11,182 +11,188 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from mindstage import KnowledgeBase, MujocoEngine, Stage
-from mindstage.viewport import Viewport
-from mindstage.viewport.framing import View
-from mindstage.viewport.sights import GizmoMode, Labels
+from mindstage import KnowledgeBase, MujocoEngine, Simulation
+from mindstage.viewport import Viewer
+from mindstage.viewport.framing import CameraPose
+from mindstage.viewport.sights import GizmoMode, LabelMode
 from mindstage.world import BodyId, Pose
 from tests.kitchenette import kitchenette
-from tests.viewport.viewing import Onlooker, looking, position
+from tests.viewport.viewing import ViewTab, open_views, position
 from tests.viewport.waiting import wait_until
 
-Looking = Callable[[Viewport], Onlooker]
+Looking = Callable[[Viewer], ViewTab]
 
 MUG = BodyId("Mug")
 ON_THE_HANDLE = (1.66, 0.0, 0.65)
 PULLED_OUT = (1.36, 0.0, 0.65)
-BESIDE_THE_MUG = View((0.2, -1.6, 1.6), (2.0, 0.0, 0.9), 0.6)
+BESIDE_THE_MUG = CameraPose((0.2, -1.6, 1.6), (2.0, 0.0, 0.9), 0.6)
 ON_THE_FRIDGE = (1.66, 1.1, 1.5)
 
 
 @pytest.fixture
 def look(browser: Any) -> Iterator[Looking]:
-    with looking(browser) as look:
+    with open_views(browser) as look:
         yield look
 
 
 @pytest.fixture
-def alive() -> Iterator[Stage]:
-    with Stage(KnowledgeBase(), MujocoEngine()) as stage:
+def alive() -> Iterator[Simulation]:
+    with Simulation(KnowledgeBase(), MujocoEngine()) as stage:
         stage.spawn(kitchenette())
         stage.play()
         yield stage
 
 
-def test_who_clicks_on_a_thing_selects_it_alone_and_for_himself(viewport: Viewport, look: Looking) -> None:
+def test_who_clicks_on_a_thing_selects_it_alone_and_for_himself(viewport: Viewer, look: Looking) -> None:
     ann, bob = look(viewport), look(viewport)
     ann.wait_for("/bodies/DrawerHandle/seen")
-    ann.click_until(ON_THE_HANDLE, lambda: viewport.sights.selected(ann.number) == "DrawerHandle", "it is selected")
+    ann.click_until(ON_THE_HANDLE, lambda: viewport.views.selected(ann.number) == "DrawerHandle", "it is selected")
     ann.wait_for("/selected")
-    assert viewport.sights.selected(bob.number) is None
-    viewport.sights.label(Labels.SELECTED, visitor=ann.number)
-    wait_until(lambda: ann.knows("/labels/DrawerHandle"), "its name is beside it")
-    assert not bob.knows("/labels/DrawerHandle")
-    ann.click_until(ON_THE_HANDLE, lambda: viewport.sights.selected(ann.number) is None, "nothing is selected")
+    assert viewport.views.selected(bob.number) is None
+    viewport.views.set_labels(LabelMode.SELECTED, client=ann.number)
+    wait_until(lambda: ann.has_node("/labels/DrawerHandle"), "its name is beside it")
+    assert not bob.has_node("/labels/DrawerHandle")
+    ann.click_until(ON_THE_HANDLE, lambda: viewport.views.selected(ann.number) is None, "nothing is selected")
 
 
-def test_what_is_cut_away_is_neither_seen_nor_touched(viewport: Viewport, look: Looking) -> None:
+def test_what_is_cut_away_is_neither_seen_nor_touched(viewport: Viewer, look: Looking) -> None:
     ann = look(viewport)
     ann.wait_for("/bodies/FridgeDoor/seen")
     wait_until(lambda: np.array_equal(ann.pixels(), ann.pixels()), "the picture stands still")
-    x, y = (round(part) for part in ann.place(ON_THE_FRIDGE))
+    x, y = (round(part) for part in ann.to_window(ON_THE_FRIDGE))
     whole = ann.pixels()
-    viewport.sights.section(1.0, visitor=ann.number)
+    viewport.views.set_clip_height(1.0, client=ann.number)
     wait_until(lambda: not np.array_equal(whole[y, x], ann.pixels()[y, x]), "the upper part of the fridge has gone")
     ann.click(ON_THE_FRIDGE)
-    ann.click_until(ON_THE_HANDLE, lambda: viewport.sights.selected(ann.number) == "DrawerHandle", "what is below is")
-    viewport.sights.section(None, visitor=ann.number)
+    ann.click_until(ON_THE_HANDLE, lambda: viewport.views.selected(ann.number) == "DrawerHandle", "what is below is")
+    viewport.views.set_clip_height(None, client=ann.number)
     wait_until(lambda: np.array_equal(whole[y, x], ann.pixels()[y, x]), "it is back")
-    ann.click_until(ON_THE_FRIDGE, lambda: viewport.sights.selected(ann.number) == "FridgeDoor", "so can it again")
+    ann.click_until(ON_THE_FRIDGE, lambda: viewport.views.selected(ann.number) == "FridgeDoor", "so can it again")
 
 
-def test_a_drawer_is_pulled_and_a_mug_is_lifted_with_the_mouse(alive: Stage, look: Looking) -> None:
-    with Viewport(alive, port=0) as viewport:
+def test_a_drawer_is_pulled_and_a_mug_is_lifted_with_the_mouse(alive: Simulation, look: Looking) -> None:
+    with Viewer(alive, port=0) as viewport:
         ann = look(viewport)
         ann.wait_for("/bodies/DrawerHandle/seen")
-        ann.pull(ON_THE_HANDLE, PULLED_OUT, lambda: position(alive, "Drawer")[0] < 1.75, "it has come out by 20 cm")
-        assert [pull.id for pull in viewport._hands.pulls] == ["DrawerHandle"]
-        ann.let_go()
-        wait_until(lambda: not viewport._hands.pulls, "the hand is open")
+        ann.drag_until(
+            ON_THE_HANDLE, PULLED_OUT, lambda: position(alive, "Drawer")[0] < 1.75, "it has come out by 20 cm"
+        )
+        assert [pull.id for pull in viewport._drag_controller.drag_forces] == ["DrawerHandle"]
+        ann.release()
+        wait_until(lambda: not viewport._drag_controller.drag_forces, "the hand is open")
         _, y, z = position(alive, "Drawer")
         assert (y, z) == pytest.approx((0.0, 0.65), abs=2e-3)
-        viewport.sights.look_from(BESIDE_THE_MUG, visitor=ann.number)
-        wait_until(lambda: ann.eye.position == pytest.approx(BESIDE_THE_MUG.position, abs=1e-3), "one sees the mug")
+        viewport.views.set_camera(BESIDE_THE_MUG, client=ann.number)
+        wait_until(
+            lambda: ann.camera_position.position == pytest.approx(BESIDE_THE_MUG.position, abs=1e-3), "one sees the mug"
+        )
         wait_until(lambda: np.array_equal(ann.pixels(), ann.pixels()), "the picture stands still")
         start = position(alive, "Mug")
         on_the_mug = (float(start[0]), float(start[1]), float(start[2]) + 0.01)
         in_the_air = (on_the_mug[0], on_the_mug[1], on_the_mug[2] + 0.35)
-        ann.pull(on_the_mug, in_the_air, lambda: position(alive, "Mug")[2] > start[2] + 0.2, "the mug is in the air")
-        ann.let_go()
+        ann.drag_until(
+            on_the_mug, in_the_air, lambda: position(alive, "Mug")[2] > start[2] + 0.2, "the mug is in the air"
+        )
+        ann.release()
         wait_until(lambda: position(alive, "Mug")[2] < start[2] + 0.1, "the mug has come down")
 
 
-def test_a_visitor_who_leaves_lets_go_and_the_world_goes_on(alive: Stage, look: Looking) -> None:
-    with Viewport(alive, port=0) as viewport:
+def test_a_visitor_who_leaves_lets_go_and_the_world_goes_on(alive: Simulation, look: Looking) -> None:
+    with Viewer(alive, port=0) as viewport:
         ann = look(viewport)
         ann.wait_for("/bodies/DrawerHandle/seen")
-        ann.pull(ON_THE_HANDLE, PULLED_OUT, lambda: viewport._hands.pulls, "the handle is held")
+        ann.drag_until(ON_THE_HANDLE, PULLED_OUT, lambda: viewport._drag_controller.drag_forces, "the handle is held")
         ann.page.close()
-        wait_until(lambda: not viewport._hands.pulls, "nothing is held any more")
-        time_s = alive.frame.time_s
-        wait_until(lambda: alive.frame.time_s > time_s + 0.5, "the world goes on")
+        wait_until(lambda: not viewport._drag_controller.drag_forces, "nothing is held any more")
+        time_s = alive.state.time_s
+        wait_until(lambda: alive.state.time_s > time_s + 0.5, "the world goes on")
 
 
-def test_one_of_a_crowd_is_touched_lit_moved_and_taken_away(stage: Stage, viewport: Viewport, look: Looking) -> None:
+def test_one_of_a_crowd_is_touched_lit_moved_and_taken_away(stage: Simulation, viewport: Viewer, look: Looking) -> None:
     mug = kitchenette().body("Mug")
     mugs = [
         replace(mug, id=BodyId(f"Mug{n}"), size=(0.2, 0.2, 0.25), pose=Pose((1.2, -1.0 + 0.5 * n, 1.4)))
         for n in range(9)
     ]
-    stage.spawn(replace(kitchenette(), bodies=tuple(mugs), constraints=(), attachments=()))
+    stage.spawn(replace(kitchenette(), bodies=tuple(mugs), joints=(), attachments=()))
     ann = look(viewport)
     ann.wait_for("/crowds/1/seen")
 
     def touched(point: tuple[float, float, float]) -> BodyId | None:
-        viewport.sights.select(None, visitor=ann.number)
-        wait_until(lambda: viewport.sights.selected(ann.number) is None, "nothing is selected")
+        viewport.views.select(None, client=ann.number)
+        wait_until(lambda: viewport.views.selected(ann.number) is None, "nothing is selected")
         for _ in range(5):  # a slow browser may not be ready for the first click
             ann.click(point)
             with suppress(AssertionError):
-                wait_until(lambda: viewport.sights.selected(ann.number), "something is selected", patience_s=8.0)
+                wait_until(lambda: viewport.views.selected(ann.number), "something is selected", timeout_s=8.0)
                 break
-        return viewport.sights.selected(ann.number)
+        return viewport.views.selected(ann.number)
 
     assert touched((1.12, 0.5, 1.4)) == "Mug3"
     stage.highlight([BodyId("Mug3")], (0.0, 0.8, 0.0))
     ann.wait_for("/crowds/1/plain")
-    x, y = (round(part) for part in ann.place((1.12, 0.5, 1.4)))
+    x, y = (round(part) for part in ann.to_window((1.12, 0.5, 1.4)))
 
     def green() -> bool:
         red, lit, blue = ann.pixels()[y, x].astype(int)
         return bool(lit > red + 40 and lit > blue + 40)
 
     wait_until(green, "the touched one is green")
-    stage.put_out()
+    stage.clear_highlights()
     wait_until(lambda: not green(), "it is as it was")
-    stage.call(lambda engine: engine.delete([BodyId("Mug2")]), edits=True)
-    stage.call(lambda engine: engine.set_pose(BodyId("Mug4"), Pose((1.2, 0.0, 1.4))))
-    wait_until(lambda: viewport._scene.looks.keys() == set(stage.frame.ids), "the page has heard of it")
+    stage.run_on_engine(lambda engine: engine.delete([BodyId("Mug2")]), edits=True)
+    stage.run_on_engine(lambda engine: engine.set_pose(BodyId("Mug4"), Pose((1.2, 0.0, 1.4))))
+    wait_until(lambda: viewport._scene.appearances.keys() == set(stage.state.ids), "the page has heard of it")
     wait_until(lambda: touched((1.12, 0.0, 1.4)) == "Mug4", "who moved there is touched there")
     assert touched((1.12, 0.5, 1.4)) == "Mug3"
 
 
 def test_a_late_visitor_and_one_who_was_cut_off_see_what_is_now(
-    stage: Stage, viewport: Viewport, look: Looking
+    stage: Simulation, viewport: Viewer, look: Looking
 ) -> None:
     ann = look(viewport)
     ann.wait_for("/bodies/Mug/seen")
-    stage.call(lambda engine: engine.delete([MUG]), edits=True)
+    stage.run_on_engine(lambda engine: engine.delete([MUG]), edits=True)
     viewport.select(BodyId("Fridge"))
     late = look(viewport)
     late.wait_for("/bodies/Fridge/seen")
     late.wait_for("/selected")
-    assert not late.draws("/bodies/Mug/seen")
-    cut_off = viewport.sights.visitors
+    assert not late.is_drawn("/bodies/Mug/seen")
+    cut_off = viewport.views.clients
     for connection in list(viewport._server._websock_server._live_connections.values()):
         asyncio.run_coroutine_threadsafe(connection.close(), viewport._server.get_event_loop()).result(30)
     stage.highlight([BodyId("Fridge")], (1.0, 0.0, 0.0))
-    wait_until(lambda: len(set(viewport.sights.visitors) - set(cut_off)) == 2, "both are back")
+    wait_until(lambda: len(set(viewport.views.clients) - set(cut_off)) == 2, "both are back")
     for visitor in (ann, late):
         visitor.wait_for("/bodies/Fridge/plain")
         visitor.wait_for("/selected")
-        assert not visitor.draws("/bodies/Mug/seen")
+        assert not visitor.is_drawn("/bodies/Mug/seen")
 
 
-def test_a_gizmo_moves_what_is_selected(stage: Stage, viewport: Viewport, look: Looking) -> None:
+def test_a_gizmo_moves_what_is_selected(stage: Simulation, viewport: Viewer, look: Looking) -> None:
     ann = look(viewport)
     ann.wait_for("/bodies/Fridge/seen")
-    viewport.sights.select(BodyId("Fridge"), visitor=ann.number)
-    viewport.sights.gizmo(GizmoMode.MOVE, visitor=ann.number)
+    viewport.views.select(BodyId("Fridge"), client=ann.number)
+    viewport.views.set_gizmo(GizmoMode.MOVE, client=ann.number)
     ann.wait_for("/gizmo")
     start = position(stage, "Fridge").copy()
     along = (float(start[0]), float(start[1]) + 0.8, float(start[2]))
     beyond = (along[0], along[1] + 0.5, along[2])
 
     def goes_before_it() -> bool:
-        ann.grab(along, beyond)
+        ann.press_and_move(along, beyond)
         try:
-            wait_until(lambda: ann.draws("/ghosts/Fridge"), "a ghost is drawn", patience_s=5.0)
+            wait_until(lambda: ann.is_drawn("/ghosts/Fridge"), "a ghost is drawn", timeout_s=5.0)
         except AssertionError:
-            ann.let_go()  # a slow browser took it for a look round
-            viewport.sights.home(visitor=ann.number)
+            ann.release()  # a slow browser took it for a look round
+            viewport.views.go_home(client=ann.number)
             return False
         return True
 
     wait_until(goes_before_it, "a ghost goes before it")
     assert np.array_equal(position(stage, "Fridge"), start), "it stays until the handle is let go"
-    ann.let_go()
+    ann.release()
     wait_until(lambda: position(stage, "Fridge")[1] > start[1] + 0.3, "it is put where the ghost was")
-    wait_until(lambda: not ann.draws("/ghosts/Fridge"), "the ghost has gone")
+    wait_until(lambda: not ann.is_drawn("/ghosts/Fridge"), "the ghost has gone")
     stage.editing.undo()
     assert position(stage, "Fridge") == pytest.approx(start)

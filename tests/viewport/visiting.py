@@ -10,19 +10,19 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from mindstage.viewport import Viewport
-from mindstage.viewport.framing import View
-from mindstage.viewport.server import key_of
+from mindstage.viewport import Viewer
+from mindstage.viewport.framing import CameraPose
+from mindstage.viewport.server import session_key_of
 from mindstage.world import Vector
-from tests.viewport.pointing import Pointing
-from tests.viewport.waiting import PATIENCE_S, wait_until
+from tests.viewport.pointing import PagePointer
+from tests.viewport.waiting import TIMEOUT_S, wait_until
 
 SIZE = (1280, 800)
 SMALL = (800, 420)
 """With the view in it: without a GPU each picture takes its time."""
 
 
-def on_screen(view: View, point: Vector, box: dict[str, float]) -> tuple[float, float]:
+def to_picture(view: CameraPose, point: Vector, box: dict[str, float]) -> tuple[float, float]:
     """Where a place [m] is in a picture that fills the box [px]; the camera stands upright."""
     eye = np.array(view.position)
     ahead = np.array(view.look_at) - eye
@@ -36,36 +36,36 @@ def on_screen(view: View, point: Vector, box: dict[str, float]) -> tuple[float, 
     return x, y
 
 
-class Visit(Pointing):
+class PageTab(PagePointer):
     """One visitor's browser tab: our page, with the view in it or, for speed, without."""
 
-    def __init__(self, page: Any, viewport: Viewport, *, view: bool) -> None:
+    def __init__(self, page: Any, viewport: Viewer, *, view: bool) -> None:
         self.page, self.viewport = page, viewport
         self.errors: list[str] = []
         page.on("pageerror", lambda error: self.errors.append(str(error)))
         page.on("console", lambda line: "Content Security" in line.text and self.errors.append(line.text))
-        page.set_default_timeout(PATIENCE_S * 1000)
+        page.set_default_timeout(TIMEOUT_S * 1000)
         if not view:
             page.route("**/view/**", lambda route: route.fulfill(body="", content_type="text/html"))
         page.goto(f"{viewport.url}/?fixedDpr=1")
         wait_until(lambda: page.evaluate("document.body.dataset.connected === 'true'"), "the page is connected")
         if view:
             wait_until(lambda: self.camera is not None, "the view is there")
-            wait_until(lambda: self.colours() > 50, "the picture is drawn")
+            wait_until(lambda: self.colors() > 50, "the picture is drawn")
 
     @property
     def key(self) -> str:
         return str(self.page.evaluate("mindstage.clientKey"))
 
     @property
-    def camera(self) -> View | None:
+    def camera(self) -> CameraPose | None:
         """Where the view's camera is."""
         server = self.viewport._server
         for client in server.get_clients().values():
-            if key_of(client, server) == self.key:
+            if session_key_of(client, server) == self.key:
                 camera = client.camera
                 position, look_at = (tuple(map(float, place)) for place in (camera.position, camera.look_at))
-                return View(position, look_at, float(camera.fov))  # type: ignore[arg-type]
+                return CameraPose(position, look_at, float(camera.fov))  # type: ignore[arg-type]
         return None
 
     @property
@@ -78,27 +78,27 @@ class Visit(Pointing):
         picture = self.page.screenshot(clip=self.canvas, timeout=60_000)
         return np.asarray(Image.open(io.BytesIO(picture)).convert("RGB"))
 
-    def colours(self) -> int:
-        """How many different colours are in the view, but for its background: rows of one colour each."""
+    def colors(self) -> int:
+        """How many different colors are in the view, but for its background: rows of one color each."""
         pixels = self.pixels()
         plain = np.all(pixels == pixels[:, :1], axis=(1, 2))
         return len(np.unique(pixels[~plain].reshape(-1, 3), axis=0))
 
     # -- the panels ------------------------------------------------------------------------------------------------
 
-    def press(self, what: str) -> None:
+    def click_button(self, label: str) -> None:
         """Presses the button that does something."""
-        self.page.locator(f"[data-action={what}]:visible").first.click()
+        self.page.locator(f"[data-action={label}]:visible").first.click()
 
-    def open(self, panel: str) -> None:
+    def open_panel(self, panel: str) -> None:
         """Brings a panel to the front."""
         self.page.locator(f"[data-tab={panel}]").click()
 
-    def says(self, text: str) -> bool:
+    def shows_text(self, text: str) -> bool:
         """Whether that is written anywhere on the page."""
         return text in self.page.locator("body").inner_text()
 
-    def rows(self) -> list[str]:
+    def tree_rows(self) -> list[str]:
         """The ids in the outline, from top to bottom."""
         return list(self.page.evaluate("mindstage.outliner.state.rows"))
 
@@ -106,10 +106,10 @@ class Visit(Pointing):
     def selected(self) -> str | None:
         return self.page.evaluate("mindstage.selection.id")  # type: ignore[no-any-return]
 
-    def choose(self, id: str) -> None:
+    def select_in_tree(self, id: str) -> None:
         """Selects a body in the outline."""
         self.page.locator("[data-role=find-body]").fill(id)
-        wait_until(lambda: id in self.rows(), f"the outline shows {id}")
+        wait_until(lambda: id in self.tree_rows(), f"the outline shows {id}")
         self.page.locator(f".tree-row[data-id='{id}'] .tree-name").click()
         wait_until(lambda: self.details() is not None and self.details()["id"] == id, f"{id} is described")
 
@@ -123,22 +123,22 @@ class Visit(Pointing):
 
     # -- the mouse in the view -------------------------------------------------------------------------------------
 
-    def place(self, point: Vector) -> tuple[float, float]:
+    def to_window(self, point: Vector) -> tuple[float, float]:
         """Where a place in the world [m] is in the window [px]."""
         camera = self.camera
         assert camera is not None
-        return on_screen(camera, point, self.canvas)
+        return to_picture(camera, point, self.canvas)
 
 
 @contextmanager
-def visiting(browser: Any) -> Iterator[Callable[..., Visit]]:
+def open_tabs(browser: Any) -> Iterator[Callable[..., PageTab]]:
     """Opens tabs, and closes them in the end; a tab in which a script failed fails the test."""
-    visits: list[Visit] = []
+    visits: list[PageTab] = []
 
-    def visit(viewport: Viewport, *, view: bool = True, size: tuple[int, int] | None = None) -> Visit:
+    def visit(viewport: Viewer, *, view: bool = True, size: tuple[int, int] | None = None) -> PageTab:
         size = size or (SMALL if view else SIZE)
         page = browser.new_page(viewport={"width": size[0], "height": size[1]})
-        visits.append(Visit(page, viewport, view=view))
+        visits.append(PageTab(page, viewport, view=view))
         return visits[-1]
 
     yield visit

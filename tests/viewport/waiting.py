@@ -5,20 +5,20 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 
-PATIENCE_S = 150.0
+TIMEOUT_S = 150.0
 """A browser without a GPU on a busy machine is slow; a test that passes never waits so long."""
 
 
-def wait_until(condition: Callable[[], object], what: str, *, patience_s: float = PATIENCE_S) -> None:
-    end = time.monotonic() + patience_s
+def wait_until(condition: Callable[[], object], label: str, *, timeout_s: float = TIMEOUT_S) -> None:
+    end = time.monotonic() + timeout_s
     while not condition():
-        assert time.monotonic() < end, f"after {patience_s:g} s it is still not so: {what}"
+        assert time.monotonic() < end, f"after {timeout_s:g} s it is still not so: {label}"
         time.sleep(0.02)
 
 
-def came_true(condition: Callable[[], object], *, patience_s: float = 8.0) -> bool:
+def becomes_true(condition: Callable[[], object], *, timeout_s: float = 8.0) -> bool:
     """Whether something happens soon; for what is tried again where it does not."""
-    end = time.monotonic() + patience_s
+    end = time.monotonic() + timeout_s
     while not condition():
         if time.monotonic() > end:
             return False

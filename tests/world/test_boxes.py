@@ -5,16 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mindstage.world.boxes import Boxes, coverage, neighbours
+from mindstage.world.boxes import OrientedBoxes, face_coverage, overlapping_pairs
 
 UPRIGHT = (1.0, 0.0, 0.0, 0.0)
 
 
-def boxes_of(*rows: tuple[float, ...]) -> Boxes:
+def boxes_of(*rows: tuple[float, ...]) -> OrientedBoxes:
     """Each row: x y z, three sizes."""
     table = np.array(rows, dtype=float)
     poses = np.concatenate([table[:, :3], np.tile(UPRIGHT, (len(table), 1))], axis=1)
-    return Boxes.of(poses, table[:, 3:])
+    return OrientedBoxes.from_poses(poses, table[:, 3:])
 
 
 @pytest.mark.parametrize(
@@ -29,7 +29,7 @@ def boxes_of(*rows: tuple[float, ...]) -> Boxes:
     ],
 )
 def test_a_door_covers_as_much_of_a_side_as_it_is_large(door: tuple[float, ...], share: float) -> None:
-    assert coverage(boxes_of(door, (0, 0, 1, 0.6, 0.6, 2)), 0, np.array([1])) == pytest.approx([share])
+    assert face_coverage(boxes_of(door, (0, 0, 1, 0.6, 0.6, 2)), 0, np.array([1])) == pytest.approx([share])
 
 
 def test_a_gap_within_the_reach_is_no_gap() -> None:
@@ -37,7 +37,9 @@ def test_a_gap_within_the_reach_is_no_gap() -> None:
 
     def pairs(**within: tuple[float, float, float]) -> set[frozenset[int]]:
         return {
-            frozenset(pair) for a, b in neighbours(boxes, every, every, **within) for pair in zip(a, b, strict=True)
+            frozenset(pair)
+            for a, b in overlapping_pairs(boxes, every, every, **within)
+            for pair in zip(a, b, strict=True)
         }
 
     assert pairs() == set()

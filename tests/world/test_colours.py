@@ -1,27 +1,27 @@
-"""Colours by name and by number."""
+"""Colors by name and by number."""
 
 from __future__ import annotations
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from mindstage.world.colors import COLORS, NO_COLOR, color_name, parse_color
 
-from mindstage.errors import ColourUnknown
-from mindstage.world import Colour
-from mindstage.world.colours import COLOURS, NO_COLOUR, colour_from, colour_text
+from mindstage.errors import InvalidColorError
+from mindstage.world import Color
 
 
-def test_the_named_colours_are_those_of_the_wire_in_its_order() -> None:
-    assert list(COLOURS) == ["black", "red", "blue", "green", "yellow"]
-    assert len(set(COLOURS.values())) == 5
-    assert colour_from(NO_COLOUR) is None
+def test_the_named_colors_are_those_of_the_wire_in_its_order() -> None:
+    assert list(COLORS) == ["black", "red", "blue", "green", "yellow"]
+    assert len(set(COLORS.values())) == 5
+    assert parse_color(NO_COLOR) is None
 
 
 @pytest.mark.parametrize(
     ("text", "colour"),
     [
-        ("red", COLOURS["red"]),
-        (" Red ", COLOURS["red"]),
+        ("red", COLORS["red"]),
+        (" Red ", COLORS["red"]),
         ("#ff8000", (1.0, 128 / 255, 0.0)),
         ("#FF8000", (1.0, 128 / 255, 0.0)),
         ("0.1,0.5,1", (0.1, 0.5, 1.0)),
@@ -29,28 +29,28 @@ def test_the_named_colours_are_those_of_the_wire_in_its_order() -> None:
         ("none", None),
     ],
 )
-def test_a_colour_is_read_as_people_write_it(text: str, colour: Colour | None) -> None:
-    assert colour_from(text) == colour
+def test_a_color_is_read_as_people_write_it(text: str, color: Color | None) -> None:
+    assert parse_color(text) == color
 
 
 @pytest.mark.parametrize(
     "text", ["", "purple", "#12345", "#12345g", "ff8000", "1,2,3", "-0.1,0,0", "nan,0,0", "0,0", "0,0,0,0", "a,b,c"]
 )
-def test_what_is_no_colour_is_refused_with_what_is(text: str) -> None:
-    with pytest.raises(ColourUnknown, match="there is black, red, blue, green, yellow, none, #rrggbb, or r,g,b"):
-        colour_from(text)
+def test_what_is_no_color_is_refused_with_what_is(text: str) -> None:
+    with pytest.raises(InvalidColorError, match="there is black, red, blue, green, yellow, none, #rrggbb, or r,g,b"):
+        parse_color(text)
 
 
-def test_a_misspelt_colour_gets_the_near_one() -> None:
-    with pytest.raises(ColourUnknown, match="near: 'yellow'"):
-        colour_from("yelow")
+def test_a_misspelt_color_gets_the_near_one() -> None:
+    with pytest.raises(InvalidColorError, match="near: 'yellow'"):
+        parse_color("yelow")
 
 
 @given(st.tuples(*(st.integers(0, 255).map(lambda part: part / 255) for _ in range(3))))
-def test_a_colour_that_is_written_is_read_again(colour: Colour) -> None:
-    assert colour_from(colour_text(colour)) == colour
+def test_a_color_that_is_written_is_read_again(color: Color) -> None:
+    assert parse_color(color_name(color)) == color
 
 
-def test_a_known_colour_is_called_by_its_name() -> None:
-    assert colour_text(COLOURS["green"]) == "green"
-    assert colour_text((2.0, -1.0, 0.5)) == "#ff0080"
+def test_a_known_color_is_called_by_its_name() -> None:
+    assert color_name(COLORS["green"]) == "green"
+    assert color_name((2.0, -1.0, 0.5)) == "#ff0080"

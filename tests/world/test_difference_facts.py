@@ -12,39 +12,39 @@ from tests.kitchenette import kitchenette
 from tests.worlds import worlds
 
 from mindstage.world import (
-    Anonymous,
-    Difference,
-    Fact,
+    BlankNode,
     FactValue,
     Iri,
+    IriRef,
     Literal,
-    Reference,
-    Resource,
+    NamedResource,
+    PropertyAssertion,
     Statement,
     Tag,
     World,
-    difference,
+    WorldDiff,
+    diff,
 )
 
 XSD = "http://www.w3.org/2001/XMLSchema#"
 KITCHEN = kitchenette()
 
 
-def fact(value: FactValue, property: str = "urn:p") -> Fact:
-    return Fact(Iri(property), value)
+def fact(value: FactValue, property: str = "urn:p") -> PropertyAssertion:
+    return PropertyAssertion(Iri(property), value)
 
 
 def number(text: str, kind: str = "float") -> Literal:
     return Literal(text, Iri(XSD + kind))
 
 
-def saying(*facts: Fact) -> World:
+def saying(*facts: PropertyAssertion) -> World:
     """A world that says this of itself."""
     return World(iri=Iri("urn:map"), facts=facts)
 
 
 def same(a: FactValue, b: FactValue) -> bool:
-    return difference(saying(fact(a)), saying(fact(b))).identical()
+    return diff(saying(fact(a)), saying(fact(b))).identical()
 
 
 # -- literals ----------------------------------------------------------------------------------------------------------
@@ -123,7 +123,7 @@ def test_a_language_is_part_of_a_text_whatever_its_case() -> None:
 
 
 def test_a_thing_is_not_its_name_as_a_text() -> None:
-    assert not same(Literal("urn:a"), Reference(Iri("urn:a")))
+    assert not same(Literal("urn:a"), IriRef(Iri("urn:a")))
 
 
 # -- things without a name ---------------------------------------------------------------------------------------------
@@ -131,22 +131,22 @@ def test_a_thing_is_not_its_name_as_a_text() -> None:
 
 def test_a_thing_without_a_name_is_what_is_said_of_it_in_any_order() -> None:
     a, b = fact(number("1.0")), fact(Literal("x"), "urn:q")
-    assert same(Anonymous((a, b)), Anonymous((b, fact(number("1")))))
-    assert not same(Anonymous((a, b)), Anonymous((a,)))
-    assert not same(Anonymous((a, a)), Anonymous((a,)))
-    assert not same(Anonymous(), Reference(Iri("_:x")))
+    assert same(BlankNode((a, b)), BlankNode((b, fact(number("1")))))
+    assert not same(BlankNode((a, b)), BlankNode((a,)))
+    assert not same(BlankNode((a, a)), BlankNode((a,)))
+    assert not same(BlankNode(), IriRef(Iri("_:x")))
 
 
 def nested(depth: int, end: str) -> FactValue:
     value: FactValue = Literal(end)
     for place in range(depth):
-        value = Anonymous((fact(Literal(str(place)), "urn:first"), fact(value, "urn:rest")))
+        value = BlankNode((fact(Literal(str(place)), "urn:first"), fact(value, "urn:rest")))
     return value
 
 
 def test_a_list_of_thousands_is_no_difficulty() -> None:
     assert same(nested(5000, "end"), nested(5000, "end"))
-    found = difference(saying(fact(nested(5000, "end"))), saying(fact(nested(5000, "END"))))
+    found = diff(saying(fact(nested(5000, "end"))), saying(fact(nested(5000, "END"))))
     assert found.lost_facts == found.gained_facts == 1
     assert len(found.to_json()) < 5000
 
@@ -159,30 +159,30 @@ def test_removing_a_fact_loses_one(world: World, data: st.DataObject) -> None:
     extra = fact(Literal("only here"))
     body = data.draw(st.sampled_from(world.bodies))
     richer = replace(world, bodies=tuple(replace(b, facts=(*b.facts, extra)) if b is body else b for b in world.bodies))
-    found = difference(richer, world)
+    found = diff(richer, world)
     assert found.lost_facts == 1
     assert found.lost == (Statement(body.id, extra),)
     assert found.gained == ()
     assert not found.identical(1e9)
-    assert difference(world, richer).gained == found.lost
+    assert diff(world, richer).gained == found.lost
 
 
 @given(world=worlds(min_bodies=1, wild_tags=True), tag=st.builds(Tag, type=st.text(), key=st.text(), value=st.text()))
 def test_removing_a_tag_loses_one(world: World, tag: Tag) -> None:
     first, *rest = world.bodies
     richer = replace(world, bodies=(replace(first, tags=(tag, *first.tags)), *rest))
-    assert difference(richer, world).lost == (Statement(first.id, tag),)
-    assert [change.field for change in difference(richer, world).changed] == ["tags"]
+    assert diff(richer, world).lost == (Statement(first.id, tag),)
+    assert [change.field for change in diff(richer, world).changed] == ["tags"]
 
 
 def test_what_is_said_twice_and_then_once_is_lost_once() -> None:
     once = fact(Literal("x"))
-    found = difference(saying(once, once), saying(once))
+    found = diff(saying(once, once), saying(once))
     assert (found.lost_facts, found.gained_facts) == (1, 0)
 
 
 def test_a_changed_fact_is_lost_and_gained() -> None:
-    found = difference(saying(fact(number("1.5"))), saying(fact(number("1.25"))))
+    found = diff(saying(fact(number("1.5"))), saying(fact(number("1.25"))))
     assert (found.lost_facts, found.gained_facts) == (1, 1)
     (change,) = found.changed
     assert (change.a, change.b) == ((fact(number("1.5")),), (fact(number("1.25")),))
@@ -190,27 +190,27 @@ def test_a_changed_fact_is_lost_and_gained() -> None:
 
 def test_what_is_said_of_one_resource_in_two_places_counts_together() -> None:
     a, b = fact(Literal("a")), fact(Literal("b"))
-    apart = World(iri=Iri("urn:map"), resources=(Resource(Iri("urn:r"), (a,)), Resource(Iri("urn:r"), (b,))))
-    together = World(iri=Iri("urn:map"), resources=(Resource(Iri("urn:r"), (b, a)),))
-    assert difference(apart, together) == Difference()
+    apart = World(iri=Iri("urn:map"), resources=(NamedResource(Iri("urn:r"), (a,)), NamedResource(Iri("urn:r"), (b,))))
+    together = World(iri=Iri("urn:map"), resources=(NamedResource(Iri("urn:r"), (b, a)),))
+    assert diff(apart, together) == WorldDiff()
 
 
 @pytest.mark.parametrize(
     ("said", "line"),
     [
-        (fact(Reference(Iri("urn:a"))), "<urn:p> <urn:a>"),
-        (fact(Reference(Iri("_:x"))), "<urn:p> _:x"),
+        (fact(IriRef(Iri("urn:a"))), "<urn:p> <urn:a>"),
+        (fact(IriRef(Iri("_:x"))), "<urn:p> _:x"),
         (fact(Literal('say "a"')), '<urn:p> "say \\"a\\""'),
         (fact(Literal("Tür", language="de")), '<urn:p> "Tür"@de'),
         (fact(number("1.0")), f'<urn:p> "1.0"^^<{XSD}float>'),
-        (fact(Anonymous()), "<urn:p> []"),
+        (fact(BlankNode()), "<urn:p> []"),
         (
-            fact(Anonymous((fact(Literal("a")), fact(Literal("b"), "urn:q")))),
+            fact(BlankNode((fact(Literal("a")), fact(Literal("b"), "urn:q")))),
             '<urn:p> [ <urn:p> "a" ; <urn:q> "b" ]',
         ),
         (Tag(type="SemLog", key="Id", value="x"), "SemLog;Id,x"),
     ],
     ids=str,
 )
-def test_a_statement_can_be_read(said: Fact | Tag, line: str) -> None:
+def test_a_statement_can_be_read(said: PropertyAssertion | Tag, line: str) -> None:
     assert str(Statement("body", said)) == line

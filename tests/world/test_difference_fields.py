@@ -12,45 +12,45 @@ import pytest
 from msgspec.structs import replace
 
 from mindstage.world import (
-    AngularMotion,
+    AngularLimits,
     Attachment,
+    AxisMotion,
     Body,
     BodyId,
-    Constraint,
-    Fact,
+    BodyPhysics,
     Iri,
+    Joint,
     Light,
-    LightKind,
-    LinearMotion,
+    LightType,
+    LinearLimits,
     Literal,
     Material,
     Mobility,
-    Motion,
-    Physics,
+    NamedResource,
     Pose,
-    Resource,
-    Shape,
-    ShapeKind,
-    Soft,
+    PrimitiveShape,
+    PrimitiveType,
+    PropertyAssertion,
+    SoftLimit,
     Tag,
     World,
-    difference,
+    diff,
 )
 from mindstage.world.comparison_fields import (
     BODY_FIELDS,
-    CONSTRAINT_FIELDS,
+    JOINT_FIELDS,
     LIGHT_FIELDS,
-    MEASURED,
+    MEASURED_KINDS,
     WORLD_FIELDS,
-    Kind,
+    ChangeKind,
 )
 
 SAID: Mapping[str, Any] = {
     "tags": (Tag(type="SemLog", key="Id", value="x"),),
-    "facts": (Fact(Iri("urn:p"), Literal("1")),),
+    "facts": (PropertyAssertion(Iri("urn:p"), Literal("1")),),
 }
 POSE = Pose((1.0, 2.0, 3.0), (0.5, 0.5, -0.5, 0.5))
-SOFT = Soft(enabled=False, stiffness=10.0, damping=1.0)
+SOFT = SoftLimit(enabled=False, stiffness=10.0, damping=1.0)
 BODY = Body(
     id=BodyId("body"),
     iri=Iri("urn:body"),
@@ -59,37 +59,39 @@ BODY = Body(
     pose=POSE,
     size=(0.1, 0.2, 0.3),
     mesh="Cup",
-    shape=Shape(kind=ShapeKind.CYLINDER),
-    physics=Physics(mobility=Mobility.DYNAMIC, gravity=True, overlap_events=False, mass_kg=2.0),
+    shape=PrimitiveShape(type=PrimitiveType.CYLINDER),
+    physics=BodyPhysics(mobility=Mobility.DYNAMIC, gravity=True, overlap_events=False, mass_kg=2.0),
     materials=(Material(name="Clay"),),
     **SAID,
 )
-CONSTRAINT = Constraint(
+CONSTRAINT = Joint(
     id=BodyId("constraint"),
     iri=Iri("urn:constraint"),
     parent=BodyId("body"),
     child=BodyId("other"),
     pose=POSE,
-    linear=LinearMotion(limit=0.5, soft=SOFT),
-    angular=AngularMotion(swing1_limit=0.1, swing2_limit=0.2, twist_limit=0.3, swing_soft=SOFT, twist_soft=SOFT),
+    linear=LinearLimits(limit=0.5, soft_limit=SOFT),
+    angular=AngularLimits(
+        swing1_limit=0.1, swing2_limit=0.2, twist_limit=0.3, swing_soft_limit=SOFT, twist_soft_limit=SOFT
+    ),
     disable_collision=True,
     **SAID,
 )
-LIGHT = Light(id=BodyId("light"), iri=Iri("urn:light"), kind=LightKind.SPOT, pose=POSE, colour=(0.5, 0.5, 0.5), **SAID)
+LIGHT = Light(id=BodyId("light"), iri=Iri("urn:light"), type=LightType.SPOT, pose=POSE, color=(0.5, 0.5, 0.5), **SAID)
 WORLD = World(
     iri=Iri("urn:map"),
     name="a map",
     bodies=(BODY,),
-    constraints=(CONSTRAINT,),
+    joints=(CONSTRAINT,),
     attachments=(Attachment(parent=BodyId("other"), child=BodyId("body")),),
     lights=(LIGHT,),
     facts=SAID["facts"],
-    resources=(Resource(Iri("urn:resource"), SAID["facts"]),),
+    resources=(NamedResource(Iri("urn:resource"), SAID["facts"]),),
 )
 
 THINGS = (
     ("bodies", BODY, BODY_FIELDS),
-    ("constraints", CONSTRAINT, CONSTRAINT_FIELDS),
+    ("constraints", CONSTRAINT, JOINT_FIELDS),
     ("lights", LIGHT, LIGHT_FIELDS),
 )
 OPTIONAL = {
@@ -102,7 +104,7 @@ NOT_IN_A_COLUMN = {"id", "tags", "facts", "materials", "bodies", "constraints", 
 def leaves(value: msgspec.Struct, prefix: str = "") -> Iterator[str]:
     for field in msgspec.structs.fields(value):
         inner = getattr(value, field.name)
-        if isinstance(inner, msgspec.Struct) and not isinstance(inner, Shape):
+        if isinstance(inner, msgspec.Struct) and not isinstance(inner, PrimitiveShape):
             yield from leaves(inner, f"{prefix}{field.name}.")
         else:
             yield prefix + field.name
@@ -110,12 +112,12 @@ def leaves(value: msgspec.Struct, prefix: str = "") -> Iterator[str]:
 
 def other_than(value: Any) -> Any:
     match value:
-        case Motion():
-            return Motion((value + 1) % 3)
+        case AxisMotion():
+            return AxisMotion((value + 1) % 3)
         case Enum():
             return next(member for member in type(value) if member is not value)
-        case Shape():
-            return Shape(kind=ShapeKind.SPHERE)
+        case PrimitiveShape():
+            return PrimitiveShape(type=PrimitiveType.SPHERE)
         case bool():
             return not value
         case float() | int():
@@ -141,7 +143,7 @@ def in_world(place: str, thing: Any) -> World:
 @pytest.mark.parametrize(
     ("value", "fields"), [(WORLD, WORLD_FIELDS), *((thing, fields) for _, thing, fields in THINGS)]
 )
-def test_no_field_is_forgotten(value: msgspec.Struct, fields: Mapping[str, Kind]) -> None:
+def test_no_field_is_forgotten(value: msgspec.Struct, fields: Mapping[str, ChangeKind]) -> None:
     assert set(leaves(value)) - NOT_IN_A_COLUMN == set(fields)
 
 
@@ -153,62 +155,62 @@ def test_no_field_is_forgotten(value: msgspec.Struct, fields: Mapping[str, Kind]
         for field, kind in fields.items()
     ],
 )
-def test_a_changed_field_is_named_and_measured(place: str, thing: Any, field: str, kind: Kind) -> None:
+def test_a_changed_field_is_named_and_measured(place: str, thing: Any, field: str, kind: ChangeKind) -> None:
     before = _get(thing, field)
     after = other_than(before)
-    (change,) = difference(WORLD, in_world(place, with_field(thing, field, after))).changed
+    (change,) = diff(WORLD, in_world(place, with_field(thing, field, after))).changed
     assert (change.id, change.field, change.kind, change.a, change.b) == (thing.id, field, kind, before, after)
-    expected = None if kind not in MEASURED else math.pi / 1.5 if kind is Kind.ROTATION else 0.25
+    expected = None if kind not in MEASURED_KINDS else math.pi / 1.5 if kind is ChangeKind.ROTATION else 0.25
     assert change.error == (expected if expected is None else pytest.approx(expected))
 
 
 @pytest.mark.parametrize("field", sorted(OPTIONAL - {"disable_collision"}))
 def test_a_field_against_none_is_a_change_without_a_number(field: str) -> None:
     without = in_world("bodies", with_field(BODY, field, None))
-    for found in (difference(WORLD, without), difference(without, WORLD)):
+    for found in (diff(WORLD, without), diff(without, WORLD)):
         assert [(change.field, change.error) for change in found.changed] == [(field, None)]
-    assert difference(without, without).identical()
+    assert diff(without, without).identical()
 
 
 def test_a_collision_that_is_not_told_is_a_change() -> None:
     without = in_world("constraints", replace(CONSTRAINT, disable_collision=None))
-    assert [change.field for change in difference(WORLD, without).changed] == ["disable_collision"]
+    assert [change.field for change in diff(WORLD, without).changed] == ["disable_collision"]
 
 
 @pytest.mark.parametrize("field", WORLD_FIELDS)
 def test_the_world_itself_is_compared(field: str) -> None:
     changed = replace(WORLD, **{field: other_than(getattr(WORLD, field))})
-    assert [(change.id, change.field) for change in difference(WORLD, changed).changed] == [("urn:map", field)]
+    assert [(change.id, change.field) for change in diff(WORLD, changed).changed] == [("urn:map", field)]
 
 
 @pytest.mark.parametrize(("place", "thing"), [(place, thing) for place, thing, _ in THINGS], ids=str)
 @pytest.mark.parametrize("said", SAID)
 def test_what_is_said_of_each_thing_is_compared(place: str, thing: Any, said: str) -> None:
-    found = difference(WORLD, in_world(place, replace(thing, **{said: ()})))
+    found = diff(WORLD, in_world(place, replace(thing, **{said: ()})))
     assert [(change.id, change.field, change.kind) for change in found.changed] == [(thing.id, said, said)]
     assert found.changed[0].a == SAID[said]
     assert found.lost_facts == 1
     assert found.lost[0].id == thing.id
-    assert found.lost[0].said == SAID[said][0]
+    assert found.lost[0].assertion == SAID[said][0]
 
 
 def test_what_is_said_of_the_world_is_compared() -> None:
-    found = difference(WORLD, replace(WORLD, facts=()))
+    found = diff(WORLD, replace(WORLD, facts=()))
     assert [(change.id, change.field) for change in found.changed] == [("urn:map", "facts")]
     assert found.lost_facts == 1
 
 
 def test_what_is_said_of_a_resource_is_compared() -> None:
-    silent = replace(WORLD, resources=(Resource(Iri("urn:resource")),))
-    found = difference(WORLD, silent)
+    silent = replace(WORLD, resources=(NamedResource(Iri("urn:resource")),))
+    found = diff(WORLD, silent)
     assert [(change.id, change.field) for change in found.changed] == [("urn:resource", "facts")]
     assert found.lost_facts == 1
     gone = replace(WORLD, resources=())
-    found = difference(WORLD, gone)
+    found = diff(WORLD, gone)
     assert [(change.id, change.field, change.b) for change in found.changed] == [("urn:resource", "resource", None)]
     assert found.lost_facts == 1
-    assert [change.field for change in difference(silent, gone).changed] == ["resource"]
-    assert difference(gone, WORLD).gained_facts == 1
+    assert [change.field for change in diff(silent, gone).changed] == ["resource"]
+    assert diff(gone, WORLD).gained_facts == 1
 
 
 def _get(thing: Any, field: str) -> Any:

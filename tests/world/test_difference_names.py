@@ -10,40 +10,40 @@ from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 from tests.kitchenette import KNOWROB, MAP, RDFS, kitchenette
-from tests.worlds import LABELS, worlds
+from tests.worlds import BLANK_NODE_IDS, worlds
 
 from mindstage.world import (
-    Anonymous,
     Attachment,
+    BlankNode,
     BodyId,
-    Difference,
-    Fact,
     FactValue,
     Iri,
+    IriRef,
     Literal,
-    Reference,
-    Resource,
+    NamedResource,
+    PropertyAssertion,
     World,
-    difference,
+    WorldDiff,
+    diff,
 )
 
 KITCHEN = kitchenette()
 
 
-def fact(value: FactValue, property: str = "urn:p") -> Fact:
-    return Fact(Iri(property), value)
+def fact(value: FactValue, property: str = "urn:p") -> PropertyAssertion:
+    return PropertyAssertion(Iri(property), value)
 
 
-def label(name: str) -> Reference:
-    return Reference(Iri(f"_:{name}"))
+def label(name: str) -> IriRef:
+    return IriRef(Iri(f"_:{name}"))
 
 
-def saying(*facts: Fact, **resources: Sequence[Fact]) -> World:
+def saying(*facts: PropertyAssertion, **resources: Sequence[PropertyAssertion]) -> World:
     """A world that says this of itself, and that of some labels."""
     return World(
         iri=Iri(MAP + "map"),
         facts=facts,
-        resources=tuple(Resource(Iri(f"_:{name}"), tuple(said)) for name, said in resources.items()),
+        resources=tuple(NamedResource(Iri(f"_:{name}"), tuple(said)) for name, said in resources.items()),
     )
 
 
@@ -51,12 +51,12 @@ def renamed(world: World, name: Callable[[str], str]) -> World:
     """The same world with other names for things; what is a property or a class keeps its own."""
 
     def value(old: FactValue) -> FactValue:
-        if isinstance(old, Reference):
-            return Reference(Iri(name(old.iri)))
-        return Anonymous(facts(old.facts)) if isinstance(old, Anonymous) else old
+        if isinstance(old, IriRef):
+            return IriRef(Iri(name(old.iri)))
+        return BlankNode(facts(old.facts)) if isinstance(old, BlankNode) else old
 
-    def facts(old: tuple[Fact, ...]) -> tuple[Fact, ...]:
-        return tuple(Fact(fact.property, value(fact.value)) for fact in old)
+    def facts(old: tuple[PropertyAssertion, ...]) -> tuple[PropertyAssertion, ...]:
+        return tuple(PropertyAssertion(fact.property, value(fact.value)) for fact in old)
 
     def things(old: tuple[Any, ...]) -> tuple[Any, ...]:
         return tuple(replace(thing, iri=Iri(name(thing.iri)), facts=facts(thing.facts)) for thing in old)
@@ -65,30 +65,30 @@ def renamed(world: World, name: Callable[[str], str]) -> World:
         world,
         iri=Iri(name(world.iri)),
         bodies=things(world.bodies),
-        constraints=things(world.constraints),
+        joints=things(world.joints),
         lights=things(world.lights),
         facts=facts(world.facts),
         resources=things(world.resources),
     )
 
 
-@given(world=worlds(labels=True), order=st.permutations(LABELS), chance=st.randoms(use_true_random=False))
+@given(world=worlds(labels=True), order=st.permutations(BLANK_NODE_IDS), chance=st.randoms(use_true_random=False))
 def test_labels_may_be_others_and_even_change_places(world: World, order: list[str], chance: random.Random) -> None:
-    other = renamed(world, lambda name: dict(zip(LABELS, order, strict=True)).get(name, name))
+    other = renamed(world, lambda name: dict(zip(BLANK_NODE_IDS, order, strict=True)).get(name, name))
     other = replace(other, resources=tuple(chance.sample(other.resources, len(other.resources))))
-    assert difference(world, other) == Difference()
-    assert difference(other, world) == Difference()
+    assert diff(world, other) == WorldDiff()
+    assert diff(other, world) == WorldDiff()
 
 
-@given(world=worlds(labels=True), order=st.permutations(LABELS))
+@given(world=worlds(labels=True), order=st.permutations(BLANK_NODE_IDS))
 def test_under_other_labels_one_lost_fact_is_one_lost_fact(world: World, order: list[str]) -> None:
     richer = replace(world, facts=(*world.facts, fact(Literal("only here"))))
-    other = renamed(world, lambda name: dict(zip(LABELS, order, strict=True)).get(name, name))
-    assert difference(richer, other).lost_facts == 1
+    other = renamed(world, lambda name: dict(zip(BLANK_NODE_IDS, order, strict=True)).get(name, name))
+    assert diff(richer, other).lost_facts == 1
 
 
 def test_two_labels_are_not_one() -> None:
-    assert not difference(
+    assert not diff(
         saying(fact(label("x")), fact(label("x"), "urn:q")), saying(fact(label("x")), fact(label("y"), "urn:q"))
     ).identical()
 
@@ -98,31 +98,31 @@ def test_a_label_is_what_is_said_of_it_and_not_its_text() -> None:
     a = saying(fact(label("x")), fact(label("y"), "urn:q"), x=red, y=blue)
     b = saying(fact(label("y")), fact(label("x"), "urn:q"), x=blue, y=red)
     crossed = saying(fact(label("x")), fact(label("y"), "urn:q"), x=blue, y=red)
-    assert difference(a, b) == Difference()
-    assert difference(a, crossed).lost_facts == 2
+    assert diff(a, b) == WorldDiff()
+    assert diff(a, crossed).lost_facts == 2
 
 
 def test_a_label_that_lost_a_fact_is_still_found_at_its_place() -> None:
     a = saying(fact(label("x")), x=[fact(Literal("red")), fact(label("y"), "urn:next")], y=[fact(Literal("blue"))])
     b = saying(fact(label("1")), **{"1": [fact(label("2"), "urn:next")], "2": [fact(Literal("blue"))]})
-    found = difference(a, b)
+    found = diff(a, b)
     assert [statement.id for statement in found.lost] == ["_:x"]
     assert found.gained == ()
 
 
 def ring(*names: str) -> World:
-    """Each knows its two neighbours, and nothing else tells them apart."""
+    """Each knows its two neighbors, and nothing else tells them apart."""
     links = {name: (names[place - 1], names[(place + 1) % len(names)]) for place, name in enumerate(names)}
     return saying(**{name: [fact(label(other)) for other in links[name]] for name in sorted(links)})
 
 
 def test_a_ring_of_labels_that_all_look_alike_is_the_ring_in_another_order() -> None:
-    assert difference(ring("a", "b", "c", "d", "e", "f"), ring("c", "a", "f", "b", "d", "e")) == Difference()
+    assert diff(ring("a", "b", "c", "d", "e", "f"), ring("c", "a", "f", "b", "d", "e")) == WorldDiff()
 
 
 def test_two_rings_are_not_one() -> None:
     two = replace(ring("a", "b", "c"), resources=(*ring("a", "b", "c").resources, *ring("d", "e", "f").resources))
-    assert not difference(ring("a", "b", "c", "d", "e", "f"), two).identical()
+    assert not diff(ring("a", "b", "c", "d", "e", "f"), two).identical()
 
 
 def test_a_chain_of_thousands_of_labels_is_followed() -> None:
@@ -131,88 +131,88 @@ def test_a_chain_of_thousands_of_labels_is_followed() -> None:
             fact(label(name(0))), **{name(place): [fact(label(name(place + 1)), "urn:next")] for place in range(3000)}
         )
 
-    assert difference(chain(lambda place: f"a{place}"), chain(lambda place: f"b{3000 - place}")) == Difference()
+    assert diff(chain(lambda place: f"a{place}"), chain(lambda place: f"b{3000 - place}")) == WorldDiff()
 
 
 def test_thousands_of_labels_that_nothing_tells_apart_are_the_same() -> None:
     a = saying(*(fact(label(f"a{place}")) for place in range(2000)))
     b = saying(*(fact(label(f"b{place}")) for place in range(2000)))
-    assert difference(a, b) == Difference()
-    assert difference(a, replace(b, facts=b.facts[1:])).lost_facts == 1
+    assert diff(a, b) == WorldDiff()
+    assert diff(a, replace(b, facts=b.facts[1:])).lost_facts == 1
 
 
 @given(world=worlds(labels=True))
 def test_another_name_of_the_map_changes_only_the_name_of_the_map(world: World) -> None:
     # A logger makes a new name for the map each time, and every individual says in which map it is described.
-    said = fact(Reference(world.iri), "urn:describedInMap")
+    said = fact(IriRef(world.iri), "urn:describedInMap")
     world = replace(world, bodies=tuple(replace(body, facts=(*body.facts, said)) for body in world.bodies))
     other = renamed(world, lambda name: MAP + "new" if name == world.iri else name)
-    found = difference(world, other)
+    found = diff(world, other)
     assert [(change.id, change.field) for change in found.changed] == [(world.iri, "iri")]
     assert found.lost_facts == 0
 
 
-def with_pose_named(name: str, *more: Fact, **resources: Sequence[Fact]) -> World:
+def with_pose_named(name: str, *more: PropertyAssertion, **resources: Sequence[PropertyAssertion]) -> World:
     """The mug of a kitchen that gives its pose a name, as maps do."""
-    said = (fact(Reference(Iri(name)), KNOWROB + "pose"), *more)
+    said = (fact(IriRef(Iri(name)), KNOWROB + "pose"), *more)
     return replace(
         KITCHEN,
         bodies=tuple(replace(body, facts=said) if body.id == "Mug" else body for body in KITCHEN.bodies),
-        resources=tuple(Resource(Iri(MAP + iri), tuple(facts)) for iri, facts in resources.items()),
+        resources=tuple(NamedResource(Iri(MAP + iri), tuple(facts)) for iri, facts in resources.items()),
     )
 
 
 def test_a_pose_may_have_another_name_but_not_none() -> None:
     a, b = with_pose_named(MAP + "p1"), with_pose_named(MAP + "p2")
-    assert difference(a, b) == Difference()
-    assert difference(a, KITCHEN).lost_facts == 1
+    assert diff(a, b) == WorldDiff()
+    assert diff(a, KITCHEN).lost_facts == 1
 
 
 def test_what_is_said_of_a_pose_is_compared_under_its_other_name() -> None:
     precise = [fact(Literal("measured"), RDFS + "comment")]
     a = with_pose_named(MAP + "p1", p1=precise)
-    assert difference(a, with_pose_named(MAP + "p2", p2=precise)) == Difference()
-    assert difference(a, with_pose_named(MAP + "p2", p2=[fact(Literal("guessed"), RDFS + "comment")])).lost_facts == 1
-    assert difference(a, with_pose_named(MAP + "p2", p1=precise)).lost_facts == 1
+    assert diff(a, with_pose_named(MAP + "p2", p2=precise)) == WorldDiff()
+    assert diff(a, with_pose_named(MAP + "p2", p2=[fact(Literal("guessed"), RDFS + "comment")])).lost_facts == 1
+    assert diff(a, with_pose_named(MAP + "p2", p1=precise)).lost_facts == 1
 
 
 def test_the_other_name_of_a_pose_is_its_name_wherever_it_stands() -> None:
-    a = with_pose_named(MAP + "p1", fact(Reference(Iri(MAP + "p1")), "urn:seenAt"))
-    assert difference(a, with_pose_named(MAP + "p2", fact(Reference(Iri(MAP + "p2")), "urn:seenAt"))) == Difference()
-    assert difference(a, with_pose_named(MAP + "p2", fact(Reference(Iri(MAP + "p1")), "urn:seenAt"))).lost_facts == 1
+    a = with_pose_named(MAP + "p1", fact(IriRef(Iri(MAP + "p1")), "urn:seenAt"))
+    assert diff(a, with_pose_named(MAP + "p2", fact(IriRef(Iri(MAP + "p2")), "urn:seenAt"))) == WorldDiff()
+    assert diff(a, with_pose_named(MAP + "p2", fact(IriRef(Iri(MAP + "p1")), "urn:seenAt"))).lost_facts == 1
 
 
 def test_another_name_for_anything_else_is_another_thing() -> None:
     wooden, made_of_steel = (
-        replace(KITCHEN, facts=(fact(Reference(Iri(MAP + name)), "urn:madeOf"),)) for name in ("Wood", "Steel")
+        replace(KITCHEN, facts=(fact(IriRef(Iri(MAP + name)), "urn:madeOf"),)) for name in ("Wood", "Steel")
     )
-    assert difference(wooden, made_of_steel).lost_facts == 1
+    assert diff(wooden, made_of_steel).lost_facts == 1
 
 
 def test_two_things_that_swapped_their_names_are_not_the_same() -> None:
     swap = {MAP + "Mug": MAP + "Fridge", MAP + "Fridge": MAP + "Mug"}
-    world = replace(KITCHEN, facts=(fact(Reference(Iri(MAP + "Mug"))),))
+    world = replace(KITCHEN, facts=(fact(IriRef(Iri(MAP + "Mug"))),))
     names_only = renamed(world, lambda name: swap.get(name, name))
-    assert {(change.id, change.field) for change in difference(world, names_only).changed} == {
+    assert {(change.id, change.field) for change in diff(world, names_only).changed} == {
         ("Mug", "iri"),
         ("Fridge", "iri"),
     }
-    meaning = replace(KITCHEN, facts=(fact(Reference(Iri(MAP + "Fridge"))),))
-    assert difference(world, meaning).lost_facts == 1
+    meaning = replace(KITCHEN, facts=(fact(IriRef(Iri(MAP + "Fridge"))),))
+    assert diff(world, meaning).lost_facts == 1
 
 
 def test_a_name_that_another_thing_took_over_stands_for_that_thing() -> None:
     # In b the map is called as the mug in a, and the fact is about the map.
-    world = replace(KITCHEN, facts=(fact(Reference(Iri("urn:other"))),))
-    other = replace(KITCHEN, iri=Iri("urn:other"), facts=(fact(Reference(Iri("urn:other"))),))
-    assert difference(world, other).lost_facts == 1
+    world = replace(KITCHEN, facts=(fact(IriRef(Iri("urn:other"))),))
+    other = replace(KITCHEN, iri=Iri("urn:other"), facts=(fact(IriRef(Iri("urn:other"))),))
+    assert diff(world, other).lost_facts == 1
 
 
 def made_on_the_fly(prefix: str) -> World:
     """The kitchenette as if its ids had been made up by whoever read it."""
     ids = {
         thing.id: BodyId(f"{prefix}{place}")
-        for place, thing in enumerate((*KITCHEN.bodies[::-1], *KITCHEN.constraints[::-1]))
+        for place, thing in enumerate((*KITCHEN.bodies[::-1], *KITCHEN.joints[::-1]))
     }
 
     def thing(old: Any, **more: Any) -> Any:
@@ -221,25 +221,25 @@ def made_on_the_fly(prefix: str) -> World:
     return replace(
         KITCHEN,
         bodies=tuple(thing(body) for body in KITCHEN.bodies),
-        constraints=tuple(thing(c, parent=ids[c.parent], child=ids[c.child]) for c in KITCHEN.constraints),
+        joints=tuple(thing(c, parent=ids[c.parent], child=ids[c.child]) for c in KITCHEN.joints),
         attachments=tuple(Attachment(parent=ids[a.parent], child=ids[a.child]) for a in KITCHEN.attachments),
-        facts=(fact(Reference(Iri(f"_:{ids[BodyId('Mug')]}"))),),
+        facts=(fact(IriRef(Iri(f"_:{ids[BodyId('Mug')]}"))),),
     )
 
 
 def test_ids_made_on_the_fly_may_differ() -> None:
-    assert difference(made_on_the_fly("a"), made_on_the_fly("b")) == Difference()
+    assert diff(made_on_the_fly("a"), made_on_the_fly("b")) == WorldDiff()
 
 
 def test_what_ids_made_on_the_fly_connect_may_not_differ() -> None:
     a, b = made_on_the_fly("a"), made_on_the_fly("b")
     handle, other = b.attachments
-    found = difference(a, replace(b, attachments=(replace(handle, parent=other.parent), other)))
+    found = diff(a, replace(b, attachments=(replace(handle, parent=other.parent), other)))
     assert [change.field for change in found.changed] == ["attachment.parent"]
-    hinge, slide = b.constraints
-    found = difference(a, replace(b, constraints=(hinge, replace(slide, child=hinge.child))))
+    hinge, slide = b.joints
+    found = diff(a, replace(b, joints=(hinge, replace(slide, child=hinge.child))))
     assert len(found.only_in_a) == len(found.only_in_b) == 1
-    found = difference(a, replace(b, facts=(fact(Reference(b.bodies[0].iri)),)))
+    found = diff(a, replace(b, facts=(fact(IriRef(b.bodies[0].iri)),)))
     assert found.lost_facts == 1
 
 
@@ -248,5 +248,5 @@ def test_a_name_that_became_a_label_is_lost() -> None:
         KITCHEN,
         bodies=tuple(replace(b, iri=Iri("_:b")) if b.id == "Mug" else b for b in KITCHEN.bodies),
     )
-    for found in (difference(KITCHEN, nameless), difference(nameless, KITCHEN)):
+    for found in (diff(KITCHEN, nameless), diff(nameless, KITCHEN)):
         assert [(change.id, change.field) for change in found.changed] == [("Mug", "iri")]

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 from tests.kitchenette import kitchenette
 
-from mindstage.engines import Failure, Note, NoteKind, SpawnReport
-from mindstage.world import Iri, Pose, World, difference
+from mindstage.engines import SpawnFailure, SpawnNote, SpawnNoteKind, SpawnReport
+from mindstage.world import Iri, Pose, World, diff
 from mindstage.world.display import counted, html_table, short_name
 
 TEXTS = st.text(max_size=20)
@@ -65,13 +65,15 @@ def test_bodies_and_joints_say_what_they_are() -> None:
     world = kitchenette()
     mug = replace(world.body("Mug"), pose=Pose((1.0, 2.0, 3.0)))
     assert repr(mug) == f"<Body Mug ({short_name(mug.cls)}) at (1.000, 2.000, 3.000) m>"
-    joint = world.constraints[0]
+    joint = world.joints[0]
     assert repr(joint).endswith(f"{joint.id}: {joint.parent} -> {joint.child}>")
 
 
 def test_a_report_counts_what_failed_and_lists_it() -> None:
     report = SpawnReport(
-        bodies=1, failed_bodies=(Failure("<b>", "it is & bad"),), notes=(Note(NoteKind.SHELL, ("a", "b"), "encloses"),)
+        bodies=1,
+        failed_bodies=(SpawnFailure("<b>", "it is & bad"),),
+        notes=(SpawnNote(SpawnNoteKind.ENCLOSURE, ("a", "b"), "encloses"),),
     )
     assert repr(report) == "<SpawnReport: 1 body, 0 joints, 0 attachments, 1 failed, 1 note>"
     assert "&lt;b&gt;" in report._repr_html_()
@@ -81,17 +83,17 @@ def test_a_report_counts_what_failed_and_lists_it() -> None:
 
 def test_a_difference_says_how_much_and_what() -> None:
     a = kitchenette()
-    assert (str(difference(a, a)), repr(difference(a, a))) == ("identical", "<Difference: identical>")
+    assert (str(diff(a, a)), repr(diff(a, a))) == ("identical", "<Difference: identical>")
     moved = replace(a.body("Mug"), pose=Pose((9.0, 9.0, 9.0)), physics=replace(a.body("Mug").physics, mass_kg=None))
     b = replace(a, bodies=(moved, *(body for body in a.bodies if body.id not in ("Mug", "Floor"))))
-    found = difference(a, b)
+    found = diff(a, b)
     assert "\n" not in repr(found)
     text = str(found)
     assert "only in a: Floor" in text
     assert "Mug pose.position" in text
     assert f"translation_m {found.max_error['translation_m']:.4g}" in text
     assert "Mug" in found._repr_html_()
-    many = difference(a, World(iri=Iri("http://example.org/empty")))
+    many = diff(a, World(iri=Iri("http://example.org/empty")))
     assert len(str(many).splitlines()) < 60
 
 

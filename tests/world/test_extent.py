@@ -7,7 +7,7 @@ import math
 import pytest
 
 from mindstage.world import Body, BodyId, Iri, Pose, Vector, World
-from mindstage.world.extent import extent_of
+from mindstage.world.extent import world_bounds
 
 
 def world_of(**bodies: tuple[Pose, Vector | None]) -> World:
@@ -21,14 +21,14 @@ def world_of(**bodies: tuple[Pose, Vector | None]) -> World:
 
 
 def test_an_empty_world_has_no_extent() -> None:
-    assert extent_of(world_of()) is None
+    assert world_bounds(world_of()) is None
 
 
 def test_the_extent_goes_round_all_bodies_as_they_are_turned() -> None:
     half = math.sqrt(0.5)
     cupboard = Pose((1.0, 2.0, 1.0)), (1.0, 0.5, 2.0)
     plank = Pose((0.0, 0.0, 0.0), (half, 0.0, half, 0.0)), (3.0, 0.2, 0.1)  # upright, though long
-    extent = extent_of(world_of(cupboard=cupboard, plank=plank))
+    extent = world_bounds(world_of(cupboard=cupboard, plank=plank))
     assert extent is not None
     assert extent.low == pytest.approx((-0.05, -0.1, -1.5))
     assert extent.high == pytest.approx((1.5, 2.25, 2.0))
@@ -38,7 +38,7 @@ def test_the_extent_goes_round_all_bodies_as_they_are_turned() -> None:
 
 
 def test_what_has_no_size_is_a_point_and_lengths_of_quaternions_do_not_count() -> None:
-    extent = extent_of(
+    extent = world_bounds(
         world_of(a=(Pose((-1.0, 0.0, 0.0), (3.0, 0.0, 0.0, 0.0)), None), b=(Pose((0.0, 4.0, 0.0)), None))
     )
     assert extent is not None

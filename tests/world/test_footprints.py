@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 from tests.worlds import vectors
 
-from mindstage.world.boxes import Boxes
-from mindstage.world.footprints import areas, footprints, gaps, overlaps
-from mindstage.world.geometry import unit
+from mindstage.world.boxes import OrientedBoxes
+from mindstage.world.footprints import footprints, polygon_areas, polygon_gaps, polygon_overlap_areas
+from mindstage.world.geometry import normalize
 
 ONE, OTHER = np.array([0]), np.array([1])
 UPRIGHT = (1.0, 0.0, 0.0, 0.0)
@@ -26,8 +26,8 @@ TILTED = (np.cos(pi / 8), np.sin(pi / 8), 0.0, 0.0)
 def polygons(*rows: tuple[float, ...]) -> np.ndarray:
     """Each row: x y z, w x y z, three sizes."""
     table = np.array(rows, dtype=float)
-    table[:, 3:7] = unit(table[:, 3:7])
-    return footprints(Boxes.of(table[:, :7], table[:, 7:]))
+    table[:, 3:7] = normalize(table[:, 3:7])
+    return footprints(OrientedBoxes.from_poses(table[:, :7], table[:, 7:]))
 
 
 @pytest.mark.parametrize(
@@ -40,7 +40,7 @@ def polygons(*rows: tuple[float, ...]) -> np.ndarray:
     ],
 )
 def test_the_shadow_of_a_box_has_the_area_it_should(box: tuple[float, ...], expected: float) -> None:
-    assert_allclose(areas(polygons(box)), [expected], atol=1e-12)
+    assert_allclose(polygon_areas(polygons(box)), [expected], atol=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -57,9 +57,9 @@ def test_the_shadow_of_a_box_has_the_area_it_should(box: tuple[float, ...], expe
 )
 def test_two_shadows_share_what_they_should_or_have_a_gap(second: tuple[float, ...], both: float, gap: float) -> None:
     pair = polygons((0, 0, 0, *UPRIGHT, 2, 2, 2), second)
-    assert_allclose(overlaps(pair, ONE, OTHER), [both], atol=1e-12)
+    assert_allclose(polygon_overlap_areas(pair, ONE, OTHER), [both], atol=1e-12)
     if both == 0.0:
-        assert_allclose(gaps(pair, ONE, OTHER), [gap], atol=1e-12)
+        assert_allclose(polygon_gaps(pair, ONE, OTHER), [gap], atol=1e-12)
 
 
 boxes = st.tuples(vectors(-2.0, 2.0), st.tuples(*(st.floats(-1, 1) for _ in range(4))), vectors(0.05, 1.0)).map(
@@ -70,10 +70,10 @@ boxes = st.tuples(vectors(-2.0, 2.0), st.tuples(*(st.floats(-1, 1) for _ in rang
 @given(boxes, boxes)
 def test_a_shared_area_is_the_same_either_way_and_no_larger_than_either(a: tuple, b: tuple) -> None:
     pair = polygons(a, b)
-    shared = overlaps(pair, ONE, OTHER)
-    assert_allclose(shared, overlaps(pair, OTHER, ONE), atol=1e-9)
-    assert -1e-12 <= shared[0] <= areas(pair).min() + 1e-9
-    assert_allclose(overlaps(pair, ONE, ONE), areas(pair)[:1], atol=1e-9)
+    shared = polygon_overlap_areas(pair, ONE, OTHER)
+    assert_allclose(shared, polygon_overlap_areas(pair, OTHER, ONE), atol=1e-9)
+    assert -1e-12 <= shared[0] <= polygon_areas(pair).min() + 1e-9
+    assert_allclose(polygon_overlap_areas(pair, ONE, ONE), polygon_areas(pair)[:1], atol=1e-9)
 
 
 @given(boxes, boxes)
@@ -83,7 +83,7 @@ def test_points_in_both_shadows_are_as_many_as_the_shared_area_says(a: tuple, b:
     low, high = pair.reshape(-1, 2).min(axis=0), pair.reshape(-1, 2).max(axis=0)
     points = np.random.default_rng(0).uniform(low, high, (4000, 2))
     hits = np.mean([_within(polygon, points) for polygon in pair], axis=0) == 1.0
-    shared = overlaps(pair, ONE, OTHER)[0] / np.prod(high - low)
+    shared = polygon_overlap_areas(pair, ONE, OTHER)[0] / np.prod(high - low)
     assert shared == pytest.approx(hits.mean(), abs=0.04)
 
 
@@ -97,6 +97,6 @@ def test_many_pairs_are_measured_as_one_is() -> None:
     table = np.random.default_rng(1).uniform(0.1, 2.0, (300, 10))
     many = polygons(*table)
     a, b = np.divmod(np.arange(40_000), 200)
-    together = overlaps(many, a, b)
-    alone = [overlaps(many, a[[row]], b[[row]])[0] for row in (0, 16_383, 16_384, 39_999)]
+    together = polygon_overlap_areas(many, a, b)
+    alone = [polygon_overlap_areas(many, a[[row]], b[[row]])[0] for row in (0, 16_383, 16_384, 39_999)]
     assert together[[0, 16_383, 16_384, 39_999]].tolist() == alone

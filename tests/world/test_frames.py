@@ -17,11 +17,11 @@ from mindstage.world.frames import (
     ROS_FROM_GODOT,
     ROS_FROM_UNREAL,
     UNREAL_FROM_ROS,
-    Conversion,
+    FrameConversion,
     wxyz_from_xyzw,
     xyzw_from_wxyz,
 )
-from mindstage.world.geometry import pose_array, rotate, rotation_matrix, unit
+from mindstage.world.geometry import normalize, pose_array, quat_rotate, rotation_matrix
 
 COS15, SIN15 = cos(radians(15.0)), sin(radians(15.0))
 YAWED = Pose((1.0, 2.0, 3.0), (COS15, 0.0, 0.0, SIN15))
@@ -50,7 +50,7 @@ each_way = pytest.mark.parametrize("conversion", CONVERSIONS.values(), ids=CONVE
     ],
     ids=["unreal, yaw", "unreal, all axes", "godot, yaw", "godot, all axes"],
 )
-def test_one_literal_pose_there_and_back(there: Conversion, back: Conversion, ros: Pose, other: Pose) -> None:
+def test_one_literal_pose_there_and_back(there: FrameConversion, back: FrameConversion, ros: Pose, other: Pose) -> None:
     assert there.pose(ros) == other
     assert back.pose(other) == ros
 
@@ -62,10 +62,10 @@ def test_a_step_forward_left_and_up_lies_where_each_program_has_it() -> None:
 
 
 def test_only_unreal_is_left_handed() -> None:
-    assert UNREAL_FROM_ROS.mirrors
-    assert ROS_FROM_UNREAL.mirrors
-    assert not GODOT_FROM_ROS.mirrors
-    assert not ROS_FROM_GODOT.mirrors
+    assert UNREAL_FROM_ROS.flips_handedness
+    assert ROS_FROM_UNREAL.flips_handedness
+    assert not GODOT_FROM_ROS.flips_handedness
+    assert not ROS_FROM_GODOT.flips_handedness
 
 
 def test_the_size_of_a_body_follows_its_axes() -> None:
@@ -85,24 +85,24 @@ def test_a_direction_keeps_its_length() -> None:
     assert_allclose(UNREAL_FROM_ROS.directions([0.6, 0.8, 0.0]), [0.6, -0.8, 0.0])
 
 
-def test_a_map_in_centimetres_and_ros_axes_needs_no_new_code() -> None:
-    centimetres = Conversion(divide=100.0)
-    assert centimetres.pose(Pose((150.0, -20.0, 0.0), TURNED.quaternion)) == Pose((1.5, -0.2, 0.0), TURNED.quaternion)
+def test_a_map_in_centimeters_and_ros_axes_needs_no_new_code() -> None:
+    centimeters = FrameConversion(length_divisor=100.0)
+    assert centimeters.pose(Pose((150.0, -20.0, 0.0), TURNED.quaternion)) == Pose((1.5, -0.2, 0.0), TURNED.quaternion)
 
 
 @each_way
-def test_the_inverse_of_the_inverse_is_the_conversion(conversion: Conversion) -> None:
+def test_the_inverse_of_the_inverse_is_the_conversion(conversion: FrameConversion) -> None:
     assert conversion.inverse.inverse == conversion
 
 
 @each_way
-def test_no_poses_are_converted_to_no_poses(conversion: Conversion) -> None:
+def test_no_poses_are_converted_to_no_poses(conversion: FrameConversion) -> None:
     assert conversion.poses(pose_array([])).shape == (0, 7)
 
 
 @each_way
 @given(pose=poses())
-def test_a_pose_comes_back(conversion: Conversion, pose: Pose) -> None:
+def test_a_pose_comes_back(conversion: FrameConversion, pose: Pose) -> None:
     back = conversion.inverse.pose(conversion.pose(pose))
     assert_allclose(back.position, pose.position, rtol=1e-15)
     assert back.quaternion == pose.quaternion
@@ -110,7 +110,7 @@ def test_a_pose_comes_back(conversion: Conversion, pose: Pose) -> None:
 
 @each_way
 @given(size=sizes())
-def test_a_size_comes_back_and_stays_positive(conversion: Conversion, size: Vector) -> None:
+def test_a_size_comes_back_and_stays_positive(conversion: FrameConversion, size: Vector) -> None:
     there = conversion.sizes(size)
     assert (there > 0.0).all()
     assert_allclose(conversion.inverse.sizes(there), size, rtol=1e-15)
@@ -119,28 +119,28 @@ def test_a_size_comes_back_and_stays_positive(conversion: Conversion, size: Vect
 @each_way
 @given(pose=poses(), vector=vectors(-10.0, 10.0))
 def test_to_turn_and_then_convert_is_to_convert_and_then_turn(
-    conversion: Conversion, pose: Pose, vector: Vector
+    conversion: FrameConversion, pose: Pose, vector: Vector
 ) -> None:
-    q = unit(pose.quaternion)
+    q = normalize(pose.quaternion)
     assert_allclose(
-        conversion.points(rotate(q, vector)),
-        rotate(conversion.quaternions(q), conversion.points(vector)),
+        conversion.points(quat_rotate(q, vector)),
+        quat_rotate(conversion.quaternions(q), conversion.points(vector)),
         atol=1e-11,
     )
 
 
 @each_way
 @given(pose=poses())
-def test_the_axes_of_a_body_are_those_of_the_world_there(conversion: Conversion, pose: Pose) -> None:
+def test_the_axes_of_a_body_are_those_of_the_world_there(conversion: FrameConversion, pose: Pose) -> None:
     # Independent of quaternions: the matrix of the frame on both sides of the matrix of the turn.
     frame = conversion.directions(np.eye(3)).T
-    q = unit(pose.quaternion)
+    q = normalize(pose.quaternion)
     assert_allclose(frame @ rotation_matrix(q) @ frame.T, rotation_matrix(conversion.quaternions(q)), atol=1e-14)
 
 
 @each_way
 @given(many=st.lists(poses(), max_size=5))
-def test_many_poses_at_once_are_each_pose_by_itself(conversion: Conversion, many: list[Pose]) -> None:
+def test_many_poses_at_once_are_each_pose_by_itself(conversion: FrameConversion, many: list[Pose]) -> None:
     assert_allclose(conversion.poses(pose_array(many)), pose_array(map(conversion.pose, many)), rtol=0.0, atol=0.0)
 
 

@@ -13,17 +13,17 @@ from tests.worlds import poses, vectors
 
 from mindstage.world import IDENTITY, Pose, Vector
 from mindstage.world.geometry import (
-    compose,
-    conjugate,
-    invert,
-    multiply,
+    normalize,
     pose_array,
-    pose_from,
+    pose_from_array,
+    pose_inverse,
+    pose_multiply,
+    quat_angle,
+    quat_conjugate,
+    quat_multiply,
+    quat_rotate,
     quaternion_from_matrix,
-    rotate,
-    rotation_angle,
     rotation_matrix,
-    unit,
 )
 
 HALF = sqrt(0.5)
@@ -34,12 +34,12 @@ ROLL = (HALF, HALF, 0.0, 0.0)
 
 
 def test_a_quarter_to_the_left_turns_forward_into_left() -> None:
-    assert_allclose(rotate(LEFT, (1.0, 0.0, 0.0)), (0.0, 1.0, 0.0), atol=1e-15)
+    assert_allclose(quat_rotate(LEFT, (1.0, 0.0, 0.0)), (0.0, 1.0, 0.0), atol=1e-15)
 
 
 def test_a_product_turns_by_its_right_side_first() -> None:
     # Forward is not changed by the roll and then goes left; up goes right by the roll and then forward.
-    assert_allclose(rotate(multiply(LEFT, ROLL), np.eye(3)), [[0, 1, 0], [0, 0, 1], [1, 0, 0]], atol=1e-15)
+    assert_allclose(quat_rotate(quat_multiply(LEFT, ROLL), np.eye(3)), [[0, 1, 0], [0, 0, 1], [1, 0, 0]], atol=1e-15)
 
 
 def test_the_columns_of_a_matrix_are_the_turned_axes() -> None:
@@ -50,63 +50,63 @@ def test_the_columns_of_a_matrix_are_the_turned_axes() -> None:
 def test_frames_cancel_when_poses_are_composed() -> None:
     world_from_table = (1.0, 2.0, 3.0, *LEFT)
     table_from_cup = (0.5, 0.0, 0.25, *ROLL)
-    world_from_cup = compose(world_from_table, table_from_cup)
+    world_from_cup = pose_multiply(world_from_table, table_from_cup)
     assert_allclose(world_from_cup[:3], (1.0, 2.5, 3.25), atol=1e-15)
-    assert_allclose(compose(invert(world_from_table), world_from_cup), table_from_cup, atol=1e-15)
+    assert_allclose(pose_multiply(pose_inverse(world_from_table), world_from_cup), table_from_cup, atol=1e-15)
 
 
 def test_zeros_are_no_rotation() -> None:
-    assert np.isnan(unit((0.0, 0.0, 0.0, 0.0))).all()
+    assert np.isnan(normalize((0.0, 0.0, 0.0, 0.0))).all()
 
 
 @pytest.mark.parametrize("angle", [1e-300, 1e-16, 1e-9, 1e-6, 0.1, pi / 2, 3.0, pi])
 def test_an_angle_is_exact_however_small(angle: float) -> None:
     turned = (np.cos(angle / 2), 0.0, np.sin(angle / 2), 0.0)
-    assert rotation_angle(IDENTITY.quaternion, turned) == pytest.approx(angle, rel=1e-14)
+    assert quat_angle(IDENTITY.quaternion, turned) == pytest.approx(angle, rel=1e-14)
 
 
 def test_more_than_half_a_turn_is_less_the_other_way_round() -> None:
     turned = (np.cos(2.0), 0.0, 0.0, np.sin(2.0))
-    assert rotation_angle(IDENTITY.quaternion, turned) == pytest.approx(2.0 * pi - 4.0)
+    assert quat_angle(IDENTITY.quaternion, turned) == pytest.approx(2.0 * pi - 4.0)
 
 
 @given(pose=poses(), factor=st.sampled_from((-1.0, 2.0, -0.25)))
 def test_sign_and_length_of_a_quaternion_do_not_count(pose: Pose, factor: float) -> None:
-    assert rotation_angle(pose.quaternion, np.array(pose.quaternion) * factor) == 0.0
+    assert quat_angle(pose.quaternion, np.array(pose.quaternion) * factor) == 0.0
 
 
 @given(a=poses(), b=poses())
 def test_an_angle_is_the_same_from_both_sides(a: Pose, b: Pose) -> None:
-    assert rotation_angle(a.quaternion, b.quaternion) == rotation_angle(b.quaternion, a.quaternion)
+    assert quat_angle(a.quaternion, b.quaternion) == quat_angle(b.quaternion, a.quaternion)
 
 
 @given(pose=poses(), vector=vectors(-10.0, 10.0))
 def test_a_turn_keeps_lengths_and_is_undone_by_its_inverse(pose: Pose, vector: Vector) -> None:
-    q = unit(pose.quaternion)
-    turned = rotate(q, vector)
+    q = normalize(pose.quaternion)
+    turned = quat_rotate(q, vector)
     assert_allclose(np.linalg.norm(turned), np.linalg.norm(vector), rtol=1e-13, atol=1e-13)
-    assert_allclose(rotate(conjugate(q), turned), vector, atol=1e-13)
+    assert_allclose(quat_rotate(quat_conjugate(q), turned), vector, atol=1e-13)
 
 
 @given(many=st.lists(poses(), max_size=4))
 def test_poses_survive_the_way_through_an_array(many: list[Pose]) -> None:
     array = pose_array(many)
     assert array.shape == (len(many), 7)
-    assert [pose_from(row) for row in array] == many
+    assert [pose_from_array(row) for row in array] == many
 
 
 @given(a=poses(), b=poses(), c=poses())
 def test_it_does_not_matter_which_poses_are_composed_first(a: Pose, b: Pose, c: Pose) -> None:
-    x, y, z = (np.concatenate([row[:3], unit(row[3:])]) for row in pose_array((a, b, c)))
-    assert_allclose(compose(compose(x, y), z), compose(x, compose(y, z)), atol=1e-9)
+    x, y, z = (np.concatenate([row[:3], normalize(row[3:])]) for row in pose_array((a, b, c)))
+    assert_allclose(pose_multiply(pose_multiply(x, y), z), pose_multiply(x, pose_multiply(y, z)), atol=1e-9)
 
 
 @given(poses())
 def test_a_matrix_gives_its_quaternion_back(pose: Pose) -> None:
-    quaternion = unit(pose.quaternion)
+    quaternion = normalize(pose.quaternion)
     back = quaternion_from_matrix(rotation_matrix(quaternion))
     assert back[0] >= 0.0
-    assert_allclose(rotation_angle(quaternion, back), 0.0, atol=1e-9)
+    assert_allclose(quat_angle(quaternion, back), 0.0, atol=1e-9)
 
 
 @pytest.mark.parametrize("diagonal", [(1, 1, 1), (1, -1, -1), (-1, 1, -1), (-1, -1, 1)])

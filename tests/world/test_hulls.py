@@ -9,8 +9,8 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from mindstage.world.geometry import rotation_matrix, unit
-from mindstage.world.hulls import hull_round
+from mindstage.world.geometry import normalize, rotation_matrix
+from mindstage.world.hulls import convex_hull
 
 numbers = st.floats(-1, 1)
 clouds = st.lists(st.tuples(numbers, numbers, numbers), min_size=4, max_size=40, unique=True)
@@ -20,7 +20,7 @@ CUBE = np.array([(x, y, z) for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-
 @given(clouds)
 def test_a_hull_is_closed_and_holds_all_its_points(cloud: list[tuple[float, float, float]]) -> None:
     points = np.array(cloud)
-    hull = hull_round(points)
+    hull = convex_hull(points)
     if hull is None:
         spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
         assert spread[2] < 1e-5 * max(spread[0], 1e-3), "points that span a body were taken for flat"
@@ -39,21 +39,21 @@ def test_a_hull_is_closed_and_holds_all_its_points(cloud: list[tuple[float, floa
     st.tuples(*[st.floats(0.1, 3.0)] * 3), st.tuples(*[st.floats(0.1, 1.0)] * 4), st.tuples(numbers, numbers, numbers)
 )
 def test_a_hull_of_a_boxs_corners_weighs_what_the_box_does(
-    size: tuple[float, ...], turn: tuple[float, ...], centre: tuple[float, ...]
+    size: tuple[float, ...], turn: tuple[float, ...], center: tuple[float, ...]
 ) -> None:
-    turned = rotation_matrix(unit(turn))
-    hull = hull_round((CUBE * size) @ turned.T + centre)
+    turned = rotation_matrix(normalize(turn))
+    hull = convex_hull((CUBE * size) @ turned.T + center)
     assert hull is not None
     volume, middle, second = hull.moments()
     assert volume == pytest.approx(np.prod(size))
-    np.testing.assert_allclose(middle, centre, atol=1e-9)
+    np.testing.assert_allclose(middle, center, atol=1e-9)
     expected = turned @ np.diag(np.square(size) / 12 * volume) @ turned.T
     np.testing.assert_allclose(second, expected, atol=1e-9 * max(1.0, volume))
 
 
 def test_a_tetrahedron_has_its_middle_at_the_mean_of_its_corners() -> None:
     corners = np.array([(0.0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)])
-    hull = hull_round(corners)
+    hull = convex_hull(corners)
     assert hull is not None
     volume, middle, _ = hull.moments()
     assert volume == pytest.approx(1 / 6)
@@ -73,22 +73,22 @@ def cylinder(radius: float, height: float, around: int) -> np.ndarray:
 )
 @example((0.9, 0.3, 0.2, 0.1), (1.0, 2.0, 3.0), 32)
 def test_a_tilted_cylinder_in_single_precision_has_its_analytic_volume(
-    turn: tuple[float, ...], centre: tuple[float, ...], around: int
+    turn: tuple[float, ...], center: tuple[float, ...], around: int
 ) -> None:
     """Faces of many points, coplanar but for rounding, as STL files have them."""
     radius, height = 0.03, 0.2
-    tilted = cylinder(radius, height, around) @ rotation_matrix(unit(turn)).T + centre
-    hull = hull_round(tilted.astype(np.float32).astype(np.float64))
+    tilted = cylinder(radius, height, around) @ rotation_matrix(normalize(turn)).T + center
+    hull = convex_hull(tilted.astype(np.float32).astype(np.float64))
     assert hull is not None
     volume, middle, _ = hull.moments()
     assert volume == pytest.approx(around / 2 * np.sin(2 * np.pi / around) * radius**2 * height, rel=1e-4)
-    np.testing.assert_allclose(middle, centre, atol=1e-5)
+    np.testing.assert_allclose(middle, center, atol=1e-5)
 
 
 @given(st.tuples(*[st.floats(0.1, 1.0)] * 4), st.integers(0, 2**32 - 1))
 def test_the_volume_grows_with_the_points_and_with_the_scale(turn: tuple[float, ...], seed: int) -> None:
-    cloud = np.random.default_rng(seed).normal(size=(30, 3)) @ rotation_matrix(unit(turn)).T
-    few, many, large = hull_round(cloud[:10]), hull_round(cloud), hull_round(1000.0 * cloud + 5.0)
+    cloud = np.random.default_rng(seed).normal(size=(30, 3)) @ rotation_matrix(normalize(turn)).T
+    few, many, large = convex_hull(cloud[:10]), convex_hull(cloud), convex_hull(1000.0 * cloud + 5.0)
     assert few is not None
     assert many is not None
     assert large is not None
@@ -97,19 +97,19 @@ def test_the_volume_grows_with_the_points_and_with_the_scale(turn: tuple[float, 
 
 
 def test_points_inside_are_no_corners() -> None:
-    hull = hull_round(np.concatenate([CUBE * 0.5, CUBE, np.zeros((1, 3))]))
+    hull = convex_hull(np.concatenate([CUBE * 0.5, CUBE, np.zeros((1, 3))]))
     assert hull is not None
     np.testing.assert_array_equal(hull.points, CUBE)
     assert hull.faces.shape == (12, 3)
 
 
 def tilted_plate(thickness: float) -> np.ndarray:
-    turned = CUBE * (1.0, 0.5, thickness) @ rotation_matrix(unit((0.9, 0.3, 0.2, 0.1))).T + (1.0, 2.0, 3.0)
+    turned = CUBE * (1.0, 0.5, thickness) @ rotation_matrix(normalize((0.9, 0.3, 0.2, 0.1))).T + (1.0, 2.0, 3.0)
     return turned.astype(np.float32).astype(np.float64)
 
 
 def test_a_tilted_plate_of_a_millimeter_is_a_body() -> None:
-    hull = hull_round(tilted_plate(0.001))
+    hull = convex_hull(tilted_plate(0.001))
     assert hull is not None
     assert hull.moments()[0] == pytest.approx(0.0005, rel=1e-2)
 
@@ -120,4 +120,4 @@ def test_a_tilted_plate_of_a_millimeter_is_a_body() -> None:
      np.outer(np.arange(9), (1.0, 2.0, 3.0)), CUBE * (1, 1, np.nan), CUBE * (1, 1, np.inf)],
 )  # fmt: skip
 def test_what_is_flat_has_no_hull(flat: np.ndarray) -> None:
-    assert hull_round(flat) is None
+    assert convex_hull(flat) is None

@@ -9,20 +9,20 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
-from tests.engines.scenes import body, hinge, hold, slide, world
+from tests.engines.scenes import attachment, body, prismatic_joint, revolute_joint, world
 
 from mindstage.world import Body, Pose, Quaternion, Vector, World
-from mindstage.world.geometry import compose, multiply, pose_from, unit_pose
-from mindstage.world.space import Relation, Space
+from mindstage.world.geometry import normalized_pose_array, pose_from_array, pose_multiply, quat_multiply
+from mindstage.world.space import SpatialRelation, SpatialRelations
 
-ON, INSIDE, ABOVE, BELOW, NEXT_TO = Relation
-
-
-def told(scene: World, **only: object) -> set[tuple[str, Relation, str]]:
-    return {(each.thing.id, each.relation, each.other.id) for each in Space(scene).related(**only)}  # type: ignore[arg-type]
+ON, INSIDE, ABOVE, BELOW, NEXT_TO = SpatialRelation
 
 
-def between(a: Body, b: Body, *more: object) -> set[Relation]:
+def told(scene: World, **only: object) -> set[tuple[str, SpatialRelation, str]]:
+    return {(each.body.id, each.relation, each.other.id) for each in SpatialRelations(scene).related(**only)}  # type: ignore[arg-type]
+
+
+def between(a: Body, b: Body, *more: object) -> set[SpatialRelation]:
     """How the first stands to the second."""
     return {how for thing, how, other in told(world(a, b, *more)) if (thing, other) == (a.id, b.id)}  # type: ignore[arg-type]
 
@@ -61,21 +61,24 @@ def cup(x: float, y: float, z: float, size: Vector = (0.1, 0.1, 0.1), **more: ob
         (cup(0.5401, 0, 0.5), {NEXT_TO}),
     ],
 )
-def test_each_relation_holds_up_to_its_limit_and_no_farther(thing: Body, expected: set[Relation]) -> None:
+def test_each_relation_holds_up_to_its_limit_and_no_farther(thing: Body, expected: set[SpatialRelation]) -> None:
     assert between(thing, TABLE) == expected
     assert between(TABLE, thing) == {BELOW for each in expected if each in {ON, ABOVE}} | (expected & {NEXT_TO})
 
 
-def test_the_numbers_are_gaps_in_metres_and_shares() -> None:
+def test_the_numbers_are_gaps_in_meters_and_shares() -> None:
     scene = world(
         TABLE, cup(0.45, 0, 1.052), body("in", (0.4, 0, 0.3), (0.2, 0.1, 0.1)), body("by", (0, 0.7, 0.9), (1, 0.2, 0.4))
     )
-    found = {(each.thing.id, each.relation): (each.gap, each.share) for each in Space(scene).related(others=["table"])}
+    found = {
+        (each.body.id, each.relation): (each.gap, each.overlap)
+        for each in SpatialRelations(scene).related(others=["table"])
+    }
     assert found[("cup", ON)] == (0.002, 1.0)
     assert found[("in", INSIDE)] == (0.0, 1.0)
     assert found[("by", NEXT_TO)] == (0.1, 0.75)
-    half_over = Space(world(TABLE, cup(0.5, 0.5, 1.15))).related(things=["cup"])
-    assert [(each.relation, each.gap, each.share) for each in half_over] == [(ABOVE, 0.1, 0.25)]
+    half_over = SpatialRelations(world(TABLE, cup(0.5, 0.5, 1.15))).related(subjects=["cup"])
+    assert [(each.relation, each.gap, each.overlap) for each in half_over] == [(ABOVE, 0.1, 0.25)]
 
 
 def test_a_turned_box_is_measured_along_its_own_axes() -> None:
@@ -93,7 +96,7 @@ def test_a_turned_box_is_measured_along_its_own_axes() -> None:
 
 FRIDGE = body("fridge", (0, 0, 1), (0.6, 0.6, 2))
 DOOR = body("door", (0.32, 0, 1), (0.04, 0.6, 2), "dynamic")
-HINGE = hinge("hinge", "fridge", "door", (0.32, 0.3, 1))
+HINGE = revolute_joint("hinge", "fridge", "door", (0.32, 0.3, 1))
 GRIP = body("grip", (0.36, 0.2, 1), (0.04, 0.04, 0.3), "kinematic")
 
 
@@ -114,7 +117,7 @@ def test_what_is_in_a_box_in_a_fridge_is_in_both() -> None:
 
 
 def test_a_door_is_not_beside_what_it_closes_nor_its_handle_beside_it() -> None:
-    scene = world(FRIDGE, DOOR, GRIP, HINGE, hold("door", "grip"))
+    scene = world(FRIDGE, DOOR, GRIP, HINGE, attachment("door", "grip"))
     assert told(scene, relations=[NEXT_TO]) == set()
     assert told(world(FRIDGE, DOOR, GRIP), relations=[NEXT_TO], things=["door"]) == {
         ("door", NEXT_TO, "fridge"),
@@ -134,7 +137,7 @@ def test_what_hangs_in_a_constraint_rests_on_nothing_and_carries_only_what_is_lo
 
 
 def test_roles_may_stand_upside_down() -> None:
-    upside_down = slide("slide", "drawer", "cabinet", (0, 0, 0.2))
+    upside_down = prismatic_joint("slide", "drawer", "cabinet", (0, 0, 0.2))
     cabinet, drawer = (
         body("cabinet", (0, 0, 0.5), (0.6, 0.6, 1)),
         body("drawer", (0.7, 0, 0.2), (0.5, 0.5, 0.2), "dynamic"),
@@ -151,7 +154,7 @@ def test_a_shell_is_where_everything_is_and_takes_no_part() -> None:
     walls = body("walls", (0, 0, 1.5), (5, 5, 3))
     shelves = [body(f"shelf{n}", (n - 1.0, 0, 0.5), (0.3, 0.3, 1)) for n in range(3)]
     scene = world(walls, *shelves)
-    assert Space(scene).shells == ("walls",)
+    assert SpatialRelations(scene).enclosing_bodies == ("walls",)
     assert told(scene) == set()
     assert told(scene, things=["walls"]) == set()
     two = replace(scene, bodies=scene.bodies[:-1])
@@ -190,7 +193,7 @@ things = st.tuples(places, places, places, turns, leans, lengths, lengths, lengt
 def _turned(turn: float, lean: float) -> Quaternion:
     """Leaning about x, then turned about the vertical."""
     lean_x, turn_z = (cos(lean / 2), sin(lean / 2), 0.0, 0.0), (cos(turn / 2), 0.0, 0.0, sin(turn / 2))
-    w, x, y, z = multiply(turn_z, lean_x).tolist()
+    w, x, y, z = quat_multiply(turn_z, lean_x).tolist()
     return w, x, y, z
 
 
@@ -213,27 +216,31 @@ def test_nothing_stands_to_itself_and_opposites_come_in_pairs(scene: World) -> N
         assert thing != other
         back = {each for one, each, two in found if (one, two) == (other, thing)}
         match how:
-            case Relation.ON | Relation.ABOVE:
+            case SpatialRelation.ON | SpatialRelation.ABOVE:
                 assert back == {BELOW}
-            case Relation.BELOW:
+            case SpatialRelation.BELOW:
                 assert back in ({ON}, {ABOVE})
-            case Relation.INSIDE:
+            case SpatialRelation.INSIDE:
                 assert INSIDE not in back
-            case Relation.NEXT_TO:
+            case SpatialRelation.NEXT_TO:
                 assert NEXT_TO in back
 
 
 @given(scenes(), st.tuples(*(st.integers(-500, 500).map(lambda n: n * 0.1) for _ in range(3))), turns)
 def test_a_place_that_is_moved_and_turned_as_a_whole_stays_the_same(scene: World, by: Vector, turn: float) -> None:
-    pose = unit_pose(Pose(by, (cos(turn / 2), 0.0, 0.0, sin(turn / 2))))
-    moved = tuple(replace(each, pose=pose_from(compose(pose, unit_pose(each.pose)))) for each in scene.bodies)
-    before = {(each.thing.id, each.relation, each.other.id): each for each in Space(scene).related()}
+    pose = normalized_pose_array(Pose(by, (cos(turn / 2), 0.0, 0.0, sin(turn / 2))))
+    moved = tuple(
+        replace(each, pose=pose_from_array(pose_multiply(pose, normalized_pose_array(each.pose))))
+        for each in scene.bodies
+    )
+    before = {(each.body.id, each.relation, each.other.id): each for each in SpatialRelations(scene).related()}
     after = {
-        (each.thing.id, each.relation, each.other.id): each for each in Space(replace(scene, bodies=moved)).related()
+        (each.body.id, each.relation, each.other.id): each
+        for each in SpatialRelations(replace(scene, bodies=moved)).related()
     }
     assert before.keys() == after.keys()
     for key, each in before.items():
-        assert (each.gap, each.share) == pytest.approx((after[key].gap, after[key].share), abs=5e-6)
+        assert (each.gap, each.overlap) == pytest.approx((after[key].gap, after[key].overlap), abs=5e-6)
 
 
 @given(scenes())

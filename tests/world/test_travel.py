@@ -3,26 +3,26 @@
 from __future__ import annotations
 
 import pytest
-from tests.engines.scenes import hinge, slide, weld
+from tests.engines.scenes import fixed_joint, prismatic_joint, revolute_joint
 
-from mindstage.world import AngularMotion, Constraint, LinearMotion, Motion
-from mindstage.world.travel import reaches, travel
+from mindstage.world import AngularLimits, AxisMotion, Joint, LinearLimits
+from mindstage.world.travel import joint_displacement, joint_reach
 
-DRAWER = slide("slide", "cabinet", "drawer", (0, 0, 0), limit=0.4)
-DOOR = hinge("hinge", "case", "door", (0, 0, 0), limit=1.5)
-ASTRIDE = Constraint(
+DRAWER = prismatic_joint("slide", "cabinet", "drawer", (0, 0, 0), limit=0.4)
+DOOR = revolute_joint("hinge", "case", "door", (0, 0, 0), limit=1.5)
+ASTRIDE = Joint(
     **{name: getattr(DRAWER, name) for name in ("id", "iri", "parent", "child", "pose")},
-    linear=LinearMotion(x=Motion.LIMITED, limit=0.2, x_middle=0.2),
-    angular=AngularMotion(swing1=Motion.FREE),
+    linear=LinearLimits(x=AxisMotion.LIMITED, limit=0.2, x_middle=0.2),
+    angular=AngularLimits(swing1=AxisMotion.FREE),
 )
 """It slides out by 0.4 m, not in, and turns without an end."""
 
 
 def test_reaches_are_told_for_each_axis() -> None:
-    assert reaches(DRAWER) == (0.4, 0.0, 0.0, 0.0, 0.0, 0.0)
-    assert reaches(DOOR) == (0.0, 0.0, 0.0, 0.0, 0.0, 1.5)
-    assert reaches(ASTRIDE) == (0.4, 0.0, 0.0, 0.0, 0.0, None)
-    assert reaches(weld("weld", "a", "b", (0, 0, 0))) == (0.0,) * 6
+    assert joint_reach(DRAWER) == (0.4, 0.0, 0.0, 0.0, 0.0, 0.0)
+    assert joint_reach(DOOR) == (0.0, 0.0, 0.0, 0.0, 0.0, 1.5)
+    assert joint_reach(ASTRIDE) == (0.4, 0.0, 0.0, 0.0, 0.0, None)
+    assert joint_reach(fixed_joint("weld", "a", "b", (0, 0, 0))) == (0.0,) * 6
 
 
 @pytest.mark.parametrize(
@@ -37,10 +37,10 @@ def test_reaches_are_told_for_each_axis() -> None:
     ],
 )
 def test_the_way_that_was_gone_farthest_counts(
-    joint: Constraint, positions: tuple[float, ...], expected: tuple[float, bool, float | None]
+    joint: Joint, positions: tuple[float, ...], expected: tuple[float, bool, float | None]
 ) -> None:
-    assert travel(joint, positions) == pytest.approx(expected)
+    assert joint_displacement(joint, positions) == pytest.approx(expected)
 
 
 def test_what_is_locked_goes_nowhere() -> None:
-    assert travel(weld("weld", "a", "b", (0, 0, 0)), (0.0,) * 6) is None
+    assert joint_displacement(fixed_joint("weld", "a", "b", (0, 0, 0)), (0.0,) * 6) is None

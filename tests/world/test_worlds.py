@@ -13,16 +13,16 @@ from hypothesis import strategies as st
 from tests.kitchenette import MAP, kitchenette
 from tests.worlds import worlds
 
-from mindstage.errors import BodyUnknown
+from mindstage.errors import BodyNotFoundError
 from mindstage.world import (
-    Anonymous,
+    AxisMotion,
+    BlankNode,
     Body,
-    Fact,
+    IriRef,
     Literal,
     Mobility,
-    Motion,
     Pose,
-    Reference,
+    PropertyAssertion,
     Tag,
     World,
 )
@@ -33,16 +33,16 @@ SEARCH = settings(max_examples=3000, database=None, derandomize=True, deadline=N
 
 
 def things(world: World) -> list:
-    return [*world.bodies, *world.constraints, *world.lights]
+    return [*world.bodies, *world.joints, *world.lights]
 
 
-def all_facts(world: World) -> Iterator[tuple[str, tuple[Fact, ...]]]:
+def all_facts(world: World) -> Iterator[tuple[str, tuple[PropertyAssertion, ...]]]:
     """Every group of facts about one thing, nameless ones included."""
     waiting = [(owner.iri, owner.facts) for owner in (world, *things(world), *world.resources)]
     while waiting:
         owner, facts = waiting.pop()
         yield owner, facts
-        waiting.extend(("", fact.value.facts) for fact in facts if isinstance(fact.value, Anonymous))
+        waiting.extend(("", fact.value.facts) for fact in facts if isinstance(fact.value, BlankNode))
 
 
 def texts_in(value: object) -> Iterator[str]:
@@ -69,7 +69,7 @@ def names_are_those_of_the_map(world: World) -> bool:
 
 def constraints_join_two_bodies(world: World) -> bool:
     ids = {body.id for body in world.bodies}
-    return all(c.parent != c.child and {c.parent, c.child} <= ids for c in world.constraints)
+    return all(c.parent != c.child and {c.parent, c.child} <= ids for c in world.joints)
 
 
 def attachments_are_a_forest(world: World) -> bool:
@@ -149,7 +149,7 @@ def test_the_kitchenette_keeps_the_rules() -> None:
 @given(world=worlds(min_bodies=2, max_bodies=3, max_constraints=1, max_lights=0))
 def test_a_world_is_as_large_as_asked_for(world: World) -> None:
     assert 2 <= len(world.bodies) <= 3
-    assert len(world.constraints) <= 1
+    assert len(world.joints) <= 1
     assert world.lights == ()
 
 
@@ -161,7 +161,7 @@ def same_class_two_sizes(world: World) -> bool:
     return max(sizes.values(), default=0) > 1
 
 
-def any_value(world: World, wanted: Callable[[Fact], object]) -> bool:
+def any_value(world: World, wanted: Callable[[PropertyAssertion], object]) -> bool:
     return any(wanted(fact) for _, facts in all_facts(world) for fact in facts)
 
 
@@ -172,20 +172,20 @@ SOMETIMES: dict[str, Callable[[World], object]] = {
     "one class with two sizes": same_class_two_sizes,
     "six digits": lambda w: any(abs(sum(x * x for x in b.pose.quaternion) - 1.0) > 1e-7 for b in w.bodies),
     "a negative scalar": lambda w: any(b.pose.quaternion[0] < 0.0 for b in w.bodies),
-    "all motions at once": lambda w: any(set(Motion) == {c.linear.x, c.linear.y, c.linear.z} for c in w.constraints),
-    "a limit of zero": lambda w: any(c.linear.x is Motion.LIMITED and not c.linear.limit for c in w.constraints),
+    "all motions at once": lambda w: any(set(AxisMotion) == {c.linear.x, c.linear.y, c.linear.z} for c in w.joints),
+    "a limit of zero": lambda w: any(c.linear.x is AxisMotion.LIMITED and not c.linear.limit for c in w.joints),
     "two joints between the same bodies": lambda w: any(
-        {a.parent, a.child} == {b.parent, b.child} for a, b in pairwise(w.constraints)
+        {a.parent, a.child} == {b.parent, b.child} for a, b in pairwise(w.joints)
     ),
     "a chain of attachments": lambda w: {a.parent for a in w.attachments} & {a.child for a in w.attachments},
     "a light": lambda w: w.lights,
     "tags of two types": lambda w: any(len({tag.type for tag in b.tags}) > 1 for b in w.bodies),
     "unicode": lambda w: any(not tag.value.isascii() for b in w.bodies for tag in b.tags),
-    "a nameless thing": lambda w: any_value(w, lambda f: isinstance(f.value, Anonymous) and f.value.facts),
+    "a nameless thing": lambda w: any_value(w, lambda f: isinstance(f.value, BlankNode) and f.value.facts),
     "a language": lambda w: any_value(w, lambda f: isinstance(f.value, Literal) and f.value.language),
     "a datatype": lambda w: any_value(w, lambda f: isinstance(f.value, Literal) and f.value.datatype),
     "a body that is spoken of": lambda w: any_value(
-        w, lambda f: isinstance(f.value, Reference) and f.value.iri in {b.iri for b in w.bodies}
+        w, lambda f: isinstance(f.value, IriRef) and f.value.iri in {b.iri for b in w.bodies}
     ),
 }
 
@@ -226,7 +226,7 @@ def test_the_parts_of_a_world_are_made_by_keyword_and_cannot_be_changed() -> Non
 
 
 def test_a_body_that_is_not_there_is_missed_with_what_is_near() -> None:
-    with pytest.raises(BodyUnknown, match="no body 'Mugg' in 'map'; near: 'Mug'"):
+    with pytest.raises(BodyNotFoundError, match="no body 'Mugg' in 'map'; near: 'Mug'"):
         KITCHEN.body("Mugg")
 
 

@@ -1,5 +1,5 @@
-"""Assets: mesh files that others have modelled, found and made into forms."""
+"""Assets: mesh files that others have modeled, found and made into forms."""
 
-from mindstage.assets.assets import Assets, MeshForms
+from mindstage.assets.assets import MeshGeometries, MeshLibrary
 
-__all__ = ["Assets", "MeshForms"]
+__all__ = ["MeshGeometries", "MeshLibrary"]

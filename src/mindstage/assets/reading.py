@@ -17,37 +17,37 @@ from zipfile import BadZipFile
 
 import numpy as np
 
-from mindstage.files import cache_folder
-from mindstage.world import Skin, Surface
+from mindstage.files import cache_dir
+from mindstage.world import PbrMaterial, VisualMesh
 from mindstage.world.geometry import Array
 
-__all__ = ["MeshFile", "read_meshes"]
+__all__ = ["ImportedMesh", "import_meshes"]
 
 _VERSION = 1
 """Of what is kept; another one is made anew."""
-_REFUSED = ".refused"
-_PATIENCE_S = 60.0
+_REJECTED_SUFFIX = ".refused"
+_TIMEOUT_S = 60.0
 """For one file; taking it apart into convex pieces is the slow part."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class MeshFile:
+class ImportedMesh:
     """What is in a file, in its own units; x forward, y left, z up."""
 
     path: Path
     digest: str
     """Of the file's content."""
-    skins: tuple[Skin, ...]
-    pieces: tuple[Array, ...]
+    visuals: tuple[VisualMesh, ...]
+    convex_parts: tuple[Array, ...]
     """The corners of convex pieces, k x 3 each."""
     low: Array
     """The lower corner of the box around it."""
     high: Array
 
 
-def read_meshes(
-    paths: Iterable[Path], *, folder: Path | None = None, timeout_s: float = _PATIENCE_S
-) -> tuple[dict[Path, MeshFile], dict[Path, str]]:
+def import_meshes(
+    paths: Iterable[Path], *, folder: Path | None = None, timeout_s: float = _TIMEOUT_S
+) -> tuple[dict[Path, ImportedMesh], dict[Path, str]]:
     """Reads files, or takes what is kept of them.
 
     Args:
@@ -58,8 +58,8 @@ def read_meshes(
     Returns:
         What could be read, and why the rest could not.
     """
-    folder = folder or cache_folder("meshes")
-    read: dict[Path, MeshFile] = {}
+    folder = folder or cache_dir("meshes")
+    read: dict[Path, ImportedMesh] = {}
     refused: dict[Path, str] = {}
     missing: dict[Path, tuple[str, Path]] = {}
     for path in dict.fromkeys(paths):
@@ -69,31 +69,33 @@ def read_meshes(
             refused[path] = error.strerror or str(error)
             continue
         kept = folder / f"{digest}.npz"
-        if (mesh := _kept(path, digest, kept)) is not None:
+        if (mesh := _load_cached(path, digest, kept)) is not None:
             read[path] = mesh
-        elif why := _refusal(kept):
+        elif why := _rejection_reason(kept):
             refused[path] = why
         else:
             missing[path] = (digest, kept)
-    for path, why in _read({path: kept for path, (_, kept) in missing.items()}, timeout_s):
-        mesh = None if why else _kept(path, *missing[path])
+    for path, why in _import_in_worker({path: kept for path, (_, kept) in missing.items()}, timeout_s):
+        mesh = None if why else _load_cached(path, *missing[path])
         if mesh is None:
             refused[path] = why or "what was read of it could not be kept"
-            missing[path][1].with_suffix(_REFUSED).write_text(refused[path])  # so that nobody waits for it again
+            missing[path][1].with_suffix(_REJECTED_SUFFIX).write_text(
+                refused[path]
+            )  # so that nobody waits for it again
         else:
             read[path] = mesh
     return read, refused
 
 
-def _refusal(kept: Path) -> str:
+def _rejection_reason(cache_file: Path) -> str:
     try:
-        return kept.with_suffix(_REFUSED).read_text()
+        return cache_file.with_suffix(_REJECTED_SUFFIX).read_text()
     except OSError:
         return ""
 
 
 @cache
-def _with_pieces() -> bool:
+def _can_decompose() -> bool:
     try:
         return find_spec("coacd") is not None
     except ValueError:  # it was taken away on purpose
@@ -102,7 +104,7 @@ def _with_pieces() -> bool:
 
 def _digest(path: Path) -> str:
     """Of the file, and of how it is read; what it names beside itself counts by its time."""
-    hasher = hashlib.sha256(f"{_VERSION} {_with_pieces()} {path.suffix.lower()}".encode())
+    hasher = hashlib.sha256(f"{_VERSION} {_can_decompose()} {path.suffix.lower()}".encode())
     with path.open("rb") as file:
         while block := file.read(1 << 20):
             hasher.update(block)
@@ -114,46 +116,46 @@ def _digest(path: Path) -> str:
     return hasher.hexdigest()[:32]
 
 
-def _kept(path: Path, digest: str, kept: Path) -> MeshFile | None:
+def _load_cached(path: Path, digest: str, cache_file: Path) -> ImportedMesh | None:
     try:
-        with np.load(kept, allow_pickle=False) as arrays:
+        with np.load(cache_file, allow_pickle=False) as arrays:
             found = {name: arrays[name] for name in arrays.files}
     except (OSError, ValueError, EOFError, KeyError, BadZipFile):
         return None
-    skins = tuple(_skin(found, number) for number in range(sum(name.startswith("points_") for name in found)))
+    skins = tuple(_load_visual(found, number) for number in range(sum(name.startswith("points_") for name in found)))
     pieces = tuple(found[f"piece_{number}"] for number in range(sum(name.startswith("piece_") for name in found)))
     if not (skins and pieces):
         return None
     low = np.min([skin.points.min(axis=0) for skin in skins], axis=0)
     high = np.max([skin.points.max(axis=0) for skin in skins], axis=0)
-    return MeshFile(path, digest, skins, pieces, low, high)
+    return ImportedMesh(path, digest, skins, pieces, low, high)
 
 
-def _skin(found: Mapping[str, Array], number: int) -> Skin:
+def _load_visual(found: Mapping[str, Array], number: int) -> VisualMesh:
     red, green, blue, metalness, roughness, opacity = found[f"surface_{number}"].tolist()
-    surface = Surface(colour=(red, green, blue), metalness=metalness, roughness=roughness, opacity=opacity)
-    return Skin(
+    surface = PbrMaterial(color=(red, green, blue), metalness=metalness, roughness=roughness, opacity=opacity)
+    return VisualMesh(
         points=found[f"points_{number}"],
         faces=found[f"faces_{number}"].astype(np.uint32),
-        surface=surface,
+        material=surface,
         normals=found.get(f"normals_{number}"),
         uv=found.get(f"uv_{number}"),
         image=None if (image := found.get(f"image_{number}")) is None else image.astype(np.uint8),
     )
 
 
-def _read(wanted: Mapping[Path, Path], timeout_s: float) -> Iterator[tuple[Path, str]]:
+def _import_in_worker(wanted: Mapping[Path, Path], timeout_s: float) -> Iterator[tuple[Path, str]]:
     """Has files read, each into the place given; a file that ends its reader costs only itself."""
     waiting = list(wanted)
-    pieces = _with_pieces()
+    pieces = _can_decompose()
     hard: set[Path] = set()
     """What took too long to take apart: its hull must do."""
     while waiting:
-        with _Reader() as reader:
+        with _MeshWorker() as reader:
             while waiting:
                 path = waiting[0]
                 out = wanted[path].with_suffix(".part.npz")
-                why = reader.read(path, out, pieces=pieces and path not in hard, timeout_s=timeout_s)
+                why = reader.read(path, out, decompose=pieces and path not in hard, timeout_s=timeout_s)
                 if why is None and pieces and path not in hard:
                     hard.add(path)
                     break
@@ -166,10 +168,10 @@ def _read(wanted: Mapping[Path, Path], timeout_s: float) -> Iterator[tuple[Path,
                     break
 
 
-class _Reader:
+class _MeshWorker:
     """The process, for as long as it lives."""
 
-    def __enter__(self) -> _Reader:
+    def __enter__(self) -> _MeshWorker:
         # -P: nothing that lies in the working directory is taken for a library.
         command = [sys.executable, "-P", "-m", "mindstage.assets.reading_process"]
         self._process = subprocess.Popen(
@@ -190,11 +192,11 @@ class _Reader:
                 self._answers.put(line)
         self._answers.put("")
 
-    def read(self, path: Path, out: Path, *, pieces: bool, timeout_s: float) -> str | None:
+    def read(self, path: Path, out: Path, *, decompose: bool, timeout_s: float) -> str | None:
         """Why the file was refused; empty if it was not, None if the process is lost over it."""
         assert self._process.stdin is not None
         try:
-            self._process.stdin.write(json.dumps({"path": str(path), "out": str(out), "pieces": pieces}) + "\n")
+            self._process.stdin.write(json.dumps({"path": str(path), "out": str(out), "pieces": decompose}) + "\n")
             self._process.stdin.flush()
             answer = self._answers.get(timeout=timeout_s)
         except (OSError, queue.Empty):

@@ -1,6 +1,6 @@
 """The process that reads mesh files: strangers made them, and their readers may hang, crash or take all memory.
 
-Each line in is a request (`{"path", "out", "pieces"}`), each line out an answer (`{"path", "why"}`; without a reason,
+Each line in is a request (`{"path", "out", "convex_parts"}`), each line out an answer (`{"path", "why"}`; without a reason,
 what was read lies at `out`). It loads trimesh, and where wanted coacd, which nobody else has to.
 """
 
@@ -16,25 +16,25 @@ from typing import Any
 
 import numpy as np
 
-from mindstage.world.colours import shown
+from mindstage.world.colors import linear_to_srgb
 
 __all__ = ["main"]
 
 MEMORY_LIMIT = 6 * 1024**3
 """Of addresses, of which much is never used [bytes]."""
-_LARGEST_FILE = 256 * 1024**2
-_MOST_FACES = 2_000_000
-_LARGEST_IMAGE = 1024
+_MAX_FILE_BYTES = 256 * 1024**2
+_MAX_FACES = 2_000_000
+_MAX_IMAGE_PIXELS = 1024
 """Along one side; larger ones are made smaller."""
-_MOST_COLOURS = 24
-_MOST_PIECES = 24
-_DIRECTIONS = 512
+_MAX_COLORS = 24
+_MAX_CONVEX_PARTS = 24
+_MAX_HULL_DIRECTIONS = 512
 
 # To x forward, y left, z up, from y up and z forward (glTF, and COLLADA unless it says otherwise).
 _FROM_Y_UP = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 
 
-class RefusedError(Exception):
+class MeshRejected(Exception):
     """A file is not taken, for the reason given."""
 
 
@@ -45,8 +45,8 @@ def main() -> int:
         request = json.loads(line)
         why = ""
         try:
-            _digest(Path(request["path"]), Path(request["out"]), pieces=request["pieces"])
-        except RefusedError as error:
+            _import_mesh(Path(request["path"]), Path(request["out"]), decompose=request["pieces"])
+        except MeshRejected as error:
             why = str(error)
         except MemoryError:
             why = "reading it takes too much memory"
@@ -56,24 +56,24 @@ def main() -> int:
     return 0
 
 
-def _digest(path: Path, out: Path, *, pieces: bool) -> None:
+def _import_mesh(path: Path, out: Path, *, decompose: bool) -> None:
     """Reads one file and writes what is in it as arrays."""
     if not path.is_file():
-        raise RefusedError("it is no file")
-    if path.stat().st_size > _LARGEST_FILE:
-        raise RefusedError(f"it has more than {_LARGEST_FILE // 1024**2} MB")
-    skins = list(_skins(path))
+        raise MeshRejected("it is no file")
+    if path.stat().st_size > _MAX_FILE_BYTES:
+        raise MeshRejected(f"it has more than {_MAX_FILE_BYTES // 1024**2} MB")
+    skins = list(_load_visuals(path))
     if not skins:
-        raise RefusedError("there are no triangles in it")
-    if sum(len(skin["faces"]) for skin in skins) > _MOST_FACES:
-        raise RefusedError(f"it has more than {_MOST_FACES:,} triangles")
+        raise MeshRejected("there are no triangles in it")
+    if sum(len(skin["faces"]) for skin in skins) > _MAX_FACES:
+        raise MeshRejected(f"it has more than {_MAX_FACES:,} triangles")
     points = np.concatenate([skin["points"] for skin in skins])
     if not np.ptp(points, axis=0).max() > 0.0:
-        raise RefusedError("all of its points are one")
+        raise MeshRejected("all of its points are one")
     arrays: dict[str, Any] = {}
     for number, skin in enumerate(skins):
         arrays |= {f"{name}_{number}": value for name, value in skin.items() if value is not None}
-    for number, piece in enumerate(_pieces(skins, points) if pieces else [_hull(points)]):
+    for number, piece in enumerate(_convex_parts(skins, points) if decompose else [_hull(points)]):
         arrays[f"piece_{number}"] = piece
     with out.open("wb") as file:
         np.savez_compressed(file, **arrays)
@@ -82,7 +82,7 @@ def _digest(path: Path, out: Path, *, pieces: bool) -> None:
 # -- what is seen ------------------------------------------------------------------------------------------------------
 
 
-def _skins(path: Path) -> Iterator[dict[str, Any]]:
+def _load_visuals(path: Path) -> Iterator[dict[str, Any]]:
     import trimesh
 
     scene = trimesh.load_scene(path, process=False)
@@ -96,13 +96,13 @@ def _skins(path: Path) -> Iterator[dict[str, Any]]:
         points = np.asarray(mesh.vertices, dtype=np.float64) @ linear.T + moved
         faces = np.asarray(mesh.faces, dtype=np.int64)
         if not np.isfinite(points).all():
-            raise RefusedError("some of its numbers are none")
+            raise MeshRejected("some of its numbers are none")
         if faces.min() < 0 or faces.max() >= len(points):
-            raise RefusedError("it has triangles between points that it does not have")
+            raise MeshRejected("it has triangles between points that it does not have")
         if np.linalg.det(linear) < 0.0:
             faces = faces[:, ::-1]
         normals = _normals(mesh, linear)
-        for rows, surface, uv, image in _coloured(mesh):
+        for rows, surface, uv, image in _split_by_color(mesh):
             used, renamed = np.unique(faces[rows], return_inverse=True)
             yield {
                 "points": points[used],
@@ -138,11 +138,11 @@ def _normals(mesh: Any, linear: Any) -> Any:
     return turned / np.where(lengths > 0.0, lengths, 1.0)
 
 
-_PLAIN = (0.8, 0.8, 0.8, 0.0, 0.8, 1.0)
+_DEFAULT_MATERIAL = (0.8, 0.8, 0.8, 0.0, 0.8, 1.0)
 """Red, green, blue (sRGB), metalness, roughness, opacity."""
 
 
-def _coloured(mesh: Any) -> Iterator[tuple[Any, tuple[float, ...], Any, Any]]:
+def _split_by_color(mesh: Any) -> Iterator[tuple[Any, tuple[float, ...], Any, Any]]:
     """Which faces have which surface, texture coordinates and texture."""
     everything = np.arange(len(mesh.faces))
     visual = mesh.visual
@@ -153,15 +153,15 @@ def _coloured(mesh: Any) -> Iterator[tuple[Any, tuple[float, ...], Any, Any]]:
             whole = image is not None and uv.shape == (len(mesh.vertices), 2) and bool(np.isfinite(uv).all())
             yield everything, surface, uv if whole else None, image if whole else None
         case "face" | "vertex":
-            colours = np.asarray(visual.face_colors, dtype=np.float64)[:, :4] / 255.0
-            # Colours that run into one another become bands: a skin has one colour.
-            steps = 255 if len(np.unique(colours, axis=0)) <= _MOST_COLOURS else 2
-            found, which = np.unique(np.round(colours * steps) / steps, axis=0, return_inverse=True)
+            colors = np.asarray(visual.face_colors, dtype=np.float64)[:, :4] / 255.0
+            # Colors that run into one another become bands: a skin has one color.
+            steps = 255 if len(np.unique(colors, axis=0)) <= _MAX_COLORS else 2
+            found, which = np.unique(np.round(colors * steps) / steps, axis=0, return_inverse=True)
             for number, (red, green, blue, opacity) in enumerate(found.tolist()):
                 surface = (red, green, blue, 0.0, 0.8, opacity)
                 yield np.flatnonzero(which.reshape(-1) == number), surface, None, None
         case _:
-            yield everything, _PLAIN, None, None
+            yield everything, _DEFAULT_MATERIAL, None, None
 
 
 def _material(material: Any) -> tuple[tuple[float, ...], Any]:
@@ -173,17 +173,17 @@ def _material(material: Any) -> tuple[tuple[float, ...], Any]:
     else:
         factor, texture = getattr(material, "diffuse", None), getattr(material, "image", None)
         metalness, roughness, linear = 0.0, 0.8, False
-    colour: Any = np.ones(4) if texture is not None else np.array([0.8, 0.8, 0.8, 1.0])
+    color: Any = np.ones(4) if texture is not None else np.array([0.8, 0.8, 0.8, 1.0])
     if factor is not None:
         # trimesh gives factors as bytes.
-        colour = np.asarray(factor, dtype=np.float64).reshape(-1)
-        colour = colour / 255.0 if np.asarray(factor).dtype.kind in "ui" else colour
-        colour = np.append(colour, 1.0)[:4]
-        colour[:3] = shown(colour[:3]) if linear else colour[:3]
+        color = np.asarray(factor, dtype=np.float64).reshape(-1)
+        color = color / 255.0 if np.asarray(factor).dtype.kind in "ui" else color
+        color = np.append(color, 1.0)[:4]
+        color[:3] = linear_to_srgb(color[:3]) if linear else color[:3]
     values = [1.0 if value is None else float(value) for value in (metalness, roughness)]
     if linear and metalness is None:
         values[0] = 0.0
-    numbers = np.clip(np.nan_to_num([*colour[:3], *values, colour[3]]), 0.0, 1.0)
+    numbers = np.clip(np.nan_to_num([*color[:3], *values, color[3]]), 0.0, 1.0)
     return tuple(numbers.tolist()), None if texture is None else _image(texture)
 
 
@@ -193,7 +193,7 @@ def _image(texture: Any) -> Any:
     Image.MAX_IMAGE_PIXELS = 64_000_000
     with suppress(OSError, ValueError, Image.DecompressionBombError, Image.DecompressionBombWarning):
         image = texture.convert("RGBA")
-        image.thumbnail((_LARGEST_IMAGE, _LARGEST_IMAGE))
+        image.thumbnail((_MAX_IMAGE_PIXELS, _MAX_IMAGE_PIXELS))
         return np.asarray(image, dtype=np.uint8)
     return None
 
@@ -201,20 +201,20 @@ def _image(texture: Any) -> Any:
 # -- what is touched ---------------------------------------------------------------------------------------------------
 
 
-def _pieces(skins: list[dict[str, Any]], points: Any) -> list[Any]:
+def _convex_parts(visuals: list[dict[str, Any]], points: Any) -> list[Any]:
     """Convex pieces that together are the mesh."""
     import coacd
 
     coacd.set_log_level("off")
-    starts = np.cumsum([0, *(len(skin["points"]) for skin in skins)])
-    faces = np.concatenate([skin["faces"].astype(np.int64) + at for skin, at in zip(skins, starts, strict=False)])
+    starts = np.cumsum([0, *(len(skin["points"]) for skin in visuals)])
+    faces = np.concatenate([skin["faces"].astype(np.int64) + at for skin, at in zip(visuals, starts, strict=False)])
     # Points that coincide become one: at seams of textures a surface would seem to be open.
     whole, renamed = np.unique(np.round(points / np.ptp(points, axis=0).max(), 6), axis=0, return_inverse=True)
     faces = renamed.reshape(-1)[faces]
     faces = faces[(faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])]
     # A quarter of the search that it does by default: a few seconds for each mesh, and pieces hardly worse.
     parts = coacd.run_coacd(
-        coacd.Mesh(whole, faces), threshold=0.06, max_convex_hull=_MOST_PIECES, preprocess_resolution=30,
+        coacd.Mesh(whole, faces), threshold=0.06, max_convex_hull=_MAX_CONVEX_PARTS, preprocess_resolution=30,
         resolution=1000, mcts_iterations=50, mcts_nodes=12, mcts_max_depth=2, seed=1,
     )  # fmt: skip
     scale = np.ptp(points, axis=0).max()
@@ -223,8 +223,8 @@ def _pieces(skins: list[dict[str, Any]], points: Any) -> list[Any]:
 
 def _hull(points: Any) -> Any:
     """The points that lie farthest out, each in one of many directions: what is between them is within a hair."""
-    steps = np.arange(_DIRECTIONS) + 0.5
-    down, around = np.arccos(1.0 - 2.0 * steps / _DIRECTIONS), np.pi * (1.0 + 5**0.5) * steps
+    steps = np.arange(_MAX_HULL_DIRECTIONS) + 0.5
+    down, around = np.arccos(1.0 - 2.0 * steps / _MAX_HULL_DIRECTIONS), np.pi * (1.0 + 5**0.5) * steps
     directions = np.stack([np.cos(around) * np.sin(down), np.sin(around) * np.sin(down), np.cos(down)], axis=1)
     # What is thin is stretched first, or its edges would be missed; the eight corners always count.
     spread = np.ptp(points, axis=0)

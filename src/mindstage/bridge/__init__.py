@@ -1,33 +1,33 @@
 """Bridge: the rosbridge v2 protocol and the connection for both of its ends."""
 
-from mindstage.bridge.client import Client, LinkState
-from mindstage.bridge.goals import GoalOutcome, SentGoal, ServedGoal
-from mindstage.bridge.hub import Hub
-from mindstage.bridge.participant import MessageHandler, Participant, Subscription
-from mindstage.bridge.protocol import Compression, GoalStatus, Level, Limits, Status
-from mindstage.bridge.server import Server
+from mindstage.bridge.client import ConnectionState, RosbridgeClient
+from mindstage.bridge.goals import ClientGoalHandle, GoalResult, ServerGoalHandle
+from mindstage.bridge.hub import LocalNode
+from mindstage.bridge.participant import MessageHandler, Node, Subscription
+from mindstage.bridge.protocol import BridgeLimits, Compression, GoalStatus, Status, StatusLevel
+from mindstage.bridge.server import RosbridgeServer
 from mindstage.bridge.serving import ActionHandler, ServiceHandler
-from mindstage.bridge.switchboard import Directory, Listing, TopicListing
+from mindstage.bridge.switchboard import GraphInfo, ProviderInfo, TopicInfo
 
 __all__ = [
     "ActionHandler",
-    "Client",
+    "BridgeLimits",
+    "ClientGoalHandle",
     "Compression",
-    "Directory",
-    "GoalOutcome",
+    "ConnectionState",
+    "GoalResult",
     "GoalStatus",
-    "Hub",
-    "Level",
-    "Limits",
-    "LinkState",
-    "Listing",
+    "GraphInfo",
+    "LocalNode",
     "MessageHandler",
-    "Participant",
-    "SentGoal",
-    "ServedGoal",
-    "Server",
+    "Node",
+    "ProviderInfo",
+    "RosbridgeClient",
+    "RosbridgeServer",
+    "ServerGoalHandle",
     "ServiceHandler",
     "Status",
+    "StatusLevel",
     "Subscription",
-    "TopicListing",
+    "TopicInfo",
 ]

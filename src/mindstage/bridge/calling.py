@@ -12,8 +12,8 @@ from typing import Any
 
 import msgspec
 
-from mindstage.bridge.goals import GoalOutcome, SentGoal
-from mindstage.bridge.loop import LoopThread
+from mindstage.bridge.goals import ClientGoalHandle, GoalResult
+from mindstage.bridge.loop import EventLoopThread
 from mindstage.bridge.protocol import (
     ActionFeedback,
     ActionResult,
@@ -26,14 +26,20 @@ from mindstage.bridge.protocol import (
     ServiceResponse,
     content,
 )
-from mindstage.errors import BridgeError, MessageRefused, ServiceFailed, ServiceTimedOut, ServiceUnknown
+from mindstage.errors import (
+    BridgeError,
+    MessageValidationError,
+    ServiceCallError,
+    ServiceNotFoundError,
+    ServiceTimeoutError,
+)
 
-__all__ = ["Calling", "FeedbackHandler"]
+__all__ = ["FeedbackHandler", "PendingCalls"]
 
 FeedbackHandler = Callable[[Any], object]
 """Told how a goal goes, on the bridge's thread: it must not take long."""
 
-_GRACE_S = 1.0
+_TIMEOUT_MARGIN_S = 1.0
 """The far side is given this much longer, so that our own clock decides."""
 _log = logging.getLogger("mindstage.bridge")
 
@@ -45,30 +51,32 @@ class _Call:
         self.timer = timer
 
 
-class Calling:
+class PendingCalls:
     """Calls and goals of one participant that have no answer yet. Belongs to the loop."""
 
-    def __init__(self, loop: LoopThread, send: Callable[[Operation], None]) -> None:
+    def __init__(self, loop: EventLoopThread, send: Callable[[Operation], None]) -> None:
         self._loop = loop
         self._send = send
         self._calls: dict[Id, _Call] = {}
-        self._goals: dict[Id, tuple[SentGoal, FeedbackHandler | None]] = {}
-        self._numbers = count(1)
+        self._goals: dict[Id, tuple[ClientGoalHandle, FeedbackHandler | None]] = {}
+        self._next_id = count(1)
 
-    def call(self, service: str, args: msgspec.Raw, timeout_s: float, future: Future[Any]) -> None:
+    def call_service(self, service: str, args: msgspec.Raw, timeout_s: float, future: Future[Any]) -> None:
         """Asks; the future gets the answer's values, or the error."""
-        id = f"call_service:{service}:{next(self._numbers)}"
+        id = f"call_service:{service}:{next(self._next_id)}"
         timer = self._loop.loop.call_later(timeout_s, self._time_out, id, timeout_s)
         self._calls[id] = _Call(service, future, timer)
         try:
-            self._send(CallService(id=id, service=service, args=args, timeout=timeout_s + _GRACE_S))
+            self._send(CallService(id=id, service=service, args=args, timeout=timeout_s + _TIMEOUT_MARGIN_S))
         except BridgeError as error:
             self._end_call(id, error)
 
-    def goal(self, action: str, type: str, args: msgspec.Raw, on_feedback: FeedbackHandler | None) -> SentGoal:
+    def send_goal(
+        self, action: str, type: str, args: msgspec.Raw, on_feedback: FeedbackHandler | None
+    ) -> ClientGoalHandle:
         """Sends a goal on its way."""
-        id = f"send_action_goal:{action}:{next(self._numbers)}"
-        goal = SentGoal(action, id, partial(self._loop.soon, self._cancel))
+        id = f"send_action_goal:{action}:{next(self._next_id)}"
+        goal = ClientGoalHandle(action, id, partial(self._loop.call_soon, self._cancel))
         self._goals[id] = (goal, on_feedback)
         try:
             told = on_feedback is not None
@@ -78,7 +86,7 @@ class Calling:
             goal.future.set_exception(error)
         return goal
 
-    def answer(self, response: ServiceResponse) -> None:
+    def on_response(self, response: ServiceResponse) -> None:
         """Gives a call its answer; one that nobody waits for any more is no harm."""
         call = None if response.id is None else self._calls.get(response.id)
         if call is None or response.id is None:
@@ -91,17 +99,17 @@ class Calling:
         else:
             self._end_call(response.id, values)
 
-    def feedback(self, told: ActionFeedback) -> None:
+    def on_feedback(self, message: ActionFeedback) -> None:
         """Passes on how a goal goes."""
-        _, handler = self._goals.get(told.id, (None, None))
+        _, handler = self._goals.get(message.id, (None, None))
         if handler is None:
             return
         try:
-            handler(_read(told.values))
+            handler(_decode_values(message.values))
         except Exception:
-            _log.exception("the feedback handler of %s broke", told.action)
+            _log.exception("the feedback handler of %s broke", message.action)
 
-    def result(self, result: ActionResult) -> None:
+    def on_result(self, result: ActionResult) -> None:
         """Ends a goal."""
         goal, _ = self._goals.pop("" if result.id is None else result.id, (None, None))
         if goal is None:
@@ -112,7 +120,7 @@ class Calling:
         except BridgeError as error:
             goal.future.set_exception(error)
         else:
-            goal.future.set_result(GoalOutcome(_status(result.status), values))
+            goal.future.set_result(GoalResult(_goal_status(result.status), values))
 
     def fail_all(self, error: BridgeError) -> None:
         """Ends everything: whoever could answer is gone."""
@@ -130,7 +138,7 @@ class Calling:
                 _log.debug("a goal could not be cancelled: %s", error)  # its end tells of the loss
 
     def _time_out(self, id: Id, timeout_s: float) -> None:
-        self._end_call(id, ServiceTimedOut(self._calls[id].service, timeout_s=timeout_s))
+        self._end_call(id, ServiceTimeoutError(self._calls[id].service, timeout_s=timeout_s))
 
     def _end_call(self, id: Id, outcome: object) -> None:
         call = self._calls.pop(id)
@@ -145,22 +153,22 @@ class Calling:
 
 def _values(name: str, raw: msgspec.Raw | msgspec.UnsetType, succeeded: bool) -> Any:
     try:
-        values = _read(raw)
+        values = _decode_values(raw)
     except msgspec.DecodeError as error:
-        raise MessageRefused(f"the answer of {name}", cause=str(error)) from None
+        raise MessageValidationError(f"the answer of {name}", cause=str(error)) from None
     if succeeded:
         return values
     cause = values if isinstance(values, str) else str(values or "no reason was given")
     if cause.startswith((f"Service {name} does not exist", f"Action {name} does not exist")):
-        raise ServiceUnknown(name)
-    raise ServiceFailed(name, cause=cause)
+        raise ServiceNotFoundError(name)
+    raise ServiceCallError(name, cause=cause)
 
 
-def _read(raw: msgspec.Raw | msgspec.UnsetType) -> Any:
+def _decode_values(raw: msgspec.Raw | msgspec.UnsetType) -> Any:
     return msgspec.json.decode(content(raw))
 
 
-def _status(status: int) -> GoalStatus:
+def _goal_status(status: int) -> GoalStatus:
     try:
         return GoalStatus(status)
     except ValueError:

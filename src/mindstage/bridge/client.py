@@ -1,7 +1,7 @@
 """Client: takes part at a rosbridge server, ours or another, from far away.
 
 It comes back by itself after a loss, and then says again what it offers and listens to. A loss is told at once:
-whatever waits for an answer ends with `ConnectionLost`.
+whatever waits for an answer ends with `ConnectionLostError`.
 """
 
 from __future__ import annotations
@@ -18,21 +18,21 @@ from websockets.asyncio.client import connect
 from websockets.exceptions import InvalidStatus, InvalidURI, WebSocketException
 
 from mindstage.bridge.connection import Connection
-from mindstage.bridge.participant import Participant
-from mindstage.bridge.protocol import USUAL_LIMITS, Id, Limits, Operation, Outgoing, Status
-from mindstage.errors import AccessRefused, BridgeError, ConnectionLost
+from mindstage.bridge.participant import Node
+from mindstage.bridge.protocol import DEFAULT_LIMITS, BridgeLimits, Id, MessageEncoder, Operation, Status
+from mindstage.errors import AuthenticationError, BridgeError, ConnectionLostError
 
-__all__ = ["Client", "LinkState"]
+__all__ = ["ConnectionState", "RosbridgeClient"]
 
-_FIRST_DELAY_S = 0.2
-_LONGEST_DELAY_S = 15.0
-_OPEN_S = 10.0
-_PING_S = 10.0
-_REFUSALS = (401, 403)
+_MIN_RECONNECT_DELAY_S = 0.2
+_MAX_RECONNECT_DELAY_S = 15.0
+_OPEN_TIMEOUT_S = 10.0
+_PING_INTERVAL_S = 10.0
+_AUTH_ERROR_CODES = (401, 403)
 _log = logging.getLogger("mindstage.bridge")
 
 
-class LinkState(StrEnum):
+class ConnectionState(StrEnum):
     """How it stands with the connection."""
 
     CONNECTING = "connecting"
@@ -42,7 +42,7 @@ class LinkState(StrEnum):
     CLOSED = "closed"
 
 
-class Client(Participant):
+class RosbridgeClient(Node):
     """Connects from the moment it is made until `close`; `wait_connected` tells whether it worked.
 
     Whoever calls what it offers comes over the hub's one connection: plain functions answer all of them in the order
@@ -54,9 +54,9 @@ class Client(Participant):
         url: str,
         *,
         token: str | None = None,
-        limits: Limits = USUAL_LIMITS,
-        longest_delay_s: float = _LONGEST_DELAY_S,
-        on_state: Callable[[LinkState], object] | None = None,
+        limits: BridgeLimits = DEFAULT_LIMITS,
+        max_reconnect_delay_s: float = _MAX_RECONNECT_DELAY_S,
+        on_state: Callable[[ConnectionState], object] | None = None,
         on_status: Callable[[Status], object] | None = None,
     ) -> None:
         """Begins to connect, and does not wait.
@@ -70,46 +70,46 @@ class Client(Participant):
             on_status: told what the server remarks, likewise; without it, remarks are logged.
 
         Raises:
-            ConnectionLost: the address is none.
+            ConnectionLostError: the address is none.
         """
         if not url.startswith(("ws://", "wss://")):
-            raise ConnectionLost(url, cause="the address must begin with ws:// or wss://")
+            raise ConnectionLostError(url, cause="the address must begin with ws:// or wss://")
         super().__init__(name="mindstage-client")
         self.url = url
-        self.state: LinkState = LinkState.CONNECTING
+        self.state: ConnectionState = ConnectionState.CONNECTING
         self._token = token
         self._limits = limits
-        self._longest_delay_s = longest_delay_s
-        self._told_of_state = on_state
-        self._told_of_status = on_status
+        self._max_reconnect_delay_s = max_reconnect_delay_s
+        self._on_state = on_state
+        self._status_callback = on_status
         self._connection: Connection | None = None
-        self._settled = threading.Event()
-        self._cause: BridgeError = ConnectionLost(url, cause="not connected yet")
-        self._keeper: Future[None] = asyncio.run_coroutine_threadsafe(self._keep_connected(), self._loop.loop)
+        self._first_attempt_done = threading.Event()
+        self._cause: BridgeError = ConnectionLostError(url, cause="not connected yet")
+        self._connect_task: Future[None] = asyncio.run_coroutine_threadsafe(self._connect_loop(), self._loop.loop)
 
     @property
     def closed(self) -> bool:
         """Whether `close` was called."""
-        return self.state is LinkState.CLOSED
+        return self.state is ConnectionState.CLOSED
 
     @property
     def connected(self) -> bool:
         """Whether someone is at the other end now, as far as can be known."""
-        return self.state is LinkState.CONNECTED
+        return self.state is ConnectionState.CONNECTED
 
-    def wait_connected(self, timeout_s: float = 10.0) -> Client:
+    def wait_connected(self, timeout_s: float = 10.0) -> RosbridgeClient:
         """Waits for the connection, over as many tries as fit into the time.
 
         Raises:
-            ConnectionLost: nobody is there.
-            AccessRefused: the server does not let us in.
+            ConnectionLostError: nobody is there.
+            AuthenticationError: the server does not let us in.
         """
-        self._refuse_to_wait_here("wait_connected")
-        if not self._settled.wait(timeout_s) or not self.connected:
+        self._require_other_thread("wait_connected")
+        if not self._first_attempt_done.wait(timeout_s) or not self.connected:
             raise self._cause
         return self
 
-    def has_listeners(self, topic: str) -> bool:
+    def has_subscribers(self, topic: str) -> bool:
         """Whether anyone may hear a message: nobody here knows who listens at the other hub."""
         return self.connected
 
@@ -117,14 +117,14 @@ class Client(Participant):
         """Says goodbye and does not come back; any number of times."""
         if self.closed:
             return
-        self._refuse_to_wait_here("close")
-        self._loop.do(self._become, LinkState.CLOSED)
-        self._cause = ConnectionLost(self.url, cause="this client was closed")
-        self._loop.run(self._say_goodbye(), timeout_s=_OPEN_S)
-        self._settled.set()
+        self._require_other_thread("close")
+        self._loop.call(self._set_state, ConnectionState.CLOSED)
+        self._cause = ConnectionLostError(self.url, cause="this client was closed")
+        self._loop.run(self._send_unadvertise(), timeout_s=_OPEN_TIMEOUT_S)
+        self._first_attempt_done.set()
         self._close(self._cause)
 
-    def __enter__(self) -> Client:
+    def __enter__(self) -> RosbridgeClient:
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -132,89 +132,91 @@ class Client(Participant):
 
     # -- on the loop ---------------------------------------------------------------------------------------------------
 
-    async def _keep_connected(self) -> None:
-        delay_s = _FIRST_DELAY_S
+    async def _connect_loop(self) -> None:
+        delay_s = _MIN_RECONNECT_DELAY_S
         while not self.closed:
             began_s = self._loop.loop.time()
             try:
-                await self._be_connected()
+                await self._run_connection()
                 if self._loop.loop.time() - began_s > delay_s:  # else it was let in only to be thrown out
-                    delay_s = _FIRST_DELAY_S
+                    delay_s = _MIN_RECONNECT_DELAY_S
             except (OSError, WebSocketException, TimeoutError) as error:
-                self._cause = _why(self.url, error)
-                if isinstance(self._cause, AccessRefused) or isinstance(error, InvalidURI):
-                    self._settled.set()  # trying again changes nothing, but someone else may
+                self._cause = _connection_error(self.url, error)
+                if isinstance(self._cause, AuthenticationError) or isinstance(error, InvalidURI):
+                    self._first_attempt_done.set()  # trying again changes nothing, but someone else may
             except Exception as error:  # a defect shall not end the tries in silence
                 _log.exception("the connection to %s broke", self.url)
-                self._cause = ConnectionLost(self.url, cause=f"{type(error).__name__}: {error}")
+                self._cause = ConnectionLostError(self.url, cause=f"{type(error).__name__}: {error}")
             if self.closed:
                 return
             # Not all clients of a server that comes back shall knock in the same moment.
             await asyncio.sleep(delay_s * random.uniform(0.5, 1.0))
-            delay_s = min(2.0 * delay_s, self._longest_delay_s)
+            delay_s = min(2.0 * delay_s, self._max_reconnect_delay_s)
 
-    async def _be_connected(self) -> None:
+    async def _run_connection(self) -> None:
         """Connects, and returns when that is over."""
         # Said without a token too: a server that needs one then refuses at the door, and does not wait for an `auth`.
         headers = {"Authorization": f"Bearer {self._token or ''}"}
         socket = await connect(
             self.url, additional_headers=headers, compression=None, max_size=self._limits.message_bytes,
-            open_timeout=_OPEN_S, ping_interval=_PING_S, ping_timeout=_PING_S, close_timeout=2.0, proxy=None,
+            open_timeout=_OPEN_TIMEOUT_S, ping_interval=_PING_INTERVAL_S, ping_timeout=_PING_INTERVAL_S, close_timeout=2.0, proxy=None,
         )  # fmt: skip
-        self._connection = connection = Connection(socket, self._limits, receive=self._receive, complain=self._complain)
-        for operation in self._announcements():
-            connection.send(Outgoing(operation))
-        self._become(LinkState.CONNECTED)
-        self._settled.set()
+        self._connection = connection = Connection(
+            socket, self._limits, receive=self._receive, send_error=self._send_error_status
+        )
+        for operation in self._advertise_operations():
+            connection.send(MessageEncoder(operation))
+        self._set_state(ConnectionState.CONNECTED)
+        self._first_attempt_done.set()
         try:
             await connection.run()
         finally:
             self._connection = None
-            self._cause = ConnectionLost(self.url, cause=connection.why_closed)
+            self._cause = ConnectionLostError(self.url, cause=connection.close_reason)
             if not self.closed:
-                self._settled.clear()
-                self._become(LinkState.LOST)
-            self._calling.fail_all(self._cause)
-            self._serving.cancel_all()
+                self._first_attempt_done.clear()
+                self._set_state(ConnectionState.LOST)
+            self._pending_calls.fail_all(self._cause)
+            self._dispatcher.cancel_all()
 
-    async def _say_goodbye(self) -> None:
+    async def _send_unadvertise(self) -> None:
         connection = self._connection
         if connection is not None:
             connection.close("the client was closed")
-            await asyncio.wait([asyncio.wrap_future(self._keeper)], timeout=5.0)
-        self._keeper.cancel()
+            await asyncio.wait([asyncio.wrap_future(self._connect_task)], timeout=5.0)
+        self._connect_task.cancel()
 
-    def _become(self, state: LinkState) -> None:
+    def _set_state(self, state: ConnectionState) -> None:
         self.state = state
-        if self._told_of_state is not None:
+        if self._on_state is not None:
             try:
-                self._told_of_state(state)
+                self._on_state(state)
             except Exception:
                 _log.exception("the state handler broke")
 
     def _send(self, operation: Operation) -> None:
         if self._connection is None:
             raise self._cause
-        self._connection.send(Outgoing(operation))
+        self._connection.send(MessageEncoder(operation))
 
-    def _complain(self, what: str, id: Id | None) -> None:
-        _log.warning("%s sent what makes no sense: %s (id %r)", self.url, what, id)
+    def _send_error_status(self, text: str, id: Id | None) -> None:
+        _log.warning("%s sent what makes no sense: %s (id %r)", self.url, text, id)
 
     def _on_status(self, status: Status) -> None:
-        if self._told_of_status is None:
+        if self._status_callback is None:
             super()._on_status(status)
             return
         try:
-            self._told_of_status(status)
+            self._status_callback(status)
         except Exception:
             _log.exception("the status handler broke")
 
 
-def _why(url: str, error: Exception) -> BridgeError:
-    if isinstance(error, InvalidStatus) and error.response.status_code in _REFUSALS:
+def _connection_error(url: str, error: Exception) -> BridgeError:
+    if isinstance(error, InvalidStatus) and error.response.status_code in _AUTH_ERROR_CODES:
         body = (error.response.body or b"").decode("utf-8", "replace").strip()
-        return AccessRefused(url, cause=body or f"the server answered {error.response.status_code}")
+        return AuthenticationError(url, cause=body or f"the server answered {error.response.status_code}")
     if isinstance(error, TimeoutError):
-        return ConnectionLost(url, cause=f"nobody answered within {_OPEN_S:g} s")
+        return ConnectionLostError(url, cause=f"nobody answered within {_OPEN_TIMEOUT_S:g} s")
     cause = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
-    return ConnectionLost(url, cause=cause or type(error).__name__)
+    return ConnectionLostError(url, cause=cause or type(error).__name__)

@@ -10,12 +10,12 @@ from typing import Any
 import msgspec
 
 from mindstage.bridge.protocol import GoalStatus, Id
-from mindstage.errors import ServiceTimedOut
+from mindstage.errors import ServiceTimeoutError
 
-__all__ = ["GoalOutcome", "SentGoal", "ServedGoal"]
+__all__ = ["ClientGoalHandle", "GoalResult", "ServerGoalHandle"]
 
 
-class GoalOutcome(msgspec.Struct, frozen=True):
+class GoalResult(msgspec.Struct, frozen=True):
     """How a goal ended without an error: it was reached, given up, or the action itself says that it failed."""
 
     status: GoalStatus
@@ -23,13 +23,13 @@ class GoalOutcome(msgspec.Struct, frozen=True):
     """The action's result, as plain values."""
 
 
-class SentGoal:
+class ClientGoalHandle:
     """A goal under way, as the one who sent it sees it."""
 
     def __init__(self, action: str, id: Id, cancel: Callable[[Id], None]) -> None:
         self.action = action
         self.id = id
-        self.future: Future[GoalOutcome] = Future()
+        self.future: Future[GoalResult] = Future()
         """Its end, for those who do not want to block; it raises what `wait` raises."""
         self._cancel = cancel
 
@@ -42,24 +42,24 @@ class SentGoal:
         """Asks to give the goal up; `wait` tells whether it was."""
         self._cancel(self.id)
 
-    def wait(self, timeout_s: float = 10.0) -> GoalOutcome:
+    def wait(self, timeout_s: float = 10.0) -> GoalResult:
         """Waits for the end.
 
         Raises:
-            ServiceTimedOut: it goes on; cancel it, or wait again.
-            ServiceUnknown: nobody offers the action.
-            ServiceFailed: it broke.
-            ConnectionLost: nobody knows.
+            ServiceTimeoutError: it goes on; cancel it, or wait again.
+            ServiceNotFoundError: nobody offers the action.
+            ServiceCallError: it broke.
+            ConnectionLostError: nobody knows.
         """
         try:
             return self.future.result(timeout_s)
         except TimeoutError:
             if self.future.done():
                 return self.future.result()
-            raise ServiceTimedOut(self.action, timeout_s=timeout_s) from None
+            raise ServiceTimeoutError(self.action, timeout_s=timeout_s) from None
 
 
-class ServedGoal:
+class ServerGoalHandle:
     """A goal under way, as the handler that reaches for it sees it."""
 
     def __init__(self, action: str, id: Id, args: Any, feedback: Callable[[Id, object], None]) -> None:
@@ -88,16 +88,16 @@ class ServedGoal:
         self._cancelled.set()
 
     @staticmethod
-    def succeeded(values: object = None) -> GoalOutcome:
+    def succeeded(values: object = None) -> GoalResult:
         """What the handler returns when the goal was reached; plain values mean the same."""
-        return GoalOutcome(GoalStatus.SUCCEEDED, values)
+        return GoalResult(GoalStatus.SUCCEEDED, values)
 
     @staticmethod
-    def canceled(values: object = None) -> GoalOutcome:
+    def canceled(values: object = None) -> GoalResult:
         """What the handler returns when it gave the goal up."""
-        return GoalOutcome(GoalStatus.CANCELED, values)
+        return GoalResult(GoalStatus.CANCELED, values)
 
     @staticmethod
-    def aborted(values: object = None) -> GoalOutcome:
+    def aborted(values: object = None) -> GoalResult:
         """What the handler returns when the goal cannot be reached; to say why in words, raise an error instead."""
-        return GoalOutcome(GoalStatus.ABORTED, values)
+        return GoalResult(GoalStatus.ABORTED, values)

@@ -1,7 +1,7 @@
 """Hub: where clients and this process meet, as rosbridge_server with a ROS master behind it.
 
 Clients advertise services, topics and actions to each other through it. This process takes part by the same words:
-the hub itself is a `Participant`, and its offers are answered without leaving the process.
+the hub itself is a `Node`, and its offers are answered without leaving the process.
 """
 
 from __future__ import annotations
@@ -9,23 +9,23 @@ from __future__ import annotations
 from collections.abc import Coroutine
 from typing import Any, TypeVar
 
-from mindstage.bridge.names import resolved
-from mindstage.bridge.participant import Participant
-from mindstage.bridge.protocol import USUAL_LIMITS, Limits, Operation, Outgoing
-from mindstage.bridge.switchboard import PLAIN, Directory, Peer, Route, Switchboard
-from mindstage.errors import ConnectionLost
+from mindstage.bridge.names import resolve_name
+from mindstage.bridge.participant import Node
+from mindstage.bridge.protocol import DEFAULT_LIMITS, BridgeLimits, MessageEncoder, Operation
+from mindstage.bridge.switchboard import PLAIN_FORMAT, Broker, GraphInfo, Peer, ReplyFormat
+from mindstage.errors import ConnectionLostError
 
-__all__ = ["Hub"]
+__all__ = ["LocalNode"]
 
 T = TypeVar("T")
 
 
-class _Here(Peer):
+class _LocalPeer(Peer):
     """The hub's own process, as a peer at the hub."""
 
-    local = True
+    is_local = True
 
-    def __init__(self, name: str, hub: Hub) -> None:
+    def __init__(self, name: str, hub: LocalNode) -> None:
         super().__init__(name)
         self._hub = hub
 
@@ -33,14 +33,16 @@ class _Here(Peer):
     def congested(self) -> bool:
         return False
 
-    def deliver(self, outgoing: Outgoing, route: Route = PLAIN, *, sender: Peer | None = None) -> None:
+    def deliver(
+        self, outgoing: MessageEncoder, route: ReplyFormat = PLAIN_FORMAT, *, sender: Peer | None = None
+    ) -> None:
         self._hub._receive(outgoing.operation, sender)
 
 
-class Hub(Participant):
+class LocalNode(Node):
     """Starts its thread when made; `Server` lets clients in, `close` ends it all."""
 
-    def __init__(self, *, limits: Limits = USUAL_LIMITS, name: str = "/mindstage") -> None:
+    def __init__(self, *, limits: BridgeLimits = DEFAULT_LIMITS, name: str = "/mindstage") -> None:
         """A hub that nobody has joined yet.
 
         Args:
@@ -49,27 +51,27 @@ class Hub(Participant):
         """
         super().__init__(name="mindstage-hub")
         self.limits = limits
-        self.switchboard = Switchboard(self._loop.loop, limits)
+        self.broker = Broker(self._loop.loop, limits)
         """Where clients are plugged in; it belongs to the loop."""
-        self._here = _Here(resolved(name), self)
-        self._loop.do(self.switchboard.join, self._here)
+        self._local_peer = _LocalPeer(resolve_name(name), self)
+        self._loop.call(self.broker.add_peer, self._local_peer)
 
     @property
     def name(self) -> str:
         """Of this process, in the directory."""
-        return self._here.name
+        return self._local_peer.name
 
-    def directory(self) -> Directory:
+    def graph_info(self) -> GraphInfo:
         """Who and what is here now: what `rosapi` tells."""
-        return self._loop.do(self.switchboard.directory)
+        return self._loop.call(self.broker.graph_info)
 
-    def be_patient(self, service: str, patience_s: float) -> None:
-        """Gives a service longer than the limits' `call_s` where the caller does not say how long it waits."""
-        self._loop.do(self.switchboard.services.patience_s.__setitem__, resolved(service), patience_s)
+    def set_service_timeout(self, service: str, timeout_s: float) -> None:
+        """Gives a service longer than the limits' `call_timeout_s` where the caller does not say how long it waits."""
+        self._loop.call(self.broker.services.timeouts_s.__setitem__, resolve_name(service), timeout_s)
 
-    def has_listeners(self, topic: str) -> bool:
+    def has_subscribers(self, topic: str) -> bool:
         """Whether anyone subscribed; asks without waiting, so that making a message may be left out."""
-        return self.switchboard.topics.has_listeners(topic)
+        return self.broker.topics.has_subscribers(topic)
 
     @property
     def closed(self) -> bool:
@@ -82,13 +84,13 @@ class Hub(Participant):
 
     def close(self) -> None:
         """Ends it, any number of times; close its servers first."""
-        self._close(ConnectionLost("the hub", cause="it was closed"))
+        self._close(ConnectionLostError("the hub", cause="it was closed"))
 
-    def __enter__(self) -> Hub:
+    def __enter__(self) -> LocalNode:
         return self
 
     def __exit__(self, *_: object) -> None:
         self.close()
 
     def _send(self, operation: Operation) -> None:
-        self.switchboard.receive(self._here, operation)
+        self.broker.handle(self._local_peer, operation)

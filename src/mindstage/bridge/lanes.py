@@ -11,15 +11,15 @@ from collections import deque
 from collections.abc import Callable, Hashable
 from concurrent.futures import ThreadPoolExecutor
 
-__all__ = ["Lanes"]
+__all__ = ["KeyedSerialExecutor"]
 
-_WORKERS = 16
+_MAX_WORKERS = 16
 
 
-class Lanes:
+class KeyedSerialExecutor:
     """A few threads that share whatever is to be done; they start when first needed."""
 
-    def __init__(self, *, workers: int = _WORKERS, name: str = "mindstage-bridge-worker") -> None:
+    def __init__(self, *, workers: int = _MAX_WORKERS, name: str = "mindstage-bridge-worker") -> None:
         """The threads start with the first work.
 
         Args:
@@ -32,7 +32,7 @@ class Lanes:
         """Lanes that have work or are at it."""
         self._closed = False
 
-    def put(self, lane: Hashable, work: Callable[[], None], *, most: int | None = None) -> None:
+    def submit(self, key: Hashable, task: Callable[[], None], *, max_waiting: int | None = None) -> None:
         """Queues work, which must not raise; after `close`, nothing.
 
         Args:
@@ -43,19 +43,19 @@ class Lanes:
         with self._lock:
             if self._closed:
                 return
-            queue = self._waiting.get(lane)
+            queue = self._waiting.get(key)
             if queue is not None:
-                if most is not None and len(queue) >= most:
+                if max_waiting is not None and len(queue) >= max_waiting:
                     queue.popleft()
-                queue.append(work)
+                queue.append(task)
                 return
-            self._waiting[lane] = deque([work])
-            self._threads.submit(self._take_turn, lane)
+            self._waiting[key] = deque([task])
+            self._threads.submit(self._run_next, key)
 
-    def busy(self, lane: Hashable) -> bool:
+    def is_busy(self, key: Hashable) -> bool:
         """Whether something is waiting or being done in a lane."""
         with self._lock:
-            return lane in self._waiting
+            return key in self._waiting
 
     def close(self) -> None:
         """Drops what waits; what is being done ends by itself."""
@@ -64,9 +64,9 @@ class Lanes:
             self._waiting.clear()
         self._threads.shutdown(wait=False, cancel_futures=True)
 
-    def _take_turn(self, lane: Hashable) -> None:
+    def _run_next(self, key: Hashable) -> None:
         with self._lock:
-            queue = self._waiting.get(lane)
+            queue = self._waiting.get(key)
             if not queue:
                 return
             work = queue.popleft()
@@ -75,6 +75,6 @@ class Lanes:
         finally:
             with self._lock:
                 if not queue:
-                    self._waiting.pop(lane, None)
+                    self._waiting.pop(key, None)
                 elif not self._closed:
-                    self._threads.submit(self._take_turn, lane)
+                    self._threads.submit(self._run_next, key)

@@ -13,15 +13,15 @@ from typing import Any, TypeVar
 
 from mindstage.errors import BridgeError
 
-__all__ = ["LoopThread"]
+__all__ = ["EventLoopThread"]
 
 T = TypeVar("T")
 
-_PATIENCE_S = 10.0
+_TIMEOUT_S = 10.0
 """How long the loop may take for what should take no time; it is stuck if it takes longer."""
 
 
-class LoopThread:
+class EventLoopThread:
     """Runs until `close`; a daemon, so that a forgotten one does not keep the process alive."""
 
     def __init__(self, name: str = "mindstage-bridge") -> None:
@@ -39,11 +39,11 @@ class LoopThread:
         """Whether nothing runs here any more."""
         return self.loop.is_closed() or not self._thread.is_alive()
 
-    def is_here(self) -> bool:
+    def is_current_thread(self) -> bool:
         """Whether the caller is in this very thread, where waiting for the loop would be waiting for oneself."""
         return threading.current_thread() is self._thread
 
-    def soon(self, function: Callable[..., object], *args: object) -> None:
+    def call_soon(self, function: Callable[..., object], *args: object) -> None:
         """Has the loop call a function, from any thread, without waiting; once closed, nothing is called."""
         try:
             self.loop.call_soon_threadsafe(function, *args)
@@ -51,13 +51,13 @@ class LoopThread:
             if not self.closed:
                 raise
 
-    def do(self, function: Callable[..., T], *args: object) -> T:
+    def call(self, function: Callable[..., T], *args: object) -> T:
         """Has the loop call a function, from any thread, and gives back what it returns or raises.
 
         Raises:
             BridgeError: the loop is closed, or does not come to it.
         """
-        if self.is_here():
+        if self.is_current_thread():
             return function(*args)
         future: Future[T] = Future()
 
@@ -67,18 +67,18 @@ class LoopThread:
             except BaseException as error:
                 future.set_exception(error)
 
-        self._refuse_if_closed()
-        self.soon(run)
-        return self._result(future, _PATIENCE_S)
+        self._require_open()
+        self.call_soon(run)
+        return self._result(future, _TIMEOUT_S)
 
-    def run(self, coroutine: Coroutine[Any, Any, T], *, timeout_s: float = _PATIENCE_S) -> T:
+    def run(self, coroutine: Coroutine[Any, Any, T], *, timeout_s: float = _TIMEOUT_S) -> T:
         """Runs a coroutine on the loop and waits for its end, from any other thread.
 
         Raises:
-            BridgeError: the loop is closed, or it did not end in time and was cancelled.
+            BridgeError: the loop is closed, or it did not end in time and was canceled.
         """
         try:
-            self._refuse_if_closed()
+            self._require_open()
         except BridgeError:
             coroutine.close()
             raise
@@ -87,10 +87,10 @@ class LoopThread:
 
     def close(self) -> None:
         """Ends the thread and whatever still runs in it; any number of times."""
-        if self.loop.is_closed() or self.is_here():
+        if self.loop.is_closed() or self.is_current_thread():
             return
-        self.soon(self.loop.stop)
-        self._thread.join(_PATIENCE_S)
+        self.call_soon(self.loop.stop)
+        self._thread.join(_TIMEOUT_S)
 
     def _run(self) -> None:
         asyncio.set_event_loop(self.loop)
@@ -104,7 +104,7 @@ class LoopThread:
         finally:
             self.loop.close()
 
-    def _refuse_if_closed(self) -> None:
+    def _require_open(self) -> None:
         if self.closed:
             raise BridgeError("the bridge is closed; make a new one")
 

@@ -1,7 +1,7 @@
 """Participant: someone at a hub, who offers and calls services, publishes and subscribes, sends and reaches goals.
 
-`Hub` is one for everything in its own process, `Client` is one at somebody else's hub; whoever is written against
-`Participant` works with both. Every method may be called from any thread.
+`LocalNode` is one for everything in its own process, `Client` is one at somebody else's hub; whoever is written against
+`Node` works with both. Every method may be called from any thread.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ from typing import Any
 
 import msgspec
 
-from mindstage.bridge.calling import Calling, FeedbackHandler
-from mindstage.bridge.goals import SentGoal
-from mindstage.bridge.lanes import Lanes
-from mindstage.bridge.loop import LoopThread
-from mindstage.bridge.names import resolved, same_type
+from mindstage.bridge.calling import FeedbackHandler, PendingCalls
+from mindstage.bridge.goals import ClientGoalHandle
+from mindstage.bridge.lanes import KeyedSerialExecutor
+from mindstage.bridge.loop import EventLoopThread
+from mindstage.bridge.names import resolve_name, same_type
 from mindstage.bridge.protocol import (
     ActionFeedback,
     ActionResult,
@@ -41,36 +41,36 @@ from mindstage.bridge.protocol import (
     UnadvertiseService,
     Unsubscribe,
 )
-from mindstage.bridge.serving import ActionHandler, ServiceHandler, Serving
-from mindstage.bridge.subscription import Handling, MessageHandler, Sender, Subscription
-from mindstage.errors import BridgeError, ConnectionLost, OfferRefused
+from mindstage.bridge.serving import ActionHandler, HandlerDispatcher, ServiceHandler
+from mindstage.bridge.subscription import CallbackTask, MessageHandler, MessageSender, Subscription
+from mindstage.errors import AdvertiseError, BridgeError, ConnectionLostError
 
-__all__ = ["MessageHandler", "Participant", "Subscription"]
+__all__ = ["MessageHandler", "Node", "Subscription"]
 
-_BACKLOG = 256
+_MAX_UNSENT = 256
 """So many published messages may wait for the loop; whoever publishes faster than that waits as well."""
-_UNHANDLED = 1024
+_MAX_UNHANDLED = 1024
 """So many messages may wait for a slow handler; beyond, the oldest are dropped."""
 _log = logging.getLogger("mindstage.bridge")
 
 
-class Participant:
+class Node:
     """What a hub and a client have in common; they differ in how an operation leaves."""
 
     def __init__(self, *, name: str) -> None:
-        self._loop = LoopThread(name)
-        self._lanes = Lanes(name=f"{name}-worker")
-        self._serving = Serving(self._loop, self._lanes, self._send_if_possible)
-        self._calling = Calling(self._loop, self._send)
-        self._announced: dict[Hashable, Operation] = {}
+        self._loop = EventLoopThread(name)
+        self._executor = KeyedSerialExecutor(name=f"{name}-worker")
+        self._dispatcher = HandlerDispatcher(self._loop, self._executor, self._send_if_possible)
+        self._pending_calls = PendingCalls(self._loop, self._send)
+        self._advertisements: dict[Hashable, Operation] = {}
         """What is said again to a new peer: offers and subscriptions, in the order they were made."""
         self._subscriptions: defaultdict[str, list[Subscription]] = defaultdict(list)
-        self._numbers = count(1)
-        self._backlog = threading.BoundedSemaphore(_BACKLOG)
+        self._next_id = count(1)
+        self._backlog = threading.BoundedSemaphore(_MAX_UNSENT)
 
     # -- services ------------------------------------------------------------------------------------------------------
 
-    def offer_service(self, name: str, type: str, handler: ServiceHandler, *, quick: bool = False) -> None:
+    def create_service(self, name: str, type: str, handler: ServiceHandler, *, quick: bool = False) -> None:
         """Answers calls of a service from now on; offering it again changes its handler.
 
         Args:
@@ -82,24 +82,24 @@ class Participant:
             quick: whether a plain function never waits, so that it may run on the loop too when it is its turn.
 
         Raises:
-            OfferRefused: the name is taken.
+            AdvertiseError: the name is taken.
         """
 
         def offer() -> None:
-            self._announce(("service", resolved(name)), AdvertiseService(service=name, type=type))
-            self._serving.services[resolved(name)] = handler
-            (self._serving.quick.add if quick else self._serving.quick.discard)(resolved(name))
+            self._advertise(("service", resolve_name(name)), AdvertiseService(service=name, type=type))
+            self._dispatcher.services[resolve_name(name)] = handler
+            (self._dispatcher.quick.add if quick else self._dispatcher.quick.discard)(resolve_name(name))
 
-        self._loop.do(offer)
+        self._loop.call(offer)
 
-    def withdraw_service(self, name: str) -> None:
+    def destroy_service(self, name: str) -> None:
         """Ends an offer; what is being answered is answered."""
 
         def withdraw() -> None:
-            self._serving.services.pop(resolved(name), None)
-            self._retract(("service", resolved(name)), UnadvertiseService(service=name))
+            self._dispatcher.services.pop(resolve_name(name), None)
+            self._unadvertise(("service", resolve_name(name)), UnadvertiseService(service=name))
 
-        self._loop.do(withdraw)
+        self._loop.call(withdraw)
 
     def call_service(self, name: str, args: object = None, *, timeout_s: float = 10.0) -> Any:
         """Calls a service and waits for its answer.
@@ -113,58 +113,58 @@ class Participant:
             The answer's values. Whether they tell of a success is between caller and service.
 
         Raises:
-            ServiceUnknown: nobody offers it.
-            ServiceTimedOut: it did not answer in time; whether it did it, nobody knows.
-            ServiceFailed: the answer is an error.
-            ConnectionLost: there is no connection, or none any more.
+            ServiceNotFoundError: nobody offers it.
+            ServiceTimeoutError: it did not answer in time; whether it did it, nobody knows.
+            ServiceCallError: the answer is an error.
+            ConnectionLostError: there is no connection, or none any more.
         """
-        self._refuse_to_wait_here("call_service")
-        return self.start_call(name, args, timeout_s=timeout_s).result(timeout_s + 10.0)
+        self._require_other_thread("call_service")
+        return self.call_service_async(name, args, timeout_s=timeout_s).result(timeout_s + 10.0)
 
-    def start_call(self, name: str, args: object = None, *, timeout_s: float = 10.0) -> Future[Any]:
+    def call_service_async(self, name: str, args: object = None, *, timeout_s: float = 10.0) -> Future[Any]:
         """Calls a service without waiting: the future gets what `call_service` returns or raises.
 
         In a coroutine, await it with `asyncio.wrap_future`.
         """
-        written = _written(args)
+        written = _encode_value(args)
         future: Future[Any] = Future()
-        self._loop.do(self._calling.call, name, written, timeout_s, future)
+        self._loop.call(self._pending_calls.call_service, name, written, timeout_s, future)
         return future
 
     # -- actions -------------------------------------------------------------------------------------------------------
 
-    def offer_action(self, name: str, type: str, handler: ActionHandler) -> None:
+    def create_action_server(self, name: str, type: str, handler: ActionHandler) -> None:
         """Takes goals of an action from now on; each runs by itself, beside the others.
 
         Args:
             name: such as `/unreal/simulate_steps`.
             type: such as `simulation_interfaces/SimulateSteps`.
-            handler: gets the `ServedGoal`; it tells of its progress by `goal.feedback`, looks at
-                `goal.cancel_requested` now and then, and returns the result's values or a `GoalOutcome`.
+            handler: gets the `ServerGoalHandle`; it tells of its progress by `goal.feedback`, looks at
+                `goal.cancel_requested` now and then, and returns the result's values or a `GoalResult`.
 
         Raises:
-            OfferRefused: the name is taken.
+            AdvertiseError: the name is taken.
         """
 
         def offer() -> None:
-            self._announce(("action", resolved(name)), AdvertiseAction(action=name, type=type))
-            self._serving.actions[resolved(name)] = handler
+            self._advertise(("action", resolve_name(name)), AdvertiseAction(action=name, type=type))
+            self._dispatcher.actions[resolve_name(name)] = handler
 
-        self._loop.do(offer)
+        self._loop.call(offer)
 
-    def withdraw_action(self, name: str) -> None:
+    def destroy_action_server(self, name: str) -> None:
         """Takes no more goals; those under way go on."""
 
         def withdraw() -> None:
-            self._serving.actions.pop(resolved(name), None)
-            self._retract(("action", resolved(name)), UnadvertiseAction(action=name))
+            self._dispatcher.actions.pop(resolve_name(name), None)
+            self._unadvertise(("action", resolve_name(name)), UnadvertiseAction(action=name))
 
-        self._loop.do(withdraw)
+        self._loop.call(withdraw)
 
     def send_goal(
         self, action: str, type: str, args: object = None, *, on_feedback: FeedbackHandler | None = None
-    ) -> SentGoal:
-        """Sends a goal; wait for its end with `SentGoal.wait`, give it up with `SentGoal.cancel`.
+    ) -> ClientGoalHandle:
+        """Sends a goal; wait for its end with `ClientGoalHandle.wait`, give it up with `ClientGoalHandle.cancel_goal`.
 
         Args:
             action: which.
@@ -172,7 +172,7 @@ class Participant:
             args: the goal.
             on_feedback: told how it goes, on the bridge's thread.
         """
-        return self._loop.do(self._calling.goal, action, type, _written(args), on_feedback)
+        return self._loop.call(self._pending_calls.send_goal, action, type, _encode_value(args), on_feedback)
 
     # -- topics --------------------------------------------------------------------------------------------------------
 
@@ -185,14 +185,14 @@ class Participant:
             latch: whether those who subscribe later get the last message at once.
 
         Raises:
-            OfferRefused: the topic is of another type.
+            AdvertiseError: the topic is of another type.
         """
         request = Advertise(topic=topic, type=type, latch=latch)
-        self._loop.do(self._announce, ("topic", resolved(topic)), request)
+        self._loop.call(self._advertise, ("topic", resolve_name(topic)), request)
 
     def unadvertise(self, topic: str) -> None:
         """Says that no more messages will come."""
-        self._loop.do(self._retract, ("topic", resolved(topic)), Unadvertise(topic=topic))
+        self._loop.call(self._unadvertise, ("topic", resolve_name(topic)), Unadvertise(topic=topic))
 
     def publish(self, topic: str, type: str, message: object) -> None:
         """Publishes a message, and advertises the topic first if that was not done.
@@ -206,12 +206,12 @@ class Participant:
             message: whatever JSON can say, structs included.
 
         Raises:
-            OfferRefused: the topic is of another type.
+            AdvertiseError: the topic is of another type.
             BridgeError: the loop is stuck or closed.
         """
         self._advertise_once(topic, type)
-        operation = Publish(topic=topic, msg=_written(message))
-        if self._loop.is_here():
+        operation = Publish(topic=topic, msg=_encode_value(message))
+        if self._loop.is_current_thread():
             self._send_if_possible(operation)
             return
         if self._loop.closed or not self._backlog.acquire(timeout=10.0):
@@ -221,7 +221,7 @@ class Participant:
             self._backlog.release()
             self._send_if_possible(operation)
 
-        self._loop.soon(publish)
+        self._loop.call_soon(publish)
 
     def subscribe(
         self,
@@ -232,7 +232,7 @@ class Participant:
         throttle_ms: float = 0.0,
         queue_length: int = 0,
         compression: Compression = Compression.NONE,
-        tells_sender: bool = False,
+        with_sender: bool = False,
     ) -> Subscription:
         """Handles a topic's messages from now on.
 
@@ -243,13 +243,13 @@ class Participant:
             throttle_ms: the least time between two messages.
             queue_length: how many messages the sender may keep back while it throttles; it drops the oldest.
             compression: how they travel.
-            tells_sender: whether the handler gets the `Sender` as well.
+            tells_sender: whether the handler gets the `MessageSender` as well.
 
         Raises:
-            MessageRefused: here at the hub, the topic is of another type.
+            MessageValidationError: here at the hub, the topic is of another type.
         """
         request = Subscribe(
-            id=f"subscribe:{topic}:{next(self._numbers)}",
+            id=f"subscribe:{topic}:{next(self._next_id)}",
             topic=topic,
             type=type,
             throttle_rate=throttle_ms,
@@ -257,22 +257,22 @@ class Participant:
             compression=compression,
         )
         subscription = Subscription(
-            request, handler, lambda it: self._loop.do(self._unsubscribe, it), tells_sender=tells_sender
+            request, handler, lambda it: self._loop.call(self._unsubscribe, it), with_sender=with_sender
         )
 
         def subscribe() -> None:
-            handlers = self._subscriptions[resolved(topic)]
+            handlers = self._subscriptions[resolve_name(topic)]
             handlers.append(subscription)  # first: what is latched comes at once
             try:
-                self._announce(request.id, request)
+                self._advertise(request.id, request)
             except BridgeError:
                 handlers.remove(subscription)
                 raise
 
-        self._loop.do(subscribe)
+        self._loop.call(subscribe)
         return subscription
 
-    def has_listeners(self, topic: str) -> bool:
+    def has_subscribers(self, topic: str) -> bool:
         """Whether anyone may hear a message; asks without waiting."""
         raise NotImplementedError
 
@@ -282,14 +282,14 @@ class Participant:
         """Has an operation leave. On the loop.
 
         Raises:
-            ConnectionLost: there is nobody to send it to.
+            ConnectionLostError: there is nobody to send it to.
         """
         raise NotImplementedError
 
     def _send_if_possible(self, operation: Operation) -> None:
         try:
             self._send(operation)
-        except ConnectionLost as error:
+        except ConnectionLostError as error:
             _log.debug("nobody is there to be told: %s", error)
 
     def _on_status(self, status: Status) -> None:
@@ -297,64 +297,64 @@ class Participant:
         _log.log(logging.WARNING if status.level.value == "error" else logging.INFO, "the hub says: %s", status.msg)
 
     def _advertise_once(self, topic: str, type: str) -> None:
-        known = self._announced.get(("topic", resolved(topic)))
+        known = self._advertisements.get(("topic", resolve_name(topic)))
         if not isinstance(known, Advertise):
             self.advertise(topic, type)
         elif not same_type(known.type, type):
-            raise OfferRefused(topic, cause=f"it is of the type {known.type}, not {type}")
+            raise AdvertiseError(topic, cause=f"it is of the type {known.type}, not {type}")
 
     # -- on the loop ---------------------------------------------------------------------------------------------------
 
-    def _receive(self, operation: Operation, sender: Sender | None = None) -> None:
+    def _receive(self, operation: Operation, sender: MessageSender | None = None) -> None:
         """Takes what the other side says; `sender` names the client on whose behalf, where that is known."""
         match operation:
             case Publish():
-                self._handle(operation, sender)
+                self._handle_message(operation, sender)
             case CallService():
-                self._serving.call(resolved(operation.service), operation, sender)
+                self._dispatcher.call(resolve_name(operation.service), operation, sender)
             case ServiceResponse():
-                self._calling.answer(operation)
+                self._pending_calls.on_response(operation)
             case SendActionGoal():
-                self._serving.goal(resolved(operation.action), operation)
+                self._dispatcher.start_goal(resolve_name(operation.action), operation)
             case CancelActionGoal():
-                self._serving.cancel(operation)
+                self._dispatcher.cancel(operation)
             case ActionFeedback():
-                self._calling.feedback(operation)
+                self._pending_calls.on_feedback(operation)
             case ActionResult():
-                self._calling.result(operation)
+                self._pending_calls.on_result(operation)
             case Status():
                 self._on_status(operation)
             case _:
                 _log.debug("a %s makes no sense here", type(operation).__name__)
 
-    def _announcements(self) -> Iterator[Operation]:
-        yield from self._announced.values()
+    def _advertise_operations(self) -> Iterator[Operation]:
+        yield from self._advertisements.values()
 
-    def _announce(self, key: Hashable, operation: Operation) -> None:
+    def _advertise(self, key: Hashable, operation: Operation) -> None:
         self._send_if_possible(operation)
-        self._announced[key] = operation
+        self._advertisements[key] = operation
 
-    def _retract(self, key: Hashable, operation: Operation) -> None:
-        if self._announced.pop(key, None) is not None:
+    def _unadvertise(self, key: Hashable, operation: Operation) -> None:
+        if self._advertisements.pop(key, None) is not None:
             self._send_if_possible(operation)
 
     def _unsubscribe(self, subscription: Subscription) -> None:
         request = subscription.request
-        handlers = self._subscriptions[resolved(request.topic)]
+        handlers = self._subscriptions[resolve_name(request.topic)]
         if subscription in handlers:
             handlers.remove(subscription)
-            self._retract(request.id, Unsubscribe(id=request.id, topic=request.topic))
+            self._unadvertise(request.id, Unsubscribe(id=request.id, topic=request.topic))
 
-    def _handle(self, message: Publish, sender: Sender | None) -> None:
-        for subscription in self._subscriptions[resolved(message.topic)]:
-            handling = Handling(subscription, message, sender)
+    def _handle_message(self, message: Publish, sender: MessageSender | None) -> None:
+        for subscription in self._subscriptions[resolve_name(message.topic)]:
+            handling = CallbackTask(subscription, message, sender)
             if subscription.is_async:
-                self._serving.start(handling.run())
+                self._dispatcher.start_task(handling.run())
             else:
-                self._lanes.put(subscription, handling, most=_UNHANDLED)
+                self._executor.submit(subscription, handling, max_waiting=_MAX_UNHANDLED)
 
-    def _refuse_to_wait_here(self, what: str) -> None:
-        if self._loop.is_here():
+    def _require_other_thread(self, what: str) -> None:
+        if self._loop.is_current_thread():
             raise BridgeError(
                 f"{what} would wait for itself on the bridge's own thread; there, start_call and await the answer"
             )
@@ -362,11 +362,11 @@ class Participant:
     def _close(self, error: BridgeError) -> None:
         """Ends everything this participant waits for or works at."""
         if not self._loop.closed:
-            self._loop.do(self._calling.fail_all, error)
-            self._loop.do(self._serving.cancel_all)
-        self._lanes.close()
+            self._loop.call(self._pending_calls.fail_all, error)
+            self._loop.call(self._dispatcher.cancel_all)
+        self._executor.close()
         self._loop.close()
 
 
-def _written(value: object) -> msgspec.Raw:
+def _encode_value(value: object) -> msgspec.Raw:
     return msgspec.Raw(b"{}" if value is None else msgspec.json.encode(value))

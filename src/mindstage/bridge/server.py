@@ -17,31 +17,33 @@ from websockets.asyncio.server import ServerConnection, serve
 from websockets.frames import CloseCode
 from websockets.http11 import Request, Response
 
-from mindstage.bridge.access import Access, is_loopback
+from mindstage.bridge.access import TokenAuth, is_loopback
 from mindstage.bridge.connection import Connection
-from mindstage.bridge.hub import Hub
-from mindstage.bridge.protocol import Auth, Id, Level, Operation, Outgoing
-from mindstage.bridge.switchboard import PLAIN, Peer, Route
-from mindstage.errors import AccessRefused, BridgeUnavailable
+from mindstage.bridge.hub import LocalNode
+from mindstage.bridge.protocol import Auth, Id, MessageEncoder, Operation, StatusLevel
+from mindstage.bridge.switchboard import PLAIN_FORMAT, Peer, ReplyFormat
+from mindstage.errors import AuthenticationError, BridgeUnavailableError
 
-__all__ = ["Server"]
+__all__ = ["RosbridgeServer"]
 
 _log = logging.getLogger("mindstage.bridge.handshakes")
 _log.addHandler(logging.NullHandler())  # what strangers try is told to those who configured logging
 _client_numbers = count(1)
-_PING_S = 20.0
-_STRANGERS_BYTES = 16 * 1024
+_PING_INTERVAL_S = 20.0
+_MAX_UNAUTHENTICATED_BYTES = 16 * 1024
 """Enough for a token: nobody fills the memory before it is known who it is."""
 
 
-class _Client(Peer):
+class _ServerPeer(Peer):
     """A peer behind a socket."""
 
-    def __init__(self, socket: ServerConnection, server: Server) -> None:
+    def __init__(self, socket: ServerConnection, server: RosbridgeServer) -> None:
         super().__init__(f"/client_{next(_client_numbers)}")
         self.socket = socket
-        self.connection = Connection(socket, server.hub.limits, receive=self._receive, complain=self._complain)
-        self.trusted = False
+        self.connection = Connection(
+            socket, server.node.limits, receive=self._receive, send_error=self._send_error_status
+        )
+        self.authenticated = False
         """Whether it has shown what it must; until then it is no peer at the hub."""
         self._server = server
 
@@ -49,38 +51,40 @@ class _Client(Peer):
     def congested(self) -> bool:
         return self.connection.congested
 
-    def deliver(self, outgoing: Outgoing, route: Route = PLAIN, *, sender: Peer | None = None) -> None:
+    def deliver(
+        self, outgoing: MessageEncoder, route: ReplyFormat = PLAIN_FORMAT, *, sender: Peer | None = None
+    ) -> None:
         self.connection.send(outgoing, route)
 
     def _receive(self, operation: Operation) -> None:
         if isinstance(operation, Auth):
-            self._server.sign_in(self, operation)
-        elif self.trusted:
-            self._server.hub.switchboard.receive(self, operation)
+            self._server.authenticate(self, operation)
+        elif self.authenticated:
+            self._server.node.broker.handle(self, operation)
         else:
-            self.refuse("a token is needed: send it by `auth`, by ?token= or as a bearer")
+            self.reject("a token is needed: send it by `auth`, by ?token= or as a bearer")
 
-    def _complain(self, what: str, id: Id | None) -> None:
-        self.remark(Level.ERROR, what, id)
+    def _send_error_status(self, text: str, id: Id | None) -> None:
+        self.send_status(StatusLevel.ERROR, text, id)
 
-    def refuse(self, why: str) -> None:
+    def reject(self, reason: str) -> None:
         """Tells why, and closes."""
-        self.remark(Level.ERROR, why)
-        self.connection.close(why, CloseCode.POLICY_VIOLATION)
+        self.send_status(StatusLevel.ERROR, reason)
+        self.connection.close(reason, CloseCode.POLICY_VIOLATION)
 
 
-class Server:
+class RosbridgeServer:
     """Serves from `start` to `close`; usable as a context."""
 
     def __init__(
         self,
-        hub: Hub,
+        node: LocalNode,
         *,
         host: str = "127.0.0.1",
         port: int = 9090,
         token: str | None = None,
         origins: Collection[str] = (),
-        ping_s: float | None = _PING_S,
+        ping_interval_s: float | None = _PING_INTERVAL_S,
     ) -> None:
         """Nothing is served yet.
 
@@ -94,18 +98,18 @@ class Server:
                 that may be busy for long, and whose end is noticed otherwise.
 
         Raises:
-            AccessRefused: others could reach it, and there is no token.
+            AuthenticationError: others could reach it, and there is no token.
         """
         if not token and not is_loopback(host):
             cause = "everyone in the network could join; give a token, or serve at 127.0.0.1"
-            raise AccessRefused(host, cause=cause)
-        self.hub = hub
+            raise AuthenticationError(host, cause=cause)
+        self.node = node
         self.host = host
         self.port = port
-        self._ping_s = ping_s
-        self._access = Access(host=host, token=token or None, origins=origins)
+        self._ping_interval_s = ping_interval_s
+        self._auth = TokenAuth(host=host, token=token or None, origins=origins)
         self._sockets: Sockets | None = None
-        self._clients: set[_Client] = set()
+        self._clients: set[_ServerPeer] = set()
 
     @property
     def url(self) -> str:
@@ -114,51 +118,51 @@ class Server:
         return f"ws://{f'[{host}]' if ':' in host else host}:{self.port}"
 
     @property
-    def clients(self) -> int:
+    def client_count(self) -> int:
         """How many are here."""
         return len(self._clients)
 
-    def start(self) -> Server:
+    def start(self) -> RosbridgeServer:
         """Lets clients in from now on.
 
         Raises:
-            BridgeUnavailable: the address cannot be had.
+            BridgeUnavailableError: the address cannot be had.
         """
         if self._sockets is None:
-            self.hub.run(self._serve())
+            self.node.run(self._serve())
         return self
 
     def close(self) -> None:
         """Sends everyone away and stops listening; any number of times."""
-        if self._sockets is not None and not self.hub.closed:
-            self.hub.run(self._stop())
+        if self._sockets is not None and not self.node.closed:
+            self.node.run(self._stop())
         self._sockets = None
 
-    def __enter__(self) -> Server:
+    def __enter__(self) -> RosbridgeServer:
         return self.start()
 
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def sign_in(self, client: _Client, auth: Auth) -> None:
+    def authenticate(self, client: _ServerPeer, auth: Auth) -> None:
         """A client says who it is."""
-        if not self._access.needs_token or self._access.proven_by(auth, time.time()):
-            self._trust(client)
+        if not self._auth.needs_token or self._auth.check_auth(auth, time.time()):
+            self._accept(client)
         else:
-            client.refuse("that is not the token")
+            client.reject("that is not the token")
 
     # -- on the loop ---------------------------------------------------------------------------------------------------
 
     async def _serve(self) -> None:
         try:
             self._sockets = await serve(
-                self._welcome, self.host, self.port, process_request=self._judge, compression=None,
-                max_size=_STRANGERS_BYTES, ping_interval=self._ping_s, ping_timeout=self._ping_s, close_timeout=2.0,
+                self._handle_connection, self.host, self.port, process_request=self._process_request, compression=None,
+                max_size=_MAX_UNAUTHENTICATED_BYTES, ping_interval=self._ping_interval_s, ping_timeout=self._ping_interval_s, close_timeout=2.0,
                 server_header=None, logger=_log,
             )  # fmt: skip
         except (OSError, OverflowError) as error:
             cause = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
-            raise BridgeUnavailable(self.host, self.port, cause=cause) from error
+            raise BridgeUnavailableError(self.host, self.port, cause=cause) from error
         self.port = next(iter(self._sockets.sockets)).getsockname()[1]
 
     async def _stop(self) -> None:
@@ -166,41 +170,41 @@ class Server:
             self._sockets.close(code=CloseCode.GOING_AWAY, reason="the server is closing")
             await self._sockets.wait_closed()
 
-    def _judge(self, socket: ServerConnection, request: Request) -> Response | None:
+    def _process_request(self, socket: ServerConnection, request: Request) -> Response | None:
         """Answers a handshake that may not go on."""
         headers = request.headers
-        if not self._access.admits_page(headers.get("Origin"), headers.get("Host")):
+        if not self._auth.allows_origin(headers.get("Origin"), headers.get("Host")):
             return socket.respond(HTTPStatus.FORBIDDEN, "pages of that origin may not come in\n")
         bearer = headers.get("Authorization")
-        if self._access.needs_token and self._access.shown_in(request.path, bearer) is False:
+        if self._auth.needs_token and self._auth.check_handshake(request.path, bearer) is False:
             why = "a token is needed" if bearer is not None and not bearer.split()[1:] else "that is not the token"
             return socket.respond(HTTPStatus.UNAUTHORIZED, f"{why}\n")
-        if len(self._clients) >= self.hub.limits.connections:
+        if len(self._clients) >= self.node.limits.connections:
             return socket.respond(HTTPStatus.SERVICE_UNAVAILABLE, "too many clients are here already\n")
         return None
 
-    async def _welcome(self, socket: ServerConnection) -> None:
+    async def _handle_connection(self, socket: ServerConnection) -> None:
         request = socket.request
         path, bearer = (request.path, request.headers.get("Authorization")) if request else ("", None)
-        trusted = not self._access.needs_token or self._access.shown_in(path, bearer) is True
-        client = _Client(socket, self)
+        trusted = not self._auth.needs_token or self._auth.check_handshake(path, bearer) is True
+        client = _ServerPeer(socket, self)
         self._clients.add(client)
         if trusted:
-            self._trust(client)
-        late = asyncio.get_running_loop().call_later(self.hub.limits.sign_in_s, self._send_away, client)
+            self._accept(client)
+        late = asyncio.get_running_loop().call_later(self.node.limits.auth_timeout_s, self._disconnect, client)
         try:
             await client.connection.run()
         finally:
             late.cancel()
             self._clients.discard(client)
-            self.hub.switchboard.leave(client)
+            self.node.broker.remove_peer(client)
 
-    def _trust(self, client: _Client) -> None:
-        if not client.trusted:
-            client.trusted = True
-            client.socket.protocol.max_message_size = self.hub.limits.message_bytes
-            self.hub.switchboard.join(client)
+    def _accept(self, client: _ServerPeer) -> None:
+        if not client.authenticated:
+            client.authenticated = True
+            client.socket.protocol.max_message_size = self.node.limits.message_bytes
+            self.node.broker.add_peer(client)
 
-    def _send_away(self, client: _Client) -> None:
-        if not client.trusted:
-            client.refuse("no token was shown in time")
+    def _disconnect(self, client: _ServerPeer) -> None:
+        if not client.authenticated:
+            client.reject("no token was shown in time")

@@ -17,9 +17,9 @@ from typing import Any
 
 import msgspec
 
-from mindstage.bridge.goals import GoalOutcome, ServedGoal
-from mindstage.bridge.lanes import Lanes
-from mindstage.bridge.loop import LoopThread
+from mindstage.bridge.goals import GoalResult, ServerGoalHandle
+from mindstage.bridge.lanes import KeyedSerialExecutor
+from mindstage.bridge.loop import EventLoopThread
 from mindstage.bridge.protocol import (
     ActionFeedback,
     ActionResult,
@@ -34,26 +34,26 @@ from mindstage.bridge.protocol import (
 )
 from mindstage.errors import MindstageError
 
-__all__ = ["MOST_GOALS", "ActionHandler", "ServiceHandler", "Serving"]
+__all__ = ["MAX_GOALS", "ActionHandler", "HandlerDispatcher", "ServiceHandler"]
 
-MOST_GOALS = 32
+MAX_GOALS = 32
 """So many goals may be under way at one participant, whoever sent them; more are refused."""
 
 ServiceHandler = Callable[[Any], object]
 """Gets the arguments as sent (an object, or a list of its fields) and returns the answer's values: whatever JSON can
 say, structs included. May be a coroutine function. What it raises is told to the caller as `result: false`."""
 
-ActionHandler = Callable[[ServedGoal], object]
-"""Gets the goal and returns how it ended: a `GoalOutcome`, or just the values if it was reached. May be a coroutine
+ActionHandler = Callable[[ServerGoalHandle], object]
+"""Gets the goal and returns how it ended: a `GoalResult`, or just the values if it was reached. May be a coroutine
 function."""
 
 _log = logging.getLogger("mindstage.bridge")
 
 
-class Serving:
+class HandlerDispatcher:
     """Answers the calls and reaches the goals of one participant. Belongs to the loop."""
 
-    def __init__(self, loop: LoopThread, lanes: Lanes, send: Callable[[Operation], None]) -> None:
+    def __init__(self, loop: EventLoopThread, lanes: KeyedSerialExecutor, send: Callable[[Operation], None]) -> None:
         """Nothing is offered yet.
 
         Args:
@@ -66,46 +66,46 @@ class Serving:
         """Those whose handlers never wait, so that they need no thread, unless their caller's turn has not come yet."""
         self.actions: dict[str, ActionHandler] = {}
         self._loop = loop
-        self._lanes = lanes
+        self._executor = lanes
         self._send = send
-        self._goals: dict[Id, ServedGoal] = {}
+        self._goals: dict[Id, ServerGoalHandle] = {}
         self._tasks: set[asyncio.Task[None]] = set()
-        self._numbers = count(1)
+        self._next_id = count(1)
 
     def call(self, name: str, call: CallService, caller: Hashable) -> None:
         """Answers one call of the service of that name."""
         handler = self.services.get(name)
         if handler is None:
-            self._send(_failed_call(call, f"Service {call.service} does not exist"))
+            self._send(_call_error_response(call, f"Service {call.service} does not exist"))
         elif iscoroutinefunction(handler):
-            self.start(self._answer_async(handler, call))
-        elif name in self.quick and not self._lanes.busy(caller):
-            self._answer(handler, call)
+            self.start_task(self._handle_call_async(handler, call))
+        elif name in self.quick and not self._executor.is_busy(caller):
+            self._handle_call(handler, call)
         else:
-            self._lanes.put(caller, lambda: self._answer(handler, call))
+            self._executor.submit(caller, lambda: self._handle_call(handler, call))
 
-    def goal(self, name: str, order: SendActionGoal) -> None:
+    def start_goal(self, name: str, request: SendActionGoal) -> None:
         """Begins to reach for one goal of the action of that name; goals do not wait for each other."""
         handler = self.actions.get(name)
-        id = f"goal:{next(self._numbers)}" if order.id is None else order.id
+        id = f"goal:{next(self._next_id)}" if request.id is None else request.id
         why = ""
         if id in self._goals:
             why = f"the goal {id!r} is under way"
-        elif len(self._goals) >= MOST_GOALS:
-            why = f"{MOST_GOALS} goals are under way already; wait until one has ended, or cancel one"
+        elif len(self._goals) >= MAX_GOALS:
+            why = f"{MAX_GOALS} goals are under way already; wait until one has ended, or cancel one"
         if handler is None or why:
-            self._send(_failed_goal(order, id, why or f"Action {order.action} does not exist"))
+            self._send(_goal_error_result(request, id, why or f"Action {request.action} does not exist"))
             return
-        goal = self._goals[id] = ServedGoal(order.action, id, None, self._feedback(order))
+        goal = self._goals[id] = ServerGoalHandle(request.action, id, None, self._feedback_sender(request))
         if iscoroutinefunction(handler):
-            self.start(self._reach_async(handler, order, goal))
+            self.start_task(self._run_goal_async(handler, request, goal))
         else:
-            work = (handler, order, goal)
-            threading.Thread(target=self._reach, args=work, name="mindstage-goal", daemon=True).start()
+            work = (handler, request, goal)
+            threading.Thread(target=self._run_goal, args=work, name="mindstage-goal", daemon=True).start()
 
-    def cancel(self, order: CancelActionGoal) -> None:
+    def cancel(self, request: CancelActionGoal) -> None:
         """Asks a goal's handler to give up; a goal that has ended needs nothing."""
-        if goal := self._goals.get(order.id):
+        if goal := self._goals.get(request.id):
             goal.request_cancel()
 
     def cancel_all(self) -> None:
@@ -113,7 +113,7 @@ class Serving:
         for goal in self._goals.values():
             goal.request_cancel()
 
-    def start(self, work: Coroutine[Any, Any, None]) -> None:
+    def start_task(self, work: Coroutine[Any, Any, None]) -> None:
         """Runs a coroutine, which must not raise, beside everything else."""
         task = asyncio.ensure_future(work)
         self._tasks.add(task)  # the loop itself holds tasks but weakly
@@ -121,86 +121,88 @@ class Serving:
 
     # -- services ------------------------------------------------------------------------------------------------------
 
-    def _answer(self, handler: ServiceHandler, call: CallService) -> None:
+    def _handle_call(self, handler: ServiceHandler, call: CallService) -> None:
         try:
-            values = _written(handler(_read(call.args)))
+            values = _encode_values(handler(_decode_args(call.args)))
             response = ServiceResponse(id=call.id, service=call.service, values=values, result=True)
         except Exception as error:
-            response = _failed_call(call, _told(call.service, error))
-        self._loop.soon(self._send, response)
+            response = _call_error_response(call, _error_reply(call.service, error))
+        self._loop.call_soon(self._send, response)
 
-    async def _answer_async(self, handler: ServiceHandler, call: CallService) -> None:
+    async def _handle_call_async(self, handler: ServiceHandler, call: CallService) -> None:
         try:
-            values = _written(await _awaited(handler(_read(call.args))))
+            values = _encode_values(await _await_if_needed(handler(_decode_args(call.args))))
             response = ServiceResponse(id=call.id, service=call.service, values=values, result=True)
         except Exception as error:
-            response = _failed_call(call, _told(call.service, error))
+            response = _call_error_response(call, _error_reply(call.service, error))
         self._send(response)
 
     # -- actions -------------------------------------------------------------------------------------------------------
 
-    def _feedback(self, order: SendActionGoal) -> Callable[[Id, object], None]:
+    def _feedback_sender(self, request: SendActionGoal) -> Callable[[Id, object], None]:
         def feedback(id: Id, values: object) -> None:
-            told = ActionFeedback(id=id, action=order.action, values=_written(values))
-            self._loop.soon(self._tell, told)
+            told = ActionFeedback(id=id, action=request.action, values=_encode_values(values))
+            self._loop.call_soon(self._send_feedback, told)
 
         return feedback
 
-    def _tell(self, feedback: ActionFeedback) -> None:
+    def _send_feedback(self, feedback: ActionFeedback) -> None:
         if feedback.id in self._goals:  # whoever asked was told of the end already, and shall hear nothing after it
             self._send(feedback)
 
-    def _reach(self, handler: ActionHandler, order: SendActionGoal, goal: ServedGoal) -> None:
+    def _run_goal(self, handler: ActionHandler, request: SendActionGoal, goal: ServerGoalHandle) -> None:
         try:
-            goal.args = _read(order.args)
-            result = _ended(order, goal.id, handler(goal))
+            goal.args = _decode_args(request.args)
+            result = _goal_result(request, goal.id, handler(goal))
         except Exception as error:
-            result = _failed_goal(order, goal.id, _told(order.action, error))
-        self._loop.soon(self._end, result)
+            result = _goal_error_result(request, goal.id, _error_reply(request.action, error))
+        self._loop.call_soon(self._send_result, result)
 
-    async def _reach_async(self, handler: ActionHandler, order: SendActionGoal, goal: ServedGoal) -> None:
+    async def _run_goal_async(self, handler: ActionHandler, request: SendActionGoal, goal: ServerGoalHandle) -> None:
         try:
-            goal.args = _read(order.args)
-            result = _ended(order, goal.id, await _awaited(handler(goal)))
+            goal.args = _decode_args(request.args)
+            result = _goal_result(request, goal.id, await _await_if_needed(handler(goal)))
         except Exception as error:
-            result = _failed_goal(order, goal.id, _told(order.action, error))
-        self._end(result)
+            result = _goal_error_result(request, goal.id, _error_reply(request.action, error))
+        self._send_result(result)
 
-    def _end(self, result: ActionResult) -> None:
+    def _send_result(self, result: ActionResult) -> None:
         if result.id is not None:
             self._goals.pop(result.id, None)
         self._send(result)
 
 
-async def _awaited(result: object) -> object:
+async def _await_if_needed(result: object) -> object:
     return await result if isinstance(result, Awaitable) else result
 
 
-def _read(args: msgspec.Raw | msgspec.UnsetType) -> Any:
+def _decode_args(args: msgspec.Raw | msgspec.UnsetType) -> Any:
     return msgspec.json.decode(content(args))
 
 
-def _written(values: object) -> msgspec.Raw:
+def _encode_values(values: object) -> msgspec.Raw:
     return msgspec.Raw(b"{}" if values is None else msgspec.json.encode(values))
 
 
-def _told(name: str, error: Exception) -> str:
+def _error_reply(name: str, error: Exception) -> str:
     if isinstance(error, MindstageError):
         return str(error)
     _log.error("the handler of %s broke", name, exc_info=error)
     return f"{name} broke: {type(error).__name__}: {error}"
 
 
-def _failed_call(call: CallService, why: str) -> ServiceResponse:
-    return ServiceResponse(id=call.id, service=call.service, values=_written(why), result=False)
+def _call_error_response(call: CallService, reason: str) -> ServiceResponse:
+    return ServiceResponse(id=call.id, service=call.service, values=_encode_values(reason), result=False)
 
 
-def _failed_goal(order: SendActionGoal, id: Id, why: str) -> ActionResult:
-    return ActionResult(id=id, action=order.action, values=_written(why), status=GoalStatus.ABORTED, result=False)
+def _goal_error_result(order: SendActionGoal, id: Id, reason: str) -> ActionResult:
+    return ActionResult(
+        id=id, action=order.action, values=_encode_values(reason), status=GoalStatus.ABORTED, result=False
+    )
 
 
-def _ended(order: SendActionGoal, id: Id, outcome: object) -> ActionResult:
-    if not isinstance(outcome, GoalOutcome):
-        outcome = GoalOutcome(GoalStatus.SUCCEEDED, outcome)
-    values = _written(outcome.values)
+def _goal_result(order: SendActionGoal, id: Id, outcome: object) -> ActionResult:
+    if not isinstance(outcome, GoalResult):
+        outcome = GoalResult(GoalStatus.SUCCEEDED, outcome)
+    values = _encode_values(outcome.values)
     return ActionResult(id=id, action=order.action, values=values, status=outcome.status, result=True)

@@ -11,19 +11,19 @@ import msgspec
 
 from mindstage.bridge.protocol import Publish, Subscribe
 
-__all__ = ["Handling", "MessageHandler", "Sender", "Subscription"]
+__all__ = ["CallbackTask", "MessageHandler", "MessageSender", "Subscription"]
 
 MessageHandler = Callable[..., object]
 """Gets a message as plain values, in a worker thread and in order; or is a coroutine function, and runs on the loop.
-One that asked for it gets the `Sender` too, or None where nobody knows who that is."""
+One that asked for it gets the `MessageSender` too, or None where nobody knows who that is."""
 
 _log = logging.getLogger("mindstage.bridge")
 
 
-class Sender(Protocol):
+class MessageSender(Protocol):
     """Whoever published a message, at a hub in this process."""
 
-    gone: bool
+    has_left: bool
     """Whether it has left since."""
 
     def __hash__(self) -> int: ...
@@ -33,12 +33,12 @@ class Subscription:
     """Handles one topic's messages until `close`."""
 
     def __init__(
-        self, request: Subscribe, handler: MessageHandler, close: Callable[[Subscription], None], *, tells_sender: bool
+        self, request: Subscribe, handler: MessageHandler, close: Callable[[Subscription], None], *, with_sender: bool
     ) -> None:
         self.request = request
         self.handler = handler
         self.is_async = iscoroutinefunction(handler)
-        self.tells_sender = tells_sender
+        self.with_sender = with_sender
         self._close = close
 
     @property
@@ -51,10 +51,10 @@ class Subscription:
         self._close(self)
 
 
-class Handling:
+class CallbackTask:
     """One message for one handler, read where it is handled."""
 
-    def __init__(self, subscription: Subscription, message: Publish, sender: Sender | None) -> None:
+    def __init__(self, subscription: Subscription, message: Publish, sender: MessageSender | None) -> None:
         self._subscription = subscription
         self._message = message
         self._sender = sender
@@ -64,19 +64,19 @@ class Handling:
         try:
             self._handle()
         except Exception:
-            self._complain()
+            self._log_error()
 
     async def run(self) -> None:
         """The same where the handler is a coroutine function."""
         try:
             await self._handle()
         except Exception:
-            self._complain()
+            self._log_error()
 
     def _handle(self) -> Any:
         values = msgspec.json.decode(self._message.msg)
-        senders = (self._sender,) if self._subscription.tells_sender else ()
+        senders = (self._sender,) if self._subscription.with_sender else ()
         return self._subscription.handler(values, *senders)
 
-    def _complain(self) -> None:
+    def _log_error(self) -> None:
         _log.exception("the handler of messages on %s broke", self._message.topic)

@@ -24,7 +24,7 @@ from mindstage.cli.convert import convert
 from mindstage.cli.demo import demo
 from mindstage.cli.furnish import furnish
 from mindstage.cli.log import log
-from mindstage.cli.outcome import Outcome, verb
+from mindstage.cli.outcome import ExitCode, command
 from mindstage.cli.prolog import prolog
 from mindstage.cli.questions import questions
 from mindstage.cli.serve import serve
@@ -36,7 +36,7 @@ from mindstage.cli.validate import validate
 
 __all__ = ["app", "main"]
 
-_VERBS = {
+_COMMANDS = {
     function.__name__: function
     for function in (
         demo,
@@ -59,7 +59,7 @@ _VERBS = {
 }
 
 
-def _app(verbs: Iterable[str]) -> typer.Typer:
+def _make_app(commands: Iterable[str]) -> typer.Typer:
     """The command line with some of its verbs; typer inspects the signature of each, which takes a while."""
     app = typer.Typer(
         name="mindstage",
@@ -70,8 +70,8 @@ def _app(verbs: Iterable[str]) -> typer.Typer:
         pretty_exceptions_enable=False,
         context_settings={"help_option_names": ["-h", "--help"]},
     )
-    for name in verbs:
-        app.command()(verb(_VERBS[name]))
+    for name in commands:
+        app.command()(command(_COMMANDS[name]))
     app.callback()(_options)
     return app
 
@@ -80,20 +80,20 @@ def main() -> None:
     """Runs the command line and ends the process."""
     # A verb makes many values that it keeps until it ends: looking for garbage among them again and again finds none.
     gc.set_threshold(50_000, 20, 50)
-    signal.signal(signal.SIGTERM, _end)
+    signal.signal(signal.SIGTERM, _on_signal)
     try:
         wanted = sys.argv[1:2]
-        _app(wanted if wanted and wanted[0] in _VERBS else _VERBS)(prog_name="mindstage")
+        _make_app(wanted if wanted and wanted[0] in _COMMANDS else _COMMANDS)(prog_name="mindstage")
     except Exception:
         # A defect of ours. Python would end with 1, which here means "the world says no".
         traceback.print_exc()
         print("mindstage: this is a defect in Mindstage, please report it", file=sys.stderr)  # noqa: T201
-        sys.exit(Outcome.TROUBLE)
+        sys.exit(ExitCode.ERROR)
     finally:
         gc.freeze()  # nor is there anything to find when all of it goes
 
 
-def _end(number: int, _: object) -> NoReturn:
+def _on_signal(number: int, _: object) -> NoReturn:
     """Who is told to end closes what it has opened: browsers, engines, pages."""
     sys.exit(128 + number)
 
@@ -112,5 +112,5 @@ def _options(
     """Options that belong to no verb."""
 
 
-app = _app(_VERBS)
+app = _make_app(_COMMANDS)
 """The whole command line."""

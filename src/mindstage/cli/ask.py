@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from mindstage.cli.engine import make_engine
-from mindstage.cli.highlight import Highlight
+from mindstage.cli.highlight import HighlightRun
 from mindstage.cli.options import (
     AsJson,
     Bundled,
@@ -23,19 +23,19 @@ from mindstage.cli.options import (
     Seconds,
     StoreFolder,
     WithViewport,
-    typed,
+    options_given,
 )
-from mindstage.cli.outcome import Outcome
+from mindstage.cli.outcome import ExitCode
 from mindstage.cli.output import (
     Cell,
     findings_json,
-    fits_in_a_table,
+    fits_table,
     print_findings,
     print_json,
+    print_line,
     print_records,
     print_table,
-    say,
-    working,
+    progress_spinner,
 )
 from mindstage.cli.reading import assumptions_json
 from mindstage.cli.sources import knowledge_base
@@ -46,7 +46,7 @@ if TYPE_CHECKING:
 
 __all__ = ["ask", "named_args"]
 
-_FREE = "_"
+_UNBOUND_ARGUMENT = "_"
 """Leaves an argument out that others follow."""
 
 QuestionName = Annotated[
@@ -64,7 +64,7 @@ Arguments = Annotated[
 
 Why = Annotated[bool, typer.Option("--why", help="Show what led to each answer.")]
 
-Colour = Annotated[
+Color = Annotated[
     str | None,
     typer.Option(
         "--highlight",
@@ -89,36 +89,36 @@ def ask(
     bundled: Bundled = True,
     closure: Closure = False,
     robots: Robots = None,
-    highlight: Colour = None,
+    highlight: Color = None,
     map_name: MapName = None,
     engine: EngineName = "mujoco",
     with_viewport: WithViewport = True,
     port: Port = 8080,
     seconds: Seconds = None,
     as_json: AsJson = False,
-) -> Outcome:
+) -> ExitCode:
     """Ask what the robot knows. Without an answer, say what is missing, and end with 1.
 
     With --highlight it is asked of the running world: where things are then, and what is open.
     """
-    from mindstage.knowledge.questions import question_named
-    from mindstage.world.colours import colour_from
+    from mindstage.knowledge.questions import get_question
+    from mindstage.world.colors import parse_color
 
     # First, so that a mistyped word is told before a long map is read.
-    asked = question_named(question)
+    asked = get_question(question)
     named = named_args(asked, args or [])
     if highlight is None:
-        _only_with_highlight(context)
+        _require_highlight(context)
         show = None
     else:
-        show = Highlight(
-            colour=colour_from(highlight),
+        show = HighlightRun(
+            color=parse_color(highlight),
             engine=make_engine(engine),
             port=port if with_viewport else None,
-            seconds=seconds,
+            duration_s=seconds,
             quiet=as_json,
         )
-    with working("thinking"):
+    with progress_spinner("thinking"):
         knowledge = knowledge_base(
             maps or [],
             ontologies=ontologies,
@@ -128,50 +128,50 @@ def ask(
             endpoint=endpoint,
             closure=closure,
         )
-    tell = partial(_tell, knowledge, why=why, as_json=as_json)
+    tell = partial(_print_result, knowledge, why=why, as_json=as_json)
     if show is None:
         answers = knowledge.ask(asked, **named)
         tell(answers, {})
     else:
-        answers = show.ask(knowledge, asked, named, map_name=map_name, tell=tell)
-    return Outcome.DONE if answers else Outcome.NO
+        answers = show.ask(knowledge, asked, named, map_name=map_name, print_answers=tell)
+    return ExitCode.OK if answers else ExitCode.NEGATIVE
 
 
-def _tell(
+def _print_result(
     knowledge: KnowledgeBase, answers: Answers[Any], more: dict[str, object], *, why: bool, as_json: bool
 ) -> None:
     from mindstage.knowledge.questions import answers_to_builtins
 
     findings = knowledge.findings()
     if as_json:
-        told = answers_to_builtins(knowledge, answers, why=why) | more
+        told = answers_to_builtins(knowledge, answers, explain=why) | more
         print_json(told | {"assumptions": assumptions_json(knowledge), "findings": findings_json(findings)})
     else:
         print_findings(findings)
         _print_answers(knowledge, answers, why=why)
 
 
-def _only_with_highlight(context: typer.Context) -> None:
+def _require_highlight(context: typer.Context) -> None:
     """Refuses what says how answers are shown where none are.
 
     Raises:
-        ArgumentRefused: there is such an option.
+        InvalidArgumentError: there is such an option.
     """
-    from mindstage.errors import ArgumentRefused
+    from mindstage.errors import InvalidArgumentError
 
     options = {"map_name": "--map-name", "engine": "--engine", "with_viewport": "--no-viewport"}
     options |= {"port": "--port", "seconds": "--for"}
-    for option in typed(context, options):
-        raise ArgumentRefused(option, cause="it says how answers are shown", remedy="give --highlight COLOUR too")
+    for option in options_given(context, options):
+        raise InvalidArgumentError(option, cause="it says how answers are shown", remedy="give --highlight COLOUR too")
 
 
 def named_args(question: Question[Any], args: list[str]) -> dict[str, str]:
     """What was typed, by the question's names for it.
 
     Raises:
-        ArgumentRefused: there is more than the question takes, or one of it twice.
+        InvalidArgumentError: there is more than the question takes, or one of it twice.
     """
-    from mindstage.errors import ArgumentRefused
+    from mindstage.errors import InvalidArgumentError
 
     names = [argument.name for argument in question.arguments]
     takes = f"it takes {', '.join(names)}"
@@ -182,40 +182,40 @@ def named_args(question: Question[Any], args: list[str]) -> dict[str, str]:
         if not equals or not name.isidentifier():
             place = next(places, None)
             if place is None:
-                raise ArgumentRefused(question.name, cause=f"{arg!r} is one argument too many", remedy=takes)
+                raise InvalidArgumentError(question.name, cause=f"{arg!r} is one argument too many", remedy=takes)
             name, value = place, arg
         if name in named:
-            raise ArgumentRefused(question.name, cause=f"{name} is given twice", remedy=takes)
+            raise InvalidArgumentError(question.name, cause=f"{name} is given twice", remedy=takes)
         named[name] = value
-    return {name: value for name, value in named.items() if value != _FREE}
+    return {name: value for name, value in named.items() if value != _UNBOUND_ARGUMENT}
 
 
 def _print_answers(knowledge: KnowledgeBase, answers: Answers[Any], *, why: bool) -> None:
     for lack in answers.missing:
-        say(f"missing: {lack.why}")
+        print_line(f"missing: {lack.reason}")
     if not answers and not answers.missing:
-        say("no answer")
+        print_line("no answer")
     if not answers:
         return
-    columns, rows = _cells(knowledge, answers)
+    columns, rows = _table_cells(knowledge, answers)
     if why:
-        reasons = (knowledge.why(answers.question, row) for row in answers)
+        reasons = (knowledge.explain(answers.question, row) for row in answers)
         print_records([*columns, "why"], [[*cells, each] for cells, each in zip(rows, reasons, strict=True)])
-    elif fits_in_a_table(columns, rows):
+    elif fits_table(columns, rows):
         print_table("", columns, rows)
     else:
         print_records(columns, rows)
 
 
-def _cells(knowledge: KnowledgeBase, answers: Answers[Any]) -> tuple[list[str], list[list[Cell]]]:
+def _table_cells(knowledge: KnowledgeBase, answers: Answers[Any]) -> tuple[list[str], list[list[Cell]]]:
     """The answers as they are printed, and the class of what was asked for: many individuals are called by a number."""
-    from mindstage.knowledge.questions import about_column, cell_text
-    from mindstage.knowledge.reasoning import NameKind
+    from mindstage.knowledge.questions import cell_text, subject_column
+    from mindstage.knowledge.reasoning import EntityType
 
-    columns, about = list(answers.question.columns), about_column(answers)
+    columns, about = list(answers.question.columns), subject_column(answers)
     rows = [[cell_text(getattr(row, name)) for name in columns] for row in answers]
-    if about and answers.question.columns[about] is NameKind.INDIVIDUAL and not {"cls", "classes"} & {*columns}:
-        classes = (knowledge.index.class_of(getattr(row, about)) for row in answers)
+    if about and answers.question.columns[about] is EntityType.INDIVIDUAL and not {"cls", "classes"} & {*columns}:
+        classes = (knowledge.reasoner.class_of(getattr(row, about)) for row in answers)
         rows = [[*cells, cell_text(cls)] for cells, cls in zip(rows, classes, strict=True)]
         columns.append(f"class of {about}")
     return columns, rows

@@ -1,4 +1,4 @@
-"""`mindstage convert`: the same place in another dialect, or as a file for other programs."""
+"""`mindstage convert_source_map`: the same place in another dialect, or as a file for other programs."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from mindstage.cli.engine import godot_program
-from mindstage.cli.numbers import Numbers
+from mindstage.cli.numbers import ConventionOptions
 from mindstage.cli.options import (
     AsJson,
     AssetFolders,
     Bundled,
     FrameNames,
+    MapArgument,
     MapName,
-    OneMap,
     Ontologies,
     PlainBoxes,
     QuaternionOrders,
@@ -23,9 +23,9 @@ from mindstage.cli.options import (
     Strict,
     UnitNames,
 )
-from mindstage.cli.outcome import Outcome
-from mindstage.cli.output import findings_json, print_findings, print_json, say, warn, working
-from mindstage.cli.reading import print_reading, reading_json
+from mindstage.cli.outcome import ExitCode
+from mindstage.cli.output import findings_json, print_findings, print_json, print_line, progress_spinner, warn
+from mindstage.cli.reading import import_summary, print_import_summary
 from mindstage.cli.sources import findings_about, knowledge_base
 from mindstage.cli.staging import asset_folders
 from mindstage.saving import FileDialect, FileFormat, dialect_name, file_format, save_world
@@ -38,7 +38,7 @@ __all__ = ["convert"]
 
 
 def convert(
-    source: OneMap,
+    source: MapArgument,
     out: Annotated[
         Path,
         typer.Argument(
@@ -73,30 +73,34 @@ def convert(
     assets: AssetFolders = None,
     plain_boxes: PlainBoxes = False,
     as_json: AsJson = False,
-) -> Outcome:
+) -> ExitCode:
     """Read a map and write it again: nothing is lost between dialects, and what another format cannot hold is said."""
     kind, chosen = file_format(out, format, dialect=dialect), dialect or FileDialect.SAME
-    with working("converting"):
+    with progress_spinner("converting"):
         knowledge = knowledge_base(
-            [source], ontologies=ontologies, bundled=bundled, robots=robots, numbers=Numbers(units, frame, quaternion)
+            [source],
+            ontologies=ontologies,
+            bundled=bundled,
+            robots=robots,
+            conventions=ConventionOptions(units, frame, quaternion),
         )
         world = knowledge.world(map_name)
         findings = findings_about(world, knowledge, strict=strict)
         notes = _save(world, knowledge, out, kind, chosen, assets=assets, plain_boxes=plain_boxes)
     words = dialect_name(world, knowledge, kind, chosen)
     if as_json:
-        told = {"map": world.iri, "out": str(out), "bodies": len(world.bodies), "constraints": len(world.constraints)}
+        told = {"map": world.iri, "out": str(out), "bodies": len(world.bodies), "constraints": len(world.joints)}
         told |= {"format": kind.value, "dialect": words, "notes": list(notes)}
-        print_json(told | {"findings": findings_json(findings)} | reading_json(world, knowledge))
+        print_json(told | {"findings": findings_json(findings)} | import_summary(world, knowledge))
     else:
         print_findings(findings)
         for note in notes:
             warn(note)
-        print_reading(world, knowledge)
+        print_import_summary(world, knowledge)
         how = kind.value if words is None else f"{kind.value}, {words}"
-        counted = f"{len(world.bodies)} bodies, {len(world.constraints)} constraints"
-        say(f"{world.name or world.iri}: {counted} → {out} ({how})")
-    return Outcome.DONE
+        counted = f"{len(world.bodies)} bodies, {len(world.joints)} constraints"
+        print_line(f"{world.name or world.iri}: {counted} → {out} ({how})")
+    return ExitCode.OK
 
 
 def _save(

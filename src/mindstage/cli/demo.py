@@ -8,12 +8,12 @@ import typer
 
 from mindstage.cli.engine import make_engine
 from mindstage.cli.options import EngineName, PageHost, PageToken, Port, finite
-from mindstage.cli.outcome import Outcome
-from mindstage.cli.output import print_findings, say, working
-from mindstage.cli.page import LOOPBACK, open_page, refuse_open_doors, show_page
+from mindstage.cli.outcome import ExitCode
+from mindstage.cli.output import print_findings, print_line, progress_spinner
+from mindstage.cli.page import LOOPBACK, check_token_given, open_page, show_page
 from mindstage.cli.report import print_report
 from mindstage.cli.sources import knowledge_base
-from mindstage.cli.staging import stage_for
+from mindstage.cli.staging import simulation_from_options
 
 __all__ = ["demo"]
 
@@ -34,22 +34,22 @@ def demo(
             "--for", metavar="SECONDS", min=0.0, callback=finite, envvar="MINDSTAGE_DEMO_SECONDS", help="End by itself."
         ),
     ] = None,
-) -> Outcome:
+) -> ExitCode:
     """Show the bundled kitchen in the browser: pull its doors and drawers open."""
-    refuse_open_doors(host, token)
-    with working("furnishing the kitchen"):
+    check_token_given(host, token)
+    with progress_spinner("furnishing the kitchen"):
         knowledge = knowledge_base(["bundled:kitchen"], ontologies=None, bundled=True)
         world = knowledge.world()
-        stage = stage_for(knowledge, make_engine(engine))
+        stage = simulation_from_options(knowledge, make_engine(engine))
     with stage:
-        with working("spawning"):
+        with progress_spinner("spawning"):
             report = stage.spawn(world)
         print_findings(knowledge.findings())
         print_report(report, title=world.name, verbose=False)
 
         def announce(url: str) -> None:
-            say(f"The kitchen is open at {url}")
+            print_line(f"The kitchen is open at {url}")
             open_page(url, wanted=open_browser)
 
         show_page(stage, port=port, duration_s=seconds, announce=announce, host=host, token=token)
-    return Outcome.DONE
+    return ExitCode.OK

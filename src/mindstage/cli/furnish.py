@@ -8,15 +8,15 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from mindstage.cli.engine import make_engine
-from mindstage.cli.numbers import Numbers
+from mindstage.cli.numbers import ConventionOptions
 from mindstage.cli.options import (
     AsJson,
     AssetFolders,
     Bundled,
     EngineName,
     FrameNames,
+    MapArguments,
     MapName,
-    Maps,
     Ontologies,
     Port,
     QuaternionOrders,
@@ -26,18 +26,18 @@ from mindstage.cli.options import (
     UnitNames,
     Verbose,
 )
-from mindstage.cli.outcome import Outcome
-from mindstage.cli.output import Cell, print_findings, print_json, print_table, say, warn, working
-from mindstage.cli.page import show_told
-from mindstage.cli.report import everything_stands, report_json, warn_of_failures
+from mindstage.cli.outcome import ExitCode
+from mindstage.cli.output import Cell, print_findings, print_json, print_line, print_table, progress_spinner, warn
+from mindstage.cli.page import print_and_serve
+from mindstage.cli.report import is_complete, print_failures, report_json
 from mindstage.cli.sources import findings_about, knowledge_base
-from mindstage.cli.staging import stage_for
+from mindstage.cli.staging import simulation_from_options
 
 if TYPE_CHECKING:
     from mindstage.knowledge import KnowledgeBase
-    from mindstage.knowledge.items import Item
-    from mindstage.stage import Stage
-    from mindstage.stage.furnishing import Furnished
+    from mindstage.knowledge.items import PlacementItem
+    from mindstage.stage import Simulation
+    from mindstage.stage.furnishing import PlacementReport
 
 __all__ = ["furnish"]
 
@@ -66,7 +66,7 @@ Out = Annotated[
 
 
 def furnish(
-    maps: Maps,
+    maps: MapArguments,
     *,
     items: Items,
     out: Out = None,
@@ -87,67 +87,74 @@ def furnish(
     seconds: Seconds = None,
     verbose: Verbose = False,
     as_json: AsJson = False,
-) -> Outcome:
+) -> ExitCode:
     """Put things where they belong, on a free spot on which they stay; exit 1 if one of them finds no place."""
-    from mindstage.stage.furnishing import furnish as furnish_stage
+    from mindstage.stage.furnishing import place_items as furnish_stage
 
     running = make_engine(engine)  # first: a wrong name is told before a long map is read
-    with working("reading"):
+    with progress_spinner("reading"):
         knowledge = knowledge_base(
-            maps, ontologies=ontologies, bundled=bundled, robots=robots, numbers=Numbers(units, frame, quaternion)
+            maps,
+            ontologies=ontologies,
+            bundled=bundled,
+            robots=robots,
+            conventions=ConventionOptions(units, frame, quaternion),
         )
-        listed = [item for each in items for item in _listed(each, knowledge)]
+        listed = [item for each in items for item in _read_items(each, knowledge)]
         world = knowledge.world(map_name)
     findings = findings_about(world, knowledge, strict=strict)
-    with stage_for(knowledge, running, assets=assets) as stage:
-        with working("spawning"):
+    with simulation_from_options(knowledge, running, assets=assets) as stage:
+        with progress_spinner("spawning"):
             report = stage.spawn(world)
-        with working("furnishing"):
+        with progress_spinner("furnishing"):
             done = furnish_stage(stage, listed)
-        told: dict[str, object] = {"map": world.iri, "engine": stage.engine_name, "spawn": report_json(report)} | _json(
-            done
-        )
+        told: dict[str, object] = {
+            "map": world.iri,
+            "engine": stage.engine_name,
+            "spawn": report_json(report),
+        } | _report_json(done)
         if not as_json:
             print_findings(findings)
-            warn_of_failures(report)
-            _print(done, verbose=verbose)
+            print_failures(report)
+            _print_report(done, verbose=verbose)
         if out is None and with_viewport:
-            show_told(stage, told, port=port, duration_s=seconds, as_json=as_json)
+            print_and_serve(stage, told, port=port, duration_s=seconds, as_json=as_json)
         else:
             _finish(stage, told, out, as_json=as_json)
-    return Outcome.DONE if everything_stands(report, findings) and not done.unplaced else Outcome.NO
+    return ExitCode.OK if is_complete(report, findings) and not done.unplaced else ExitCode.NEGATIVE
 
 
-def _listed(told: str, knowledge: KnowledgeBase) -> tuple[Item, ...]:
+def _read_items(texts: str, knowledge: KnowledgeBase) -> tuple[PlacementItem, ...]:
     """What is meant: a file, or a class."""
-    from mindstage.knowledge.items import item_of_class, load_items
+    from mindstage.knowledge.items import load_items, parse_item
 
-    path = Path(told)
-    return load_items(path, knowledge) if path.suffix or path.exists() else (item_of_class(told, knowledge),)
+    path = Path(texts)
+    return load_items(path, knowledge) if path.suffix or path.exists() else (parse_item(texts, knowledge),)
 
 
-def _finish(stage: Stage, told: dict[str, object], out: Path | None, *, as_json: bool) -> None:
+def _finish(simulation: Simulation, output: dict[str, object], out: Path | None, *, as_json: bool) -> None:
     """Writes the place, if wanted, and says so."""
     from mindstage.knowledge import save_map
 
     if out is not None:
-        with working("writing"):
-            save_map(stage.log(), out)
+        with progress_spinner("writing"):
+            save_map(simulation.snapshot(), out)
     if as_json:
-        print_json(told if out is None else told | {"out": str(out)})
+        print_json(output if out is None else output | {"out": str(out)})
     elif out is not None:
-        say(f"the furnished place → {out}")
+        print_line(f"the furnished place → {out}")
 
 
-def _json(done: Furnished) -> dict[str, object]:
+def _report_json(done: PlacementReport) -> dict[str, object]:
     import msgspec
 
-    return {"put": msgspec.to_builtins(done.put), "unplaced": msgspec.to_builtins(done.unplaced)}
+    return {"put": msgspec.to_builtins(done.placed), "unplaced": msgspec.to_builtins(done.unplaced)}
 
 
-def _print(done: Furnished, *, verbose: bool) -> None:
+def _print_report(done: PlacementReport, *, verbose: bool) -> None:
     rows: list[list[Cell]] = [
-        [put.id, put.holder, " ".join(f"{number:.2f}" for number in put.pose.position), put.tried] for put in done.put
+        [put.id, put.support_id, " ".join(f"{number:.2f}" for number in put.pose.position), put.attempts]
+        for put in done.placed
     ]
     if rows:
         columns = ("thing", "where", "at [m]", "spots tried")

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from mindstage.cli.engine import is_far, make_engine
-from mindstage.cli.numbers import Numbers
+from mindstage.cli.engine import is_remote_engine, make_engine
+from mindstage.cli.numbers import ConventionOptions
 from mindstage.cli.options import (
     AsJson,
     AssetFolders,
@@ -24,18 +24,18 @@ from mindstage.cli.options import (
     UnitNames,
     finite,
 )
-from mindstage.cli.outcome import Outcome
-from mindstage.cli.output import findings_json, print_findings, print_json, say, working
-from mindstage.cli.passing import let_pass
-from mindstage.cli.reading import print_reading, reading_json
-from mindstage.cli.report import everything_stands, print_report, report_json
+from mindstage.cli.outcome import ExitCode
+from mindstage.cli.output import findings_json, print_findings, print_json, print_line, progress_spinner
+from mindstage.cli.passing import step_with_progress
+from mindstage.cli.reading import import_summary, print_import_summary
+from mindstage.cli.report import is_complete, print_report, report_json
 from mindstage.cli.sources import findings_about, knowledge_base
-from mindstage.cli.staging import stage_for
-from mindstage.errors import ArgumentRefused
+from mindstage.cli.staging import simulation_from_options
+from mindstage.errors import InvalidArgumentError
 
 if TYPE_CHECKING:
     from mindstage.engines import Engine
-    from mindstage.stage import Stage
+    from mindstage.stage import Simulation
 
 __all__ = ["log"]
 
@@ -75,74 +75,80 @@ def log(
         typer.Option("--for", metavar="SECONDS", min=0.0, callback=finite, help="Simulated time before it is logged."),
     ] = 0.0,
     as_json: AsJson = False,
-) -> Outcome:
+) -> ExitCode:
     """Spawn a map, let time pass, and log the world as it is then; exit 1 if anything could not be spawned.
 
     Without a map, the world that runs in a far engine is logged.
     """
     running = make_engine(engine)  # first: a wrong name is told before a long map is read
     if not maps:
-        return _log_as_it_is(running, out, seconds=seconds, as_json=as_json)
-    with working("reading"):
+        return _snapshot_remote(running, out, seconds=seconds, as_json=as_json)
+    with progress_spinner("reading"):
         knowledge = knowledge_base(
-            maps, ontologies=ontologies, bundled=bundled, robots=robots, numbers=Numbers(units, frame, quaternion)
+            maps,
+            ontologies=ontologies,
+            bundled=bundled,
+            robots=robots,
+            conventions=ConventionOptions(units, frame, quaternion),
         )
         world = knowledge.world(map_name)
     findings = findings_about(world, knowledge, strict=strict)
-    with stage_for(knowledge, running, assets=assets, plain_boxes=plain_boxes) as stage:
-        with working("spawning"):
+    with simulation_from_options(knowledge, running, assets=assets, plain_boxes=plain_boxes) as stage:
+        with progress_spinner("spawning"):
             report = stage.spawn(world)
         told = _write(stage, out, seconds=seconds)
     if as_json:
         print_json(
-            told | {"spawn": report_json(report), "findings": findings_json(findings)} | reading_json(world, knowledge)
+            told
+            | {"spawn": report_json(report), "findings": findings_json(findings)}
+            | import_summary(world, knowledge)
         )
     else:
         print_findings(findings)
-        print_reading(world, knowledge)
+        print_import_summary(world, knowledge)
         print_report(report, title=world.name, verbose=False)
-        _say(told)
-    return Outcome.DONE if everything_stands(report, findings) else Outcome.NO
+        _print_summary(told)
+    return ExitCode.OK if is_complete(report, findings) else ExitCode.NEGATIVE
 
 
-def _log_as_it_is(running: Engine, out: Path, *, seconds: float, as_json: bool) -> Outcome:
+def _snapshot_remote(running: Engine, out: Path, *, seconds: float, as_json: bool) -> ExitCode:
     """Logs what runs somewhere else.
 
     Raises:
-        ArgumentRefused: the engine is here, and nothing is in it yet.
+        InvalidArgumentError: the engine is here, and nothing is in it yet.
     """
     from mindstage.knowledge import KnowledgeBase
-    from mindstage.stage import Stage
+    from mindstage.stage import Simulation
 
-    if not is_far(running.name):
+    if not is_remote_engine(running.name):
         remedy = "name a map, or --engine ros://HOST:PORT/NAMESPACE"
-        raise ArgumentRefused("MAP", cause=f"nothing runs in the engine {running.name!r} yet", remedy=remedy)
-    with Stage(KnowledgeBase(), running) as stage:
+        raise InvalidArgumentError("MAP", cause=f"nothing runs in the engine {running.name!r} yet", remedy=remedy)
+    with Simulation(KnowledgeBase(), running) as stage:
         told = _write(stage, out, seconds=seconds)
     if as_json:
         print_json(told)
     else:
-        _say(told)
-    return Outcome.DONE
+        _print_summary(told)
+    return ExitCode.OK
 
 
-def _write(stage: Stage, out: Path, *, seconds: float) -> dict[str, object]:
+def _write(simulation: Simulation, out: Path, *, seconds: float) -> dict[str, object]:
     """Lets time pass, writes the world, and says what was written."""
     from mindstage.knowledge import save_map
 
-    let_pass(stage, seconds)
-    with working("logging"):
-        logged = stage.log()
+    step_with_progress(simulation, seconds)
+    with progress_spinner("logging"):
+        logged = simulation.snapshot()
         save_map(logged, out)
     return {
         "map": logged.iri,
-        "engine": stage.engine_name,
+        "engine": simulation.engine_name,
         "simulated_s": seconds,
         "out": str(out),
         "bodies": len(logged.bodies),
-        "constraints": len(logged.constraints),
+        "constraints": len(logged.joints),
     }
 
 
-def _say(told: dict[str, object]) -> None:
-    say(f"{told['bodies']} bodies, {told['constraints']} constraints → {told['out']}")
+def _print_summary(summary: dict[str, object]) -> None:
+    print_line(f"{summary['bodies']} bodies, {summary['constraints']} constraints → {summary['out']}")

@@ -18,10 +18,10 @@ __all__ = [
     "EndpointUrl",
     "EngineName",
     "FrameNames",
+    "MapArgument",
+    "MapArguments",
     "MapName",
     "MapOptions",
-    "Maps",
-    "OneMap",
     "Ontologies",
     "PageHost",
     "PageToken",
@@ -36,7 +36,7 @@ __all__ = [
     "Verbose",
     "WithViewport",
     "finite",
-    "typed",
+    "options_given",
 ]
 
 
@@ -47,7 +47,7 @@ def finite(value: float | None) -> float | None:
     return value
 
 
-def typed(context: typer.Context, options: Mapping[str, str]) -> Iterator[str]:
+def options_given(context: typer.Context, options: Mapping[str, str]) -> Iterator[str]:
     """Those of some options, by parameter, that stand on the command line, whatever their defaults are."""
     for name, option in options.items():
         source = context.get_parameter_source(name)
@@ -57,9 +57,9 @@ def typed(context: typer.Context, options: Mapping[str, str]) -> Iterator[str]:
 
 _MAP = "A semantic map (OWL or Turtle), or bundled:kitchen."
 
-OneMap = Annotated[str, typer.Argument(metavar="MAP", help=_MAP, show_default=False)]
+MapArgument = Annotated[str, typer.Argument(metavar="MAP", help=_MAP, show_default=False)]
 
-Maps = Annotated[
+MapArguments = Annotated[
     list[str],
     typer.Argument(metavar="MAP", help=f"{_MAP} Several are loaded into one knowledge base.", show_default=False),
 ]

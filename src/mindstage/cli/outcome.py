@@ -18,24 +18,24 @@ from typing import ParamSpec
 import typer
 
 from mindstage.cli.output import one_line, print_json
-from mindstage.errors import MapAmbiguous, MindstageError, WorldError
+from mindstage.errors import AmbiguousMapError, MindstageError, WorldError
 
-__all__ = ["Outcome", "at_end", "exit_code", "verb"]
+__all__ = ["ExitCode", "close_at_end", "command", "exit_code"]
 
 P = ParamSpec("P")
 
-_ENDS: ContextVar[ExitStack | None] = ContextVar("_ENDS", default=None)
+_CLOSE_CALLBACKS: ContextVar[ExitStack | None] = ContextVar("_ENDS", default=None)
 """What the verb that is running must let go of."""
 
 
-class Outcome(IntEnum):
+class ExitCode(IntEnum):
     """The exit codes."""
 
-    DONE = 0
+    OK = 0
     """It worked; where the verb asks something, the answer is yes."""
-    NO = 1
+    NEGATIVE = 1
     """It worked, and the answer is no: maps differ, or something could not be spawned."""
-    TROUBLE = 2
+    ERROR = 2
     """It did not work: a file, an engine, the command line itself."""
     INTERRUPTED = 130
     """Ctrl-C."""
@@ -43,18 +43,18 @@ class Outcome(IntEnum):
     """Whoever read the output had enough."""
 
 
-def exit_code(error: MindstageError) -> Outcome:
+def exit_code(error: MindstageError) -> ExitCode:
     """How an error ends the process."""
-    return Outcome.NO if isinstance(error, WorldError) else Outcome.TROUBLE
+    return ExitCode.NEGATIVE if isinstance(error, WorldError) else ExitCode.ERROR
 
 
-def at_end(close: Callable[[], None]) -> None:
+def close_at_end(close: Callable[[], None]) -> None:
     """Has something closed when the verb ends, however it does."""
-    if ends := _ENDS.get():
+    if ends := _CLOSE_CALLBACKS.get():
         ends.callback(close)
 
 
-def verb(function: Callable[P, Outcome]) -> Callable[P, None]:
+def command(function: Callable[P, ExitCode]) -> Callable[P, None]:
     """Makes a function a verb: what it returns or raises becomes the process's end.
 
     Args:
@@ -66,31 +66,33 @@ def verb(function: Callable[P, Outcome]) -> Callable[P, None]:
         as_json = bool(kwargs.get("as_json"))
         try:
             with ExitStack() as ends:
-                _ENDS.set(ends)
+                _CLOSE_CALLBACKS.set(ends)
                 outcome = function(*args, **kwargs)
             sys.stdout.flush()  # a closed pipe shall show here, not while Python shuts down
         except MindstageError as error:
             outcome = exit_code(error)
-            _tell(error, _sentence(error), as_json=as_json)
+            _print_error(error, _error_text(error), as_json=as_json)
         except BrokenPipeError:
-            outcome = Outcome.PIPE_CLOSED
+            outcome = ExitCode.PIPE_CLOSED
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         except OSError as error:
-            outcome = Outcome.TROUBLE
-            _tell(error, f"{error.filename}: {error.strerror}" if error.filename else str(error), as_json=as_json)
+            outcome = ExitCode.ERROR
+            _print_error(
+                error, f"{error.filename}: {error.strerror}" if error.filename else str(error), as_json=as_json
+            )
         except KeyboardInterrupt:
-            outcome = Outcome.INTERRUPTED
+            outcome = ExitCode.INTERRUPTED
         raise typer.Exit(outcome)
 
     return run
 
 
-def _sentence(error: MindstageError) -> str:
-    hint = " with --map-name" if isinstance(error, MapAmbiguous) else ""
+def _error_text(error: MindstageError) -> str:
+    hint = " with --map-name" if isinstance(error, AmbiguousMapError) else ""
     return f"{error}{hint}"
 
 
-def _tell(error: Exception, sentence: str, *, as_json: bool) -> None:
+def _print_error(error: Exception, message: str, *, as_json: bool) -> None:
     if as_json:
-        print_json({"error": {"kind": type(error).__name__, "message": sentence}})
-    typer.echo(f"mindstage: error: {one_line(sentence)}", err=True)
+        print_json({"error": {"kind": type(error).__name__, "message": message}})
+    typer.echo(f"mindstage: error: {one_line(message)}", err=True)

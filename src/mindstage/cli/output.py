@@ -17,20 +17,20 @@ __all__ = [
     "Cell",
     "console",
     "findings_json",
-    "fits_in_a_table",
+    "fits_table",
     "one_line",
     "print_findings",
     "print_json",
+    "print_line",
     "print_records",
     "print_table",
-    "say",
+    "progress_spinner",
     "warn",
-    "working",
 ]
 
-_WIDE = 160
+_DEFAULT_WIDTH = 160
 """Columns [characters] where nobody looks through a window."""
-_MANY = 20
+_MAX_FINDINGS = 20
 """More findings than this are cut short on a terminal; JSON has them all."""
 
 Cell = str | int | float | None
@@ -51,11 +51,11 @@ def console(*, stderr: bool = False) -> Console:
 
     terminal = PipeConsole(stderr=stderr, highlight=False, markup=False, emoji=False)
     if not terminal.is_terminal:
-        terminal.width = _WIDE
+        terminal.width = _DEFAULT_WIDTH
     return terminal
 
 
-def say(text: str) -> None:
+def print_line(text: str) -> None:
     """One plain line on stdout, there at once."""
     sys.stdout.write(one_line(text) + "\n")
     sys.stdout.flush()
@@ -67,12 +67,12 @@ def warn(text: str) -> None:
 
 
 @contextmanager
-def working(what: str) -> Iterator[None]:
+def progress_spinner(text: str) -> Iterator[None]:
     """Shows a person that something goes on inside; nothing where nobody looks."""
     if not sys.stderr.isatty():
         yield
         return
-    with console(stderr=True).status(f"{what} …"):
+    with console(stderr=True).status(f"{text} …"):
         yield
 
 
@@ -95,18 +95,18 @@ def print_table(title: str, columns: Sequence[str], rows: Iterable[Sequence[Cell
         words = any(isinstance(line[at], str) for line in lines)
         table.add_column(column, justify="left" if words else "right", overflow="fold")
     for line in lines:
-        table.add_row(*(Text(one_line(_shown(cell))) for cell in line))
+        table.add_row(*(Text(one_line(_cell_text(cell))) for cell in line))
     terminal = console()
     if title:
         terminal.print(Text(one_line(title), style="bold"), soft_wrap=True)  # a narrow table would break its own title
     terminal.print(table)
 
 
-def fits_in_a_table(columns: Sequence[str], rows: Iterable[Sequence[Cell]]) -> bool:
+def fits_table(columns: Sequence[str], rows: Iterable[Sequence[Cell]]) -> bool:
     """Whether a table needs to break no cell."""
     widths = [len(column) for column in columns]
     for row in rows:
-        widths = [max(width, len(_shown(cell))) for width, cell in zip(widths, row, strict=True)]
+        widths = [max(width, len(_cell_text(cell))) for width, cell in zip(widths, row, strict=True)]
     return sum(widths) + 3 * len(widths) + 1 <= console().width
 
 
@@ -122,7 +122,7 @@ def print_records(columns: Sequence[str], rows: Iterable[Sequence[Cell | Sequenc
         if at:
             terminal.print()
         for column, cell in zip(columns, row, strict=True):
-            texts = [_shown(cell)] if isinstance(cell, str | int | float) else list(cell or ())
+            texts = [_cell_text(cell)] if isinstance(cell, str | int | float) else list(cell or ())
             width = max(20, terminal.width - indent)
             lines = [line for text in texts for line in wrap(one_line(text), width, break_on_hyphens=False)]
             for first, line in zip(chain([column], repeat("")), lines, strict=False):
@@ -131,7 +131,7 @@ def print_records(columns: Sequence[str], rows: Iterable[Sequence[Cell | Sequenc
 
 def print_findings(findings: Sequence[Finding], *, all: bool = False) -> None:
     """What the knowledge base found odd, on stderr, one line each; errors first, and only so many unless all are."""
-    many = len(findings) if all else _MANY
+    many = len(findings) if all else _MAX_FINDINGS
     ordered = sorted(findings, key=lambda finding: finding.severity.value)  # "error" comes before "warning"
     for finding in ordered[:many]:
         warn(str(finding))
@@ -146,7 +146,7 @@ def findings_json(findings: Iterable[Finding]) -> list[dict[str, object]]:
     return [msgspec.to_builtins(finding) for finding in findings]
 
 
-def _shown(cell: Cell) -> str:
+def _cell_text(cell: Cell) -> str:
     if cell is None:
         return "-"
     return f"{cell:.6g}" if isinstance(cell, float) else str(cell)

@@ -8,46 +8,46 @@ import time
 from collections.abc import Callable, Collection, Mapping
 from typing import TYPE_CHECKING
 
-from mindstage.cli.output import print_json, say, warn
-from mindstage.errors import ArgumentRefused
+from mindstage.cli.output import print_json, print_line, warn
+from mindstage.errors import InvalidArgumentError
 
 if TYPE_CHECKING:
-    from mindstage.stage import Stage
-    from mindstage.viewport import Viewport
+    from mindstage.stage import Simulation
+    from mindstage.viewport import Viewer
 
-__all__ = ["LOOPBACK", "keep_alive", "open_page", "open_viewport", "refuse_open_doors", "show_page", "show_told"]
+__all__ = ["LOOPBACK", "check_token_given", "keep_alive", "open_page", "open_viewer", "print_and_serve", "show_page"]
 
 LOOPBACK = "127.0.0.1"
 
-_LOOK_S = 0.2
+_POLL_INTERVAL_S = 0.2
 """How often it is looked whether time is up, or the world came to a stop [s]."""
 
 
-def open_viewport(
-    stage: Stage, *, port: int, host: str = LOOPBACK, token: str | None = None, origins: Collection[str] = ()
-) -> Viewport:
+def open_viewer(
+    simulation: Simulation, *, port: int, host: str = LOOPBACK, token: str | None = None, origins: Collection[str] = ()
+) -> Viewer:
     """Serves the page, on this machine only unless another host is named, which takes a token."""
     from mindstage.api import view
 
-    return view(stage, host=host, port=port, token=token or None, origins=origins)
+    return view(simulation, host=host, port=port, token=token or None, origins=origins)
 
 
-def refuse_open_doors(host: str, token: str | None) -> None:
+def check_token_given(host: str, token: str | None) -> None:
     """Looks at what was typed before a long map is read.
 
     Raises:
-        ArgumentRefused: anybody could come to the page.
+        InvalidArgumentError: anybody could come to the page.
     """
     if host != LOOPBACK and not token:
         from mindstage.bridge.access import is_loopback
 
         if not is_loopback(host):
             remedy = "give --token TOKEN too, or leave it out"
-            raise ArgumentRefused("--host", cause="everyone in the network could change the world", remedy=remedy)
+            raise InvalidArgumentError("--host", cause="everyone in the network could change the world", remedy=remedy)
 
 
 def show_page(
-    stage: Stage,
+    simulation: Simulation,
     *,
     port: int,
     duration_s: float | None,
@@ -67,17 +67,17 @@ def show_page(
         host: where to listen; others than this machine need a token.
         token: what visitors must know.
     """
-    viewport = open_viewport(stage, port=port, host=host, token=token)
+    viewport = open_viewer(simulation, port=port, host=host, token=token)
     try:
         announce(viewport.url)
-        keep_alive(stage, duration_s=duration_s, quiet=quiet)
+        keep_alive(simulation, duration_s=duration_s, quiet=quiet)
     finally:
         viewport.close()
 
 
-def show_told(
-    stage: Stage,
-    told: Mapping[str, object],
+def print_and_serve(
+    simulation: Simulation,
+    summary: Mapping[str, object],
     *,
     port: int,
     host: str = LOOPBACK,
@@ -89,11 +89,11 @@ def show_told(
 
     def announce(url: str) -> None:
         if as_json:
-            print_json({**told, "url": url})
+            print_json({**summary, "url": url})
         else:
-            say(f"The world is open at {url}")
+            print_line(f"The world is open at {url}")
 
-    show_page(stage, port=port, host=host, token=token, duration_s=duration_s, announce=announce, quiet=as_json)
+    show_page(simulation, port=port, host=host, token=token, duration_s=duration_s, announce=announce, quiet=as_json)
 
 
 def open_page(url: str, *, wanted: bool | None) -> None:
@@ -109,7 +109,7 @@ def open_page(url: str, *, wanted: bool | None) -> None:
             warn(f"no browser could be started here; open {url} yourself")
 
 
-def keep_alive(stage: Stage, *, duration_s: float | None, quiet: bool = False) -> None:
+def keep_alive(simulation: Simulation, *, duration_s: float | None, quiet: bool = False) -> None:
     """Plays in real time until the time is up; for ever without one.
 
     Args:
@@ -118,13 +118,13 @@ def keep_alive(stage: Stage, *, duration_s: float | None, quiet: bool = False) -
         quiet: whether to keep to oneself how it ends.
     """
     if not quiet:
-        say("Ctrl-C ends it." if duration_s is None else f"It ends in {duration_s:g} s.")
-    stage.play()
+        print_line("Ctrl-C ends it." if duration_s is None else f"It ends in {duration_s:g} s.")
+    simulation.play()
     end = None if duration_s is None else time.monotonic() + duration_s
     told = ""
-    while (left_s := _LOOK_S if end is None else min(_LOOK_S, end - time.monotonic())) > 0.0:
+    while (left_s := _POLL_INTERVAL_S if end is None else min(_POLL_INTERVAL_S, end - time.monotonic())) > 0.0:
         time.sleep(left_s)
-        fault = stage.frame.fault
+        fault = simulation.state.error
         if fault and fault != told:
             warn(f"the world stands still: {fault}; reset it on the page")
         told = fault

@@ -8,15 +8,15 @@ from typing import TYPE_CHECKING
 from mindstage.cli.output import console
 
 if TYPE_CHECKING:
-    from mindstage.stage import Stage
+    from mindstage.stage import Simulation
 
-__all__ = ["let_pass"]
+__all__ = ["step_with_progress"]
 
-_PATIENCE_S = 1.0
+_MIN_PROGRESS_S = 1.0
 """Nobody needs a bar for less [s]."""
 
 
-def let_pass(stage: Stage, duration_s: float) -> float:
+def step_with_progress(simulation: Simulation, duration_s: float) -> float:
     """Steps the stage and returns how long that took [s]."""
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
@@ -27,7 +27,7 @@ def let_pass(stage: Stage, duration_s: float) -> float:
 
         def progress(done_s: float) -> None:
             waited_s = time.perf_counter() - start
-            bar.update(task, completed=done_s, visible=bar.console.is_terminal and waited_s > _PATIENCE_S)
+            bar.update(task, completed=done_s, visible=bar.console.is_terminal and waited_s > _MIN_PROGRESS_S)
 
-        stage.step(duration_s, progress=progress)
+        simulation.step(duration_s, progress=progress)
     return time.perf_counter() - start

@@ -7,54 +7,54 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from mindstage.cli.ask import named_args
-from mindstage.errors import NameUnknown
+from mindstage.errors import NameNotFoundError
 
 if TYPE_CHECKING:
-    from mindstage.stage import Shown, Stage
-    from mindstage.world import BodyId, Colour, World
+    from mindstage.stage import HighlightResult, Simulation
+    from mindstage.world import BodyId, Color, World
 
-__all__ = ["Pointer"]
+__all__ = ["HighlightTarget"]
 
 
 @dataclass(frozen=True, slots=True)
-class Pointer:
-    """Something to be lit in a colour."""
+class HighlightTarget:
+    """Something to be lit in a color."""
 
-    words: tuple[str, ...]
+    terms: tuple[str, ...]
     """A question and what it is asked about, or else ids and names of classes."""
-    colour: Colour | None
+    color: Color | None
 
-    def show(self, stage: Stage) -> Shown:
+    def apply(self, simulation: Simulation) -> HighlightResult:
         """Lights it up.
 
         Raises:
-            NameUnknown: a word is neither a question, a body's id nor a class.
-            ArgumentRefused: the question is not asked about that.
+            NameNotFoundError: a word is neither a question, a body's id nor a class.
+            InvalidArgumentError: the question is not asked about that.
         """
-        from mindstage.knowledge.questions import question_named, questions
+        from mindstage.knowledge.questions import get_question, list_questions
 
-        first = self.words[0].replace("-", "_")
-        if first in {question.name for question in questions()}:
-            question = question_named(first)
-            answers = stage.ask(question, **named_args(question, list(self.words[1:])))
-            return stage.highlight(answers, self.colour)
-        world = stage.log()
-        ids = dict.fromkeys(id for word in self.words for id in _meant(stage, world, word))
-        return stage.highlight(ids, self.colour, label=" ".join(self.words))
+        first = self.terms[0].replace("-", "_")
+        if first in {question.name for question in list_questions()}:
+            question = get_question(first)
+            answers = simulation.ask(question, **named_args(question, list(self.terms[1:])))
+            return simulation.highlight(answers, self.color)
+        world = simulation.snapshot()
+        ids = dict.fromkeys(id for word in self.terms for id in _matching_bodies(simulation, world, word))
+        return simulation.highlight(ids, self.color, label=" ".join(self.terms))
 
 
-def _meant(stage: Stage, world: World, word: str) -> Iterator[BodyId]:
+def _matching_bodies(simulation: Simulation, world: World, word: str) -> Iterator[BodyId]:
     """The body of that id, or all of that class."""
-    from mindstage.knowledge.reasoning import NameKind
+    from mindstage.knowledge.reasoning import EntityType
 
     ids = {body.id for body in world.bodies}
     if word in ids:
         yield from (id for id in ids if id == word)
         return
-    knowledge = stage.knowledge
+    knowledge = simulation.knowledge
     try:
-        cls = knowledge.names.find(word, NameKind.CLASS)
-    except NameUnknown as error:
+        cls = knowledge.names.find(word, EntityType.CLASS)
+    except NameNotFoundError as error:
         kind = "question, body or class"
-        raise NameUnknown(word, kind=kind, known=(*ids, *knowledge.names.all())) from error
+        raise NameNotFoundError(word, entity_type=kind, known=(*ids, *knowledge.names.short_names())) from error
     yield from (body.id for body in world.bodies if knowledge.is_a(body.cls, cls))

@@ -13,20 +13,20 @@ import typer
 from mindstage import __version__
 from mindstage.cli.engine import make_engine
 from mindstage.cli.options import Bundled, EndpointUrl, EngineName, Ontologies, Port, StoreFolder, finite
-from mindstage.cli.outcome import Outcome
-from mindstage.cli.output import findings_json, print_findings, print_json, say, working
-from mindstage.cli.page import open_viewport
+from mindstage.cli.outcome import ExitCode
+from mindstage.cli.output import findings_json, print_findings, print_json, print_line, progress_spinner
+from mindstage.cli.page import open_viewer
 from mindstage.cli.sources import knowledge_base
-from mindstage.cli.staging import stage_for
+from mindstage.cli.staging import simulation_from_options
 
 if TYPE_CHECKING:
     from mindstage.knowledge import Finding
     from mindstage.prolog import PrologConsole
-    from mindstage.stage import Stage
+    from mindstage.stage import Simulation
 
 __all__ = ["prolog"]
 
-_ALL = 1_000_000
+_MAX_SOLUTIONS = 1_000_000
 """More solutions than this nobody reads."""
 
 
@@ -72,7 +72,7 @@ def prolog(
     with_viewport: _WithViewport = False,
     port: Port = 8080,
     as_json: _AllAsJson = False,
-) -> Outcome:
+) -> ExitCode:
     """Ask in Prolog: SWI-Prolog's own toplevel, with every question as a predicate."""
     from mindstage.prolog import PrologConsole, load_library
 
@@ -80,37 +80,37 @@ def prolog(
         raise typer.BadParameter("it goes with --goal", param_hint="--json")
     load_library()  # first: that it is missing is told before a long map is read
     running = make_engine(engine)
-    with working("reading"):
+    with progress_spinner("reading"):
         knowledge = knowledge_base(maps or [], ontologies=ontologies, bundled=bundled, store=store, endpoint=endpoint)
     if not as_json:
         print_findings(knowledge.findings())
     with ExitStack() as closing:
         closing.callback(knowledge.close)
-        stage = closing.enter_context(stage_for(knowledge, running))
+        stage = closing.enter_context(simulation_from_options(knowledge, running))
         console = closing.enter_context(PrologConsole(stage, at_halt=closing.close))
         if with_viewport:
-            _show(stage, closing, port=port)
+            _open_viewer(stage, closing, port=port)
         _consult(console, consult or [], strict=goal is not None)
         if goal is not None:
             return _run(console, goal, timeout_s=timeout_s, findings=knowledge.findings() if as_json else None)
-        _greet(stage)
+        _print_banner(stage)
         console.toplevel()
-    return Outcome.DONE
+    return ExitCode.OK
 
 
-def _run(console: PrologConsole, goal: str, *, timeout_s: float, findings: Sequence[Finding] | None) -> Outcome:
+def _run(console: PrologConsole, goal: str, *, timeout_s: float, findings: Sequence[Finding] | None) -> ExitCode:
     """Runs a goal until its first solution; with findings, finds all of them, and prints everything as JSON."""
     if findings is None:
-        return Outcome.DONE if console.holds(goal, timeout_s=timeout_s) else Outcome.NO
-    found = console.solutions(goal, limit=_ALL, timeout_s=timeout_s)
+        return ExitCode.OK if console.holds(goal, timeout_s=timeout_s) else ExitCode.NEGATIVE
+    found = console.solutions(goal, limit=_MAX_SOLUTIONS, timeout_s=timeout_s)
     print_json({"goal": goal, "solutions": found, "findings": findings_json(findings)})
-    return Outcome.DONE if found else Outcome.NO
+    return ExitCode.OK if found else ExitCode.NEGATIVE
 
 
-def _show(stage: Stage, closing: ExitStack, *, port: int) -> None:
-    viewport = open_viewport(stage, port=port)
+def _open_viewer(simulation: Simulation, closing: ExitStack, *, port: int) -> None:
+    viewport = open_viewer(simulation, port=port)
     closing.callback(viewport.close)
-    stage.play()
+    simulation.play()
     typer.echo(f"The world is open at {viewport.url}", err=True)  # stdout is Prolog's
 
 
@@ -118,18 +118,18 @@ def _consult(console: PrologConsole, files: list[str], *, strict: bool) -> None:
     """Loads the user's files; a goal must not be answered by half of its rules, while a person sees what is wrong.
 
     Raises:
-        SourceUnreadable: one is not there, or, where it is strict, has errors.
+        SourceParseError: one is not there, or, where it is strict, has errors.
     """
-    from mindstage.errors import SourceUnreadable
+    from mindstage.errors import SourceParseError
 
     for file in files:
         errors = console.consult(file)
         if errors and strict:
-            raise SourceUnreadable(file, cause=f"{errors} error{'s' if errors > 1 else ''} in it, told above")
+            raise SourceParseError(file, cause=f"{errors} error{'s' if errors > 1 else ''} in it, told above")
 
 
-def _greet(stage: Stage) -> None:
+def _print_banner(simulation: Simulation) -> None:
     if sys.stdin.isatty() and sys.stdout.isatty():
-        maps = ", ".join(re.split("[#/]", map)[-1] for map in stage.knowledge.maps()) or "no map"
-        say(f"Mindstage {__version__} in SWI-Prolog knows {maps}. Each question is a predicate:")
-        say("questions. lists them, handle_of(Map, Thing, Handle). asks one, halt. or Ctrl-D ends.")
+        maps = ", ".join(re.split("[#/]", map)[-1] for map in simulation.knowledge.maps()) or "no map"
+        print_line(f"Mindstage {__version__} in SWI-Prolog knows {maps}. Each question is a predicate:")
+        print_line("questions. lists them, handle_of(Map, Thing, Handle). asks one, halt. or Ctrl-D ends.")

@@ -1,25 +1,25 @@
-"""`mindstage questions`: what can be asked."""
+"""`mindstage list_questions`: what can be asked."""
 
 from __future__ import annotations
 
 from mindstage.cli.options import AsJson
-from mindstage.cli.outcome import Outcome
+from mindstage.cli.outcome import ExitCode
 from mindstage.cli.output import print_json, print_table
 
 __all__ = ["questions"]
 
 
-def questions(*, as_json: AsJson = False) -> Outcome:
+def questions(*, as_json: AsJson = False) -> ExitCode:
     """List the questions that `mindstage ask` knows."""
     from mindstage.knowledge import questions as declared
 
-    every = declared.questions()
+    every = declared.list_questions()
     if as_json:
         print_json(
             [
                 {
                     "question": each.name,
-                    "arguments": [{"name": argument.name, "kind": argument.kind_text} for argument in each.arguments],
+                    "arguments": [{"name": argument.name, "kind": argument.type_text} for argument in each.arguments],
                     "text": each.text,
                     "examples": list(each.examples),
                 }
@@ -32,4 +32,4 @@ def questions(*, as_json: AsJson = False) -> Outcome:
             for each in every
         ]
         print_table("", ("question", "arguments", "asks"), rows)
-    return Outcome.DONE
+    return ExitCode.OK

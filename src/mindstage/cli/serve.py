@@ -22,26 +22,26 @@ from mindstage.cli.options import (
     PlainBoxes,
     Robots,
     finite,
-    typed,
+    options_given,
 )
-from mindstage.cli.outcome import Outcome
-from mindstage.cli.output import findings_json, print_findings, print_json, say, warn, working
-from mindstage.cli.page import open_viewport
-from mindstage.cli.report import everything_stands, print_report, report_json
+from mindstage.cli.outcome import ExitCode
+from mindstage.cli.output import findings_json, print_findings, print_json, print_line, progress_spinner, warn
+from mindstage.cli.page import open_viewer
+from mindstage.cli.report import is_complete, print_report, report_json
 from mindstage.cli.sources import findings_about, knowledge_base
-from mindstage.cli.staging import stage_for
-from mindstage.errors import ArgumentRefused
+from mindstage.cli.staging import simulation_from_options
+from mindstage.errors import InvalidArgumentError
 
 if TYPE_CHECKING:
-    from mindstage.bridge import Participant
+    from mindstage.bridge import Node
     from mindstage.knowledge import KnowledgeBase
-    from mindstage.stage import Stage
+    from mindstage.stage import Simulation
     from mindstage.world import World
 
 __all__ = ["serve"]
 
-_LOOK_S = 0.2
-_JOIN_S = 5.0
+_POLL_INTERVAL_S = 0.2
+_CONNECT_TIMEOUT_S = 5.0
 """A rosbridge that is just being started gets so long [s]."""
 _LOOPBACK = "127.0.0.1"
 
@@ -128,58 +128,60 @@ def serve(
     page_port: PagePort = 8080,
     seconds: Seconds = None,
     as_json: AsJson = False,
-) -> Outcome:
+) -> ExitCode:
     """Serve a stage to a robot's programs over rosbridge, under the names that Unreal's plugin has."""
     from mindstage.msgs import RosVersion
-    from mindstage.ros import RosFace
+    from mindstage.ros import RosInterface
 
-    _refuse_what_makes_no_sense(context, connect=connect, namespace=namespace, worlds=worlds)
+    _check_options(context, connect=connect, namespace=namespace, worlds=worlds)
     running = make_engine(engine)
-    knowledge, world = _known(maps, map_name, ontologies=ontologies, bundled=bundled, robots=robots)
+    knowledge, world = _load_knowledge(maps, map_name, ontologies=ontologies, bundled=bundled, robots=robots)
     quitting = threading.Event()
     with ExitStack() as open_things:
-        stage = open_things.enter_context(stage_for(knowledge, running, assets=assets, plain_boxes=plain_boxes))
+        stage = open_things.enter_context(
+            simulation_from_options(knowledge, running, assets=assets, plain_boxes=plain_boxes)
+        )
         participant, url = (
-            _join(open_things, connect, token) if connect else _listen(open_things, host, port, token, origins or [])
+            _connect(open_things, connect, token)
+            if connect
+            else _start_server(open_things, host, port, token, origins or [])
         )
         told: dict[str, object] = {"url": url, "namespace": namespace, "engine": stage.engine_name}
-        told |= _spawned(stage, world, as_json=as_json)
+        told |= _spawn(stage, world, as_json=as_json)
         ros = RosVersion.ONE if ros1 else RosVersion.TWO
-        face = RosFace(stage, participant, namespace=namespace, ros=ros, folder=worlds, on_quit=quitting.set)
+        face = RosInterface(stage, participant, namespace=namespace, ros=ros, folder=worlds, on_quit=quitting.set)
         open_things.callback(face.close)
         if with_viewport:
             if connect:  # the host and the token are those of the rosbridge there
-                viewport = open_viewport(stage, port=page_port)
+                viewport = open_viewer(stage, port=page_port)
             else:
-                viewport = open_viewport(stage, port=page_port, host=host, token=token, origins=origins or [])
+                viewport = open_viewer(stage, port=page_port, host=host, token=token, origins=origins or [])
             open_things.callback(viewport.close)
             told["page"] = viewport.url
-        _announce(told, joined=connect is not None, seconds=seconds, as_json=as_json)
+        _announce(told, url=connect is not None, seconds=seconds, as_json=as_json)
         if not paused:
             stage.play()
-        _live(stage, quitting, seconds=seconds, quiet=as_json)
-    return Outcome.DONE
+        _run_until_end(stage, quitting, seconds=seconds, quiet=as_json)
+    return ExitCode.OK
 
 
-def _refuse_what_makes_no_sense(
-    context: typer.Context, *, connect: str | None, namespace: str, worlds: Path | None
-) -> None:
+def _check_options(context: typer.Context, *, connect: str | None, namespace: str, worlds: Path | None) -> None:
     """Looks at what was typed before anything is begun.
 
     Raises:
-        ArgumentRefused: some of it excludes other things, or is no name or folder.
+        InvalidArgumentError: some of it excludes other things, or is no name or folder.
     """
     served = {"port": "--port", "host": "--host", "origins": "--origin"}
-    for option in typed(context, served) if connect is not None else ():
-        raise ArgumentRefused(option, cause="with --connect nothing is served here", remedy="leave one out")
+    for option in options_given(context, served) if connect is not None else ():
+        raise InvalidArgumentError(option, cause="with --connect nothing is served here", remedy="leave one out")
     if not re.fullmatch(r"/?([A-Za-z]\w*(/[A-Za-z]\w*)*)?/?", namespace, re.ASCII):
         remedy = "use letters, digits, _ and /"
-        raise ArgumentRefused("--namespace", cause=f"{namespace!r} is no name in ROS", remedy=remedy)
+        raise InvalidArgumentError("--namespace", cause=f"{namespace!r} is no name in ROS", remedy=remedy)
     if worlds is not None and not worlds.is_dir():
-        raise ArgumentRefused("--worlds", cause=f"{worlds} is no folder")
+        raise InvalidArgumentError("--worlds", cause=f"{worlds} is no folder")
 
 
-def _known(
+def _load_knowledge(
     maps: list[str] | None,
     map_name: str | None,
     *,
@@ -187,65 +189,67 @@ def _known(
     bundled: bool,
     robots: list[str] | None,
 ) -> tuple[KnowledgeBase, World | None]:
-    with working("reading"):
+    with progress_spinner("reading"):
         knowledge = knowledge_base(maps or [], ontologies=ontologies, bundled=bundled, robots=robots)
         return knowledge, knowledge.world(map_name) if maps else None
 
 
-def _listen(
-    open_things: ExitStack, host: str, port: int, token: str | None, origins: list[str]
-) -> tuple[Participant, str]:
-    from mindstage.bridge import Hub, Server
+def _start_server(
+    resources: ExitStack, host: str, port: int, token: str | None, origins: list[str]
+) -> tuple[Node, str]:
+    from mindstage.bridge import LocalNode, RosbridgeServer
 
-    hub = open_things.enter_context(Hub())
-    server = open_things.enter_context(Server(hub, host=host, port=port, token=token or None, origins=origins))
+    hub = resources.enter_context(LocalNode())
+    server = resources.enter_context(RosbridgeServer(hub, host=host, port=port, token=token or None, origins=origins))
     return hub, server.url
 
 
-def _join(open_things: ExitStack, url: str, token: str | None) -> tuple[Participant, str]:
-    from mindstage.bridge import Client, LinkState
+def _connect(resources: ExitStack, url: str, token: str | None) -> tuple[Node, str]:
+    from mindstage.bridge import ConnectionState, RosbridgeClient
 
-    def tell(state: LinkState) -> None:
-        if state is LinkState.LOST:
+    def tell(state: ConnectionState) -> None:
+        if state is ConnectionState.LOST:
             warn(f"the connection to {url} is lost; trying again")
 
-    client = open_things.enter_context(Client(url, token=token or None, on_state=tell))
-    with working(f"joining {url}"):
-        return client.wait_connected(_JOIN_S), url
+    client = resources.enter_context(RosbridgeClient(url, token=token or None, on_state=tell))
+    with progress_spinner(f"joining {url}"):
+        return client.wait_connected(_CONNECT_TIMEOUT_S), url
 
 
-def _spawned(stage: Stage, world: World | None, *, as_json: bool) -> dict[str, object]:
+def _spawn(simulation: Simulation, world: World | None, *, as_json: bool) -> dict[str, object]:
     if world is None:
         return {"map": None}
-    findings = findings_about(world, stage.knowledge)
-    with working("spawning"):
-        report = stage.spawn(world)
+    findings = findings_about(world, simulation.knowledge)
+    with progress_spinner("spawning"):
+        report = simulation.spawn(world)
     if not as_json:
         print_findings(findings)
         print_report(report, title=world.name, verbose=False)
-    if not everything_stands(report, findings):
+    if not is_complete(report, findings):
         warn("not everything of the map stands on the stage; it is served as it is")
     return {"map": world.iri, "spawn": report_json(report), "findings": findings_json(findings)}
 
 
-def _announce(told: dict[str, object], *, joined: bool, seconds: float | None, as_json: bool) -> None:
+def _announce(summary: dict[str, object], *, url: bool, seconds: float | None, as_json: bool) -> None:
     if as_json:
-        print_json(told)
+        print_json(summary)
         return
-    if "page" in told:
-        say(f"The world is open at {told['page']}")
-    say(f"{'Joined' if joined else 'Listening at'} {told['url']}; services are below /{told['namespace']}")
-    say("Ctrl-C ends it." if seconds is None else f"It ends in {seconds:g} s.")
+    if "page" in summary:
+        print_line(f"The world is open at {summary['page']}")
+    print_line(f"{'Joined' if url else 'Listening at'} {summary['url']}; services are below /{summary['namespace']}")
+    print_line("Ctrl-C ends it." if seconds is None else f"It ends in {seconds:g} s.")
 
 
-def _live(stage: Stage, quitting: threading.Event, *, seconds: float | None, quiet: bool) -> None:
+def _run_until_end(
+    simulation: Simulation, quit_requested: threading.Event, *, seconds: float | None, quiet: bool
+) -> None:
     """Waits until somebody ends it, and says when the world comes to a stop by itself."""
     end = None if seconds is None else time.monotonic() + seconds
     told = ""
-    while (left_s := _LOOK_S if end is None else min(_LOOK_S, end - time.monotonic())) > 0.0:
-        if quitting.wait(left_s):
+    while (left_s := _POLL_INTERVAL_S if end is None else min(_POLL_INTERVAL_S, end - time.monotonic())) > 0.0:
+        if quit_requested.wait(left_s):
             return
-        fault = stage.frame.fault
+        fault = simulation.state.error
         if fault and fault != told and not quiet:
             warn(f"the world stands still: {fault}")
         told = fault

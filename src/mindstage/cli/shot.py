@@ -14,47 +14,47 @@ from typing import TYPE_CHECKING, Annotated, TypedDict
 
 import typer
 
-from mindstage.cli.engine import alone_in, make_engine
-from mindstage.cli.opening import open_up
+from mindstage.cli.engine import exclusive, make_engine
+from mindstage.cli.opening import pull_open
 from mindstage.cli.options import (
     AsJson,
     AssetFolders,
     Bundled,
     EngineName,
+    MapArguments,
     MapName,
-    Maps,
     Ontologies,
     PlainBoxes,
     Robots,
     finite,
 )
-from mindstage.cli.outcome import Outcome
-from mindstage.cli.output import print_json, say, warn, working
-from mindstage.cli.passing import let_pass
-from mindstage.cli.pointing import Pointer
-from mindstage.cli.report import report_json, warn_of_failures
+from mindstage.cli.outcome import ExitCode
+from mindstage.cli.output import print_json, print_line, progress_spinner, warn
+from mindstage.cli.passing import step_with_progress
+from mindstage.cli.pointing import HighlightTarget
+from mindstage.cli.report import print_failures, report_json
 from mindstage.cli.sources import knowledge_base
-from mindstage.cli.staging import stage_for
-from mindstage.errors import ArgumentRefused
+from mindstage.cli.staging import simulation_from_options
+from mindstage.errors import InvalidArgumentError
 
 if TYPE_CHECKING:
-    from mindstage.stage import Shown, Stage
-    from mindstage.viewport import Labels, Shot
+    from mindstage.stage import HighlightResult, Simulation
+    from mindstage.viewport import LabelMode, Screenshot
     from mindstage.world import BodyId, Vector
 
 __all__ = ["shot"]
 
 
-class _Eye(TypedDict):
-    """Those fields of a `Shot`."""
+class _CameraOptions(TypedDict):
+    """Those fields of a `Screenshot`."""
 
     position: Vector | None
     look_at: Vector | None
     focus: tuple[BodyId, ...]
-    top: bool
+    from_above: bool
 
 
-_COLOURS = ("blue", "green", "yellow", "red", "black")
+_COLORS = ("blue", "green", "yellow", "red", "black")
 """In turn, where nobody says which."""
 
 Output = Annotated[
@@ -90,7 +90,7 @@ Highlights = Annotated[
         show_default=False,
     ),
 ]
-Colours = Annotated[
+Colors = Annotated[
     list[str] | None,
     typer.Option("--colour", metavar="COLOUR", help="Of each --highlight, in their order.", show_default=False),
 ]
@@ -129,7 +129,7 @@ Timeout = Annotated[
 
 
 def shot(
-    maps: Maps,
+    maps: MapArguments,
     *,
     output: Output,
     position: From = None,
@@ -137,7 +137,7 @@ def shot(
     top: Top = False,
     section: Section = None,
     highlights: Highlights = None,
-    colours: Colours = None,
+    colors: Colors = None,
     opened: Opened = None,
     select: Selected = None,
     labels: LabelsOf = "none",
@@ -155,110 +155,115 @@ def shot(
     plain_boxes: PlainBoxes = False,
     engine: EngineName = "mujoco",
     as_json: AsJson = False,
-) -> Outcome:
+) -> ExitCode:
     """Take a picture of a map's world, without a screen or a GPU, by a browser that is installed here."""
-    from mindstage.viewport import Shot
+    from mindstage.viewport import Screenshot
     from mindstage.viewport.browser import find_browser
 
-    wish = Shot(
-        size=_size(size),
-        section=section,
-        select=_id(select),
-        labels=_labels(labels),
-        panels=whole_page or bool(panel),
+    wish = Screenshot(
+        size=_parse_size(size),
+        clip_height=section,
+        selected=_parse_id(select),
+        labels=_parse_labels(labels),
+        with_panels=whole_page or bool(panel),
         panel=panel,
         browser=browser,
         timeout_s=timeout_s,
-        **_eye(position, look_at, top=top),
+        **_camera_options(position, look_at, top=top),
     )
-    pointers, running = _pointers(highlights or [], colours or []), make_engine(engine)
+    pointers, running = _highlight_targets(highlights or [], colors or []), make_engine(engine)
     find_browser(browser)  # before a long map is read in vain
-    with working("reading"):
+    with progress_spinner("reading"):
         knowledge = knowledge_base(maps, ontologies=ontologies, bundled=bundled, robots=robots)
         world = knowledge.world(map_name)
-    with stage_for(knowledge, running, assets=assets, plain_boxes=plain_boxes) as stage, alone_in(stage):
-        with working("spawning"):
+    with simulation_from_options(knowledge, running, assets=assets, plain_boxes=plain_boxes) as stage, exclusive(stage):
+        with progress_spinner("spawning"):
             report = stage.spawn(world)
-        warn_of_failures(report)
-        open_up(stage, world, opened or [])
-        let_pass(stage, seconds)
-        lit = [pointer.show(stage) for pointer in pointers]
-        _take(stage, wish, output)
+        print_failures(report)
+        pull_open(stage, world, opened or [])
+        step_with_progress(stage, seconds)
+        lit = [pointer.apply(stage) for pointer in pointers]
+        _take_screenshot(stage, wish, output)
     told = {"map": world.iri, "picture": str(output), "size": wish.size, "engine": stage.engine_name}
-    _tell(told | {"spawn": report_json(report)}, lit, as_json=as_json)
-    return Outcome.DONE
+    _print_result(told | {"spawn": report_json(report)}, lit, as_json=as_json)
+    return ExitCode.OK
 
 
-def _take(stage: Stage, wish: Shot, output: Path) -> None:
-    from mindstage.viewport import Viewport
+def _take_screenshot(simulation: Simulation, screenshot: Screenshot, output: Path) -> None:
+    from mindstage.viewport import Viewer
 
-    with working("taking the picture"), Viewport(stage, port=0) as viewport:
-        picture = viewport.shot(wish)
+    with progress_spinner("taking the picture"), Viewer(simulation, port=0) as viewport:
+        picture = viewport.screenshot(screenshot)
     output.parent.mkdir(parents=True, exist_ok=True)
     output.write_bytes(picture)
 
 
-def _tell(told: dict[str, object], lit: Sequence[Shown], *, as_json: bool) -> None:
+def _print_result(summary: dict[str, object], highlights: Sequence[HighlightResult], *, as_json: bool) -> None:
     if as_json:
         groups = [
-            {"lit": list(shown.lit), "not_lit": {dark.id: dark.reason for dark in shown.not_lit}} for shown in lit
+            {"lit": list(shown.highlighted), "not_lit": {dark.id: dark.reason for dark in shown.unhighlighted}}
+            for shown in highlights
         ]
-        print_json(told | {"highlights": groups})
+        print_json(summary | {"highlights": groups})
         return
-    for shown in lit:
-        for dark in shown.not_lit:
+    for shown in highlights:
+        for dark in shown.unhighlighted:
             warn(f"not lit: {dark.id}: {dark.reason}")
-    say(f"The picture is in {told['picture']}")
+    print_line(f"The picture is in {summary['picture']}")
 
 
-def _eye(position: str | None, look_at: str | None, *, top: bool) -> _Eye:
+def _camera_options(position: str | None, look_at: str | None, *, top: bool) -> _CameraOptions:
     """Where the eye is, and what it looks at.
 
     Raises:
-        ArgumentRefused: some of what was typed says nothing, or excludes other things.
+        InvalidArgumentError: some of what was typed says nothing, or excludes other things.
     """
     from mindstage.world import BodyId
 
     if top and (position or look_at):
-        raise ArgumentRefused("--top", cause="it says by itself where the eye is", remedy="leave --from and --to out")
-    point = None if look_at is None else _numbers(look_at)
+        raise InvalidArgumentError(
+            "--top", cause="it says by itself where the eye is", remedy="leave --from and --to out"
+        )
+    point = None if look_at is None else _parse_numbers(look_at)
     focus = () if look_at is None or point is not None else (BodyId(look_at),)
     if focus and position:
         cause = f"{look_at!r} is no point, and a body fills the picture from the usual side"
-        raise ArgumentRefused("--to", cause=cause, remedy="give X,Y,Z, or leave --from out")
-    eye = None if position is None else _point("--from", position)
-    return {"position": eye, "look_at": point, "focus": focus, "top": top}
+        raise InvalidArgumentError("--to", cause=cause, remedy="give X,Y,Z, or leave --from out")
+    eye = None if position is None else _parse_point("--from", position)
+    return {"position": eye, "look_at": point, "focus": focus, "from_above": top}
 
 
-def _id(text: str | None) -> BodyId | None:
+def _parse_id(text: str | None) -> BodyId | None:
     from mindstage.world import BodyId
 
     return None if text is None else BodyId(text)
 
 
-def _labels(text: str) -> Labels:
-    from mindstage.viewport import Labels
+def _parse_labels(text: str) -> LabelMode:
+    from mindstage.viewport import LabelMode
 
     try:
-        return Labels(text)
+        return LabelMode(text)
     except ValueError:
-        remedy = f"there is {', '.join(each.value for each in Labels)}"
-        raise ArgumentRefused("--labels", cause=f"{text!r} is none", remedy=remedy) from None
+        remedy = f"there is {', '.join(each.value for each in LabelMode)}"
+        raise InvalidArgumentError("--labels", cause=f"{text!r} is none", remedy=remedy) from None
 
 
-def _size(text: str) -> tuple[int, int]:
+def _parse_size(text: str) -> tuple[int, int]:
     if sides := re.fullmatch(r"(\d{1,6})[xX](\d{1,6})", text):
         return int(sides[1]), int(sides[2])
-    raise ArgumentRefused("--size", cause=f"{text!r} is no size", remedy="give width and height, such as 1280x800")
+    raise InvalidArgumentError("--size", cause=f"{text!r} is no size", remedy="give width and height, such as 1280x800")
 
 
-def _point(option: str, text: str) -> Vector:
-    if (numbers := _numbers(text)) is None:
-        raise ArgumentRefused(option, cause=f"{text!r} is no point", remedy="give three numbers, such as 2,-1.5,1.8")
+def _parse_point(option: str, text: str) -> Vector:
+    if (numbers := _parse_numbers(text)) is None:
+        raise InvalidArgumentError(
+            option, cause=f"{text!r} is no point", remedy="give three numbers, such as 2,-1.5,1.8"
+        )
     return numbers
 
 
-def _numbers(text: str) -> Vector | None:
+def _parse_numbers(text: str) -> Vector | None:
     try:
         x, y, z = map(float, text.split(","))
     except ValueError:
@@ -266,28 +271,30 @@ def _numbers(text: str) -> Vector | None:
     return (x, y, z) if all(map(math.isfinite, (x, y, z))) else None
 
 
-def _pointers(texts: Sequence[str], colours: Sequence[str]) -> list[Pointer]:
-    """What is to be lit, each with its colour.
+def _highlight_targets(texts: Sequence[str], colors: Sequence[str]) -> list[HighlightTarget]:
+    """What is to be lit, each with its color.
 
     Raises:
-        ArgumentRefused: there are more colours than things, or nothing is said.
-        ColourUnknown: a colour is none.
+        InvalidArgumentError: there are more colors than things, or nothing is said.
+        InvalidColorError: a color is none.
     """
-    from mindstage.world.colours import colour_from
+    from mindstage.world.colors import parse_color
 
-    if len(colours) > len(texts):
+    if len(colors) > len(texts):
         remedy = "give as many --highlight, in their order"
-        raise ArgumentRefused("--colour", cause=f"there are {len(colours)} for {len(texts)} --highlight", remedy=remedy)
-    usual = [_COLOURS[at % len(_COLOURS)] for at in range(len(texts))]
-    chosen = [*colours, *usual[len(colours) :]]
-    return [Pointer(_words(text), colour_from(colour)) for text, colour in zip(texts, chosen, strict=True)]
+        raise InvalidArgumentError(
+            "--colour", cause=f"there are {len(colors)} for {len(texts)} --highlight", remedy=remedy
+        )
+    usual = [_COLORS[at % len(_COLORS)] for at in range(len(texts))]
+    chosen = [*colors, *usual[len(colors) :]]
+    return [HighlightTarget(_split_terms(text), parse_color(color)) for text, color in zip(texts, chosen, strict=True)]
 
 
-def _words(text: str) -> tuple[str, ...]:
+def _split_terms(text: str) -> tuple[str, ...]:
     try:
         words = tuple(shlex.split(text))
     except ValueError as error:
-        raise ArgumentRefused("--highlight", cause=f"{text!r} cannot be read: {error}") from error
+        raise InvalidArgumentError("--highlight", cause=f"{text!r} cannot be read: {error}") from error
     if not words:
-        raise ArgumentRefused("--highlight", cause="it says nothing", remedy="give a question, ids, or a class")
+        raise InvalidArgumentError("--highlight", cause="it says nothing", remedy="give a question, ids, or a class")
     return words

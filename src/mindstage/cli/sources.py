@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from mindstage.api import load_knowledge
-from mindstage.cli.numbers import AS_THE_MAP_HAS_THEM, Numbers
-from mindstage.cli.outcome import at_end
-from mindstage.errors import ArgumentRefused, MapRefused
+from mindstage.cli.numbers import DEFAULT_CONVENTIONS, ConventionOptions
+from mindstage.cli.outcome import close_at_end
+from mindstage.errors import InvalidArgumentError, MapRejectedError
 
 if TYPE_CHECKING:
-    from mindstage.knowledge import Endpoint, Finding, KnowledgeBase
+    from mindstage.knowledge import Finding, KnowledgeBase, SparqlEndpoint
     from mindstage.world import World
 
 __all__ = ["findings_about", "knowledge_base"]
@@ -25,33 +25,33 @@ def knowledge_base(
     ontologies: Sequence[str] | None,
     bundled: bool,
     store: Path | None = None,
-    endpoint: str | Endpoint | None = None,
-    numbers: Numbers = AS_THE_MAP_HAS_THEM,
+    endpoint: str | SparqlEndpoint | None = None,
+    conventions: ConventionOptions = DEFAULT_CONVENTIONS,
     robots: Sequence[str] | None = None,
     closure: bool = False,
 ) -> KnowledgeBase:
     """`mindstage.api.load_knowledge` for a verb's options, with the environment's ROS packages; closed when it ends.
 
     Raises:
-        SourceUnreadable: one of them cannot be read.
-        StoreUnusable: the folder cannot be used.
-        ArgumentRefused: the endpoint's address is none, or both were given; or there are no such units, or no such map.
-        ReasonerUnavailable: the extra that derives is not installed.
+        SourceParseError: one of them cannot be read.
+        StoreError: the folder cannot be used.
+        InvalidArgumentError: the endpoint's address is none, or both were given; or there are no such units, or no such map.
+        ReasonerUnavailableError: the extra that derives is not installed.
     """
     if closure and store:
         cause = "what it derives would be written into what others use"
-        raise ArgumentRefused("--closure", cause=cause, remedy="load the files themselves, without --store")
+        raise InvalidArgumentError("--closure", cause=cause, remedy="load the files themselves, without --store")
     knowledge = load_knowledge(
         maps,
         ontologies=[*(ontologies or ()), *_ros_packages()],
         bundled_ontology=bundled,
         robots=robots or (),
-        conventions=numbers.by_map(maps),
+        conventions=conventions.by_map(maps),
         store=store,
         endpoint=endpoint,
         closure=closure,
     )
-    at_end(knowledge.close)
+    close_at_end(knowledge.close)
     return knowledge
 
 
@@ -59,7 +59,7 @@ def findings_about(world: World, knowledge: KnowledgeBase, *, strict: bool = Fal
     """Everything odd, an empty world among it: more likely a map that was not understood than an empty place.
 
     Raises:
-        MapRefused: there is something, and nothing was to be.
+        MapRejectedError: there is something, and nothing was to be.
     """
     from mindstage.knowledge import Finding, Severity
 
@@ -68,7 +68,7 @@ def findings_about(world: World, knowledge: KnowledgeBase, *, strict: bool = Fal
         what = "nothing in it could be read as a body; is it a map?"
         findings = (*findings, Finding(Severity.WARNING, world.iri, "", what, "the world is empty"))
     if strict and findings:
-        raise MapRefused(world.iri, findings=[str(finding) for finding in findings])
+        raise MapRejectedError(world.iri, findings=[str(finding) for finding in findings])
     return findings
 
 

@@ -6,20 +6,20 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from mindstage.api import make_simulation
-from mindstage.errors import SourceUnreadable
+from mindstage.errors import SourceParseError
 
 if TYPE_CHECKING:
     from mindstage.engines import Engine
     from mindstage.knowledge import KnowledgeBase
-    from mindstage.stage import Stage
+    from mindstage.stage import Simulation
 
-__all__ = ["asset_folders", "stage_for"]
+__all__ = ["asset_folders", "simulation_from_options"]
 
 
-def stage_for(
+def simulation_from_options(
     knowledge: KnowledgeBase, engine: Engine, *, assets: list[Path] | None = None, plain_boxes: bool = False
-) -> Stage:
-    """`mindstage.api.make_simulation` for a verb's options.
+) -> Simulation:
+    """`mindstage.api.simulation_from_options` for a verb's options.
 
     Args:
         knowledge: what is known.
@@ -28,7 +28,7 @@ def stage_for(
         plain_boxes: whether every body is the primitive shape that the map says, and nothing better.
 
     Raises:
-        SourceUnreadable: one of the folders is none.
+        SourceParseError: one of the folders is none.
     """
     folders = () if plain_boxes else asset_folders(assets)
     return make_simulation(knowledge, engine, assets=folders, plain_shapes=plain_boxes)
@@ -38,9 +38,9 @@ def asset_folders(folders: list[Path] | None) -> list[Path]:
     """The folders of `--assets`.
 
     Raises:
-        SourceUnreadable: one of them does not exist.
+        SourceParseError: one of them does not exist.
     """
     for folder in folders or ():
         if not folder.is_dir():
-            raise SourceUnreadable(str(folder), cause="there is no such folder; --assets takes folders of mesh files")
+            raise SourceParseError(str(folder), cause="there is no such folder; --assets takes folders of mesh files")
     return folders or []

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from mindstage.cli.options import AsJson, Bundled, EndpointUrl, MapOptions, Ontologies, StoreFolder
-from mindstage.cli.outcome import Outcome
-from mindstage.cli.output import findings_json, print_findings, print_json, say, working
+from mindstage.cli.outcome import ExitCode
+from mindstage.cli.output import findings_json, print_findings, print_json, print_line, progress_spinner
 from mindstage.cli.sources import knowledge_base
 
 if TYPE_CHECKING:
-    from mindstage.knowledge import Endpoint
+    from mindstage.knowledge import SparqlEndpoint
 
 __all__ = ["tell"]
 
@@ -50,53 +50,53 @@ def tell(
     ontologies: Ontologies = None,
     bundled: Bundled = True,
     as_json: AsJson = False,
-) -> Outcome:
+) -> ExitCode:
     """Tell the robot something that stays known: in a store, at an endpoint, or in a file.
 
     Of a class it means all its members. A name that nobody knows yet takes a prefix, and becomes a class by subClassOf
     and an individual by type: mindstage tell ms:MilkRack subClassOf Refrigerator -o told.ttl
     """
-    from mindstage.knowledge import ToldFile
-    from mindstage.knowledge.teaching import typed_value
+    from mindstage.knowledge import AssertionFile
+    from mindstage.knowledge.teaching import parse_value
 
-    where = _only_place(store, endpoint, output)
-    with working("telling"):
+    where = _store_target(store, endpoint, output)
+    with progress_spinner("telling"):
         at = _endpoint(endpoint, update_endpoint)
         knowledge = knowledge_base(maps or [], ontologies=ontologies, bundled=bundled, store=store, endpoint=at)
-        told = ToldFile(output, knowledge) if output else knowledge
-        done = (told.retract if retract else told.tell)(subject, property, typed_value(value))
+        told = AssertionFile(output, knowledge) if output else knowledge
+        done = (told.retract if retract else told.tell)(subject, property, parse_value(value))
     findings = knowledge.findings()
     if as_json:
         statement = {"subject": subject, "property": property, "value": value}
         print_json({"done": done, "statement": statement, "where": where, "findings": findings_json(findings)})
     else:
         print_findings(findings)
-        say(_sentence(f"{subject} {property} {value}", where, retract=retract, done=done))
-    return Outcome.DONE if done or not retract else Outcome.NO
+        print_line(_result_text(f"{subject} {property} {value}", where, retract=retract, done=done))
+    return ExitCode.OK if done or not retract else ExitCode.NEGATIVE
 
 
-def _only_place(store: Path | None, endpoint: str | None, output: Path | None) -> str:
+def _store_target(store: Path | None, endpoint: str | None, output: Path | None) -> str:
     """Where it is to stay.
 
     Raises:
-        ArgumentRefused: nowhere, or in several places.
+        InvalidArgumentError: nowhere, or in several places.
     """
-    from mindstage.errors import ArgumentRefused
+    from mindstage.errors import InvalidArgumentError
 
     places = [str(place) for place in (store, endpoint, output) if place is not None]
     if len(places) == 1:
         return places[0]
     cause = "it would be forgotten at once" if not places else "it can stay in one place at a time"
-    raise ArgumentRefused("tell", cause=cause, remedy="give one of --store DIR, --endpoint URL and -o FILE.ttl")
+    raise InvalidArgumentError("tell", cause=cause, remedy="give one of --store DIR, --endpoint URL and -o FILE.ttl")
 
 
-def _endpoint(url: str | None, update_url: str | None) -> Endpoint | None:
-    from mindstage.knowledge import Endpoint
+def _endpoint(url: str | None, update_url: str | None) -> SparqlEndpoint | None:
+    from mindstage.knowledge import SparqlEndpoint
 
-    return None if url is None else Endpoint(url, update_url=update_url)
+    return None if url is None else SparqlEndpoint(url, update_url=update_url)
 
 
-def _sentence(statement: str, where: str, *, retract: bool, done: bool) -> str:
+def _result_text(statement: str, target: str, *, retract: bool, done: bool) -> str:
     if retract:
-        return f"taken back: {statement}" if done else f"nobody says in {where}: {statement}"
+        return f"taken back: {statement}" if done else f"nobody says in {target}: {statement}"
     return f"told: {statement}" if done else f"known already: {statement}"

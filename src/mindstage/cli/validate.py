@@ -6,13 +6,13 @@ from collections import Counter
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from mindstage.cli.numbers import Numbers
+from mindstage.cli.numbers import ConventionOptions
 from mindstage.cli.options import (
     AsJson,
     Bundled,
     FrameNames,
+    MapArguments,
     MapName,
-    Maps,
     Ontologies,
     QuaternionOrders,
     Robots,
@@ -20,9 +20,9 @@ from mindstage.cli.options import (
     UnitNames,
     Verbose,
 )
-from mindstage.cli.outcome import Outcome
-from mindstage.cli.output import findings_json, print_findings, print_json, print_table, say, working
-from mindstage.cli.reading import print_reading, reading_json
+from mindstage.cli.outcome import ExitCode
+from mindstage.cli.output import findings_json, print_findings, print_json, print_line, print_table, progress_spinner
+from mindstage.cli.reading import import_summary, print_import_summary
 from mindstage.cli.sources import findings_about, knowledge_base
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ __all__ = ["validate"]
 
 
 def validate(
-    maps: Maps,
+    maps: MapArguments,
     *,
     map_name: MapName = None,
     ontologies: Ontologies = None,
@@ -45,18 +45,18 @@ def validate(
     strict: Strict = False,
     verbose: Verbose = False,
     as_json: AsJson = False,
-) -> Outcome:
+) -> ExitCode:
     """Read maps and list what is odd about them; exit 0 if nothing is, 1 if something, 2 if they cannot be read."""
-    with working("reading"):
-        numbers = Numbers(units, frame, quaternion)
-        knowledge = knowledge_base(maps, ontologies=ontologies, bundled=bundled, robots=robots, numbers=numbers)
+    with progress_spinner("reading"):
+        numbers = ConventionOptions(units, frame, quaternion)
+        knowledge = knowledge_base(maps, ontologies=ontologies, bundled=bundled, robots=robots, conventions=numbers)
         # Without any map, asking for the only one gives the error that says so.
         wanted: list[str | None] = [map_name] if map_name else [*knowledge.maps()] or [None]
         worlds = [knowledge.world(name) for name in wanted]
         told = dict.fromkeys(finding for world in worlds for finding in findings_about(world, knowledge, strict=strict))
     findings = tuple(told)
     if as_json:
-        read = [{"map": world.iri} | _counts(world) | reading_json(world, knowledge) for world in worlds]
+        read = [{"map": world.iri} | _counts(world) | import_summary(world, knowledge) for world in worlds]
         severities = Counter(finding.severity.value for finding in findings)
         counts = {"error": severities["error"], "warning": severities["warning"]}
         print_json({"clean": not findings, "counts": counts, "maps": read, "findings": findings_json(findings)})
@@ -64,22 +64,24 @@ def validate(
         print_findings(findings, all=verbose)
         for world in worlds:
             print_table(world.name, ("", "in the world"), list(_counts(world).items()))
-            print_reading(world, knowledge, verbose=True)
-        _print_kinds(findings)
-        say(f"{len(findings)} finding{'' if len(findings) == 1 else 's'}." if findings else "Nothing odd was found.")
-    return Outcome.NO if findings else Outcome.DONE
+            print_import_summary(world, knowledge, verbose=True)
+        _print_finding_counts(findings)
+        print_line(
+            f"{len(findings)} finding{'' if len(findings) == 1 else 's'}." if findings else "Nothing odd was found."
+        )
+    return ExitCode.NEGATIVE if findings else ExitCode.OK
 
 
 def _counts(world: World) -> dict[str, int]:
     return {
         "bodies": len(world.bodies),
-        "constraints": len(world.constraints),
+        "constraints": len(world.joints),
         "attachments": len(world.attachments),
         "lights": len(world.lights),
     }
 
 
-def _print_kinds(findings: Sequence[Finding]) -> None:
+def _print_finding_counts(findings: Sequence[Finding]) -> None:
     kinds = Counter((finding.severity.value, finding.property.rpartition("#")[2]) for finding in findings)
     if kinds:
         rows = [(severity, about or "-", number) for (severity, about), number in sorted(kinds.items())]

@@ -6,9 +6,19 @@ import os
 from importlib import import_module
 from typing import TYPE_CHECKING
 
-from mindstage.engines.contract import Ability, Engine, Failure, Note, NoteKind, Poses, SpawnReport, State, Statistics
+from mindstage.engines.contract import (
+    Capability,
+    Engine,
+    EngineStats,
+    PoseArray,
+    SavedState,
+    SpawnFailure,
+    SpawnNote,
+    SpawnNoteKind,
+    SpawnReport,
+)
 from mindstage.engines.null import NullEngine
-from mindstage.errors import EngineUnavailable
+from mindstage.errors import EngineUnavailableError
 
 if TYPE_CHECKING:
     from mindstage.engines.godot import GodotEngine
@@ -16,19 +26,19 @@ if TYPE_CHECKING:
     from mindstage.engines.remote import RemoteEngine
 
 __all__ = [
-    "Ability",
+    "Capability",
     "Engine",
-    "Failure",
+    "EngineStats",
     "GodotEngine",
     "MujocoEngine",
-    "Note",
-    "NoteKind",
     "NullEngine",
-    "Poses",
+    "PoseArray",
     "RemoteEngine",
+    "SavedState",
+    "SpawnFailure",
+    "SpawnNote",
+    "SpawnNoteKind",
     "SpawnReport",
-    "State",
-    "Statistics",
     "is_remote",
     "make_engine",
 ]
@@ -58,7 +68,7 @@ def make_engine(name: str, *, godot: str | os.PathLike[str] | None = None, timeo
         timeout_s: how long a call to Godot or to a remote engine may take [s]; by default the engine's own.
 
     Raises:
-        EngineUnavailable: there is no such engine, it cannot be loaded or started here, or not be reached.
+        EngineUnavailableError: there is no such engine, it cannot be loaded or started here, or not be reached.
     """
     match name:
         case "null":
@@ -69,7 +79,9 @@ def make_engine(name: str, *, godot: str | os.PathLike[str] | None = None, timeo
 
                 return MujocoEngine()
             except ImportError as error:
-                raise EngineUnavailable(name, cause=str(error), remedy="reinstall mindstage, or use null") from error
+                raise EngineUnavailableError(
+                    name, cause=str(error), remedy="reinstall mindstage, or use null"
+                ) from error
         case "godot" | "godot:window":
             from mindstage.engines.godot import GodotEngine
 
@@ -80,7 +92,7 @@ def make_engine(name: str, *, godot: str | os.PathLike[str] | None = None, timeo
 
             return RemoteEngine.connect(name, timeout_s=10.0 if timeout_s is None else timeout_s)
         case _:
-            raise EngineUnavailable(name, cause="there is no engine of that name", remedy=_NAMES)
+            raise EngineUnavailableError(name, cause="there is no engine of that name", remedy=_NAMES)
 
 
 def is_remote(name: str) -> bool:

@@ -1,6 +1,6 @@
 """What every engine promises: a world goes in, lives, and comes back out with nothing lost.
 
-An engine is single-threaded and owned by whoever made it (usually a `Stage`). All edits keep the rest of the running
+An engine is single-threaded and owned by whoever made it (usually a `Simulation`). All edits keep the rest of the running
 world as it was: poses, velocities, contacts, sleep. Poses enter and leave in the world frame [m, w x y z]; each
 engine changes axes and units on its own side.
 
@@ -18,30 +18,40 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from mindstage.world import NO_FORMS, BodyId, Colour, Forms, Material, Physics, Pose, Vector, World
+from mindstage.world import NO_GEOMETRY, BodyId, BodyPhysics, Color, GeometryMap, Material, Pose, Vector, World
 from mindstage.world.display import counted, html_table
 
-__all__ = ["Ability", "Engine", "Failure", "Note", "NoteKind", "Poses", "SpawnReport", "State", "Statistics"]
+__all__ = [
+    "Capability",
+    "Engine",
+    "EngineStats",
+    "PoseArray",
+    "SavedState",
+    "SpawnFailure",
+    "SpawnNote",
+    "SpawnNoteKind",
+    "SpawnReport",
+]
 
-Poses = NDArray[np.float64]
+PoseArray = NDArray[np.float64]
 """n x 7: x y z [m], then w x y z."""
 
-State = NewType("State", object)
+SavedState = NewType("SavedState", object)
 """What `save` returns; only the engine that made it can read it."""
 
 
-class Ability(StrEnum):
-    """What only some engines can do; ask `engine.abilities` before calling."""
+class Capability(StrEnum):
+    """What only some engines can do; ask `engine.capabilities` before calling."""
 
     SAVE = "save"
-    """`save` and `restore`."""
+    """`save` and `restore_state`."""
     JOINTS = "joints"
     """`joint_positions`."""
     STATISTICS = "statistics"
-    """`statistics`."""
+    """`stats`."""
 
 
-class Statistics(msgspec.Struct, frozen=True, kw_only=True):
+class EngineStats(msgspec.Struct, frozen=True, kw_only=True):
     """How busy an engine is just now."""
 
     movable: int
@@ -54,20 +64,20 @@ class Statistics(msgspec.Struct, frozen=True, kw_only=True):
     """Of the physics; None where it has none of its own [s]."""
 
 
-class Failure(msgspec.Struct, frozen=True):
+class SpawnFailure(msgspec.Struct, frozen=True):
     """Something that could not be spawned."""
 
     id: str
     reason: str
 
 
-class NoteKind(StrEnum):
+class SpawnNoteKind(StrEnum):
     """What an engine had to decide by itself; each kind can be counted and filtered."""
 
     MASS_ESTIMATED = "mass estimated"
     SIZE_ASSUMED = "size assumed"
     MOBILITY_ASSUMED = "mobility assumed"
-    SHELL = "shell"
+    ENCLOSURE = "shell"
     """Encloses much of the world; nothing collides with it."""
     HOLLOW = "hollow"
     """Has something inside that must rest on it, so it got an inside."""
@@ -75,22 +85,22 @@ class NoteKind(StrEnum):
     """A form is a guess, or not all of it could be used."""
     OVERLAP = "overlap"
     """The first body and each of the others stand in one another, so they do not collide."""
-    SUNK = "sunk"
+    PENETRATION = "sunk"
     """The first body stands a little in each of the others, and is pushed out by the physics."""
-    CONSTRAINT = "constraint"
+    JOINT = "constraint"
     """A constraint is not taken literally."""
     ATTACHMENT = "attachment"
     """An attachment is not taken literally."""
     SOLVER = "solver"
     """The physics warned that it left something out."""
-    UNTOLD = "untold"
+    NOT_TRANSFERRED = "untold"
     """There is no word for it on the way to a far engine, so that engine does not know of it."""
 
 
-class Note(msgspec.Struct, frozen=True):
+class SpawnNote(msgspec.Struct, frozen=True):
     """One decision that the map did not make, in words."""
 
-    kind: NoteKind
+    kind: SpawnNoteKind
     ids: tuple[str, ...]
     text: str
 
@@ -100,16 +110,16 @@ class SpawnReport(msgspec.Struct, frozen=True, kw_only=True):
 
     bodies: int = 0
     """Spawned bodies."""
-    constraints: int = 0
+    joints: int = 0
     attachments: int = 0
-    failed_bodies: tuple[Failure, ...] = ()
-    failed_constraints: tuple[Failure, ...] = ()
-    failed_attachments: tuple[Failure, ...] = ()
+    failed_bodies: tuple[SpawnFailure, ...] = ()
+    failed_joints: tuple[SpawnFailure, ...] = ()
+    failed_attachments: tuple[SpawnFailure, ...] = ()
     """The child's id."""
-    notes: tuple[Note, ...] = ()
+    notes: tuple[SpawnNote, ...] = ()
     """What was assumed."""
 
-    def noted(self, kind: NoteKind) -> frozenset[BodyId]:
+    def ids_with_note(self, kind: SpawnNoteKind) -> frozenset[BodyId]:
         """What the notes of a kind are about."""
         return frozenset(BodyId(id) for note in self.notes if note.kind is kind for id in note.ids)
 
@@ -119,11 +129,11 @@ class SpawnReport(msgspec.Struct, frozen=True, kw_only=True):
         return not self._failures
 
     @property
-    def _failures(self) -> tuple[Failure, ...]:
-        return (*self.failed_bodies, *self.failed_constraints, *self.failed_attachments)
+    def _failures(self) -> tuple[SpawnFailure, ...]:
+        return (*self.failed_bodies, *self.failed_joints, *self.failed_attachments)
 
     def __repr__(self) -> str:
-        spawned = (self.bodies, "body"), (self.constraints, "joint"), (self.attachments, "attachment")
+        spawned = (self.bodies, "body"), (self.joints, "joint"), (self.attachments, "attachment")
         counts = ", ".join(counted(number, noun) for number, noun in spawned)
         failed = f"{len(self._failures):,} failed" if self._failures else "nothing failed"
         return f"<{type(self).__name__}: {counts}, {failed}, {counted(len(self.notes), 'note')}>"
@@ -137,21 +147,21 @@ class SpawnReport(msgspec.Struct, frozen=True, kw_only=True):
 
 @runtime_checkable
 class Engine(Protocol):
-    """A running world. Every method but `close` raises `EngineClosed` after `close`."""
+    """A running world. Every method but `close` raises `EngineClosedError` after `close`."""
 
     @property
     def name(self) -> str:
         """A short name for reports, such as "mujoco"."""
 
     @property
-    def abilities(self) -> frozenset[Ability]:
+    def capabilities(self) -> frozenset[Capability]:
         """What this engine can do beyond the rest of this contract."""
 
     @property
     def time_s(self) -> float:
         """Simulated time since the engine was made [s]."""
 
-    def spawn(self, world: World, *, forms: Forms = NO_FORMS) -> SpawnReport:
+    def spawn(self, world: World, *, geometry: GeometryMap = NO_GEOMETRY) -> SpawnReport:
         """Adds a world to what is there: bodies first, then constraints, then attachments.
 
         What cannot be spawned is listed in the report with the reason; the rest is spawned.
@@ -165,7 +175,7 @@ class Engine(Protocol):
         """Removes bodies, their constraints and attachments; what hung on them stays where it is.
 
         Raises:
-            BodyUnknown: for the first id that is not there; nothing is deleted then.
+            BodyNotFoundError: for the first id that is not there; nothing is deleted then.
         """
 
     def clear(self) -> None:
@@ -175,67 +185,67 @@ class Engine(Protocol):
         """From now on the child goes rigidly where the parent goes; both stay where they are now.
 
         Raises:
-            BodyUnknown: one of the two is not there.
-            AttachmentRefused: it would close a circle. A child that hung elsewhere is detached first.
+            BodyNotFoundError: one of the two is not there.
+            AttachmentError: it would close a circle. A child that hung elsewhere is detached first.
         """
 
     def detach(self, child: BodyId) -> None:
         """Lets go of a child where it is, with the velocity that it has; nothing happens if it hangs nowhere.
 
         Raises:
-            BodyUnknown: there is no such body.
+            BodyNotFoundError: there is no such body.
         """
 
     def set_pose(self, id: BodyId, pose: Pose) -> None:
         """Puts a body somewhere else, at rest, and all that hangs on it with it.
 
         Raises:
-            BodyUnknown: there is no such body.
-            PoseUnreachable: its constraint does not let it get there, or the pose is not finite.
+            BodyNotFoundError: there is no such body.
+            PoseUnreachableError: its constraint does not let it get there, or the pose is not finite.
         """
 
-    def set_physics(self, id: BodyId, physics: Physics) -> None:
+    def set_physics(self, id: BodyId, physics: BodyPhysics) -> None:
         """Changes mobility, gravity, mass, overlap events.
 
         Raises:
-            BodyUnknown: there is no such body.
+            BodyNotFoundError: there is no such body.
         """
 
     def set_materials(self, id: BodyId, materials: tuple[Material, ...]) -> None:
         """Changes the surface.
 
         Raises:
-            BodyUnknown: there is no such body.
+            BodyNotFoundError: there is no such body.
         """
 
-    def highlight(self, ids: Iterable[BodyId], colour: Colour | None) -> None:
-        """Lights bodies up in a colour; None puts them out.
+    def highlight(self, ids: Iterable[BodyId], color: Color | None) -> None:
+        """Lights bodies up in a color; None puts them out.
 
         Raises:
-            BodyUnknown: for the first id that is not there; nothing changes then.
+            BodyNotFoundError: for the first id that is not there; nothing changes then.
         """
 
-    def highlights(self) -> Mapping[BodyId, Colour]:
+    def highlights(self) -> Mapping[BodyId, Color]:
         """Which bodies are lit, and how."""
 
-    def push(self, id: BodyId, force: Vector, at: Vector | None = None) -> None:
+    def apply_force(self, id: BodyId, force: Vector, point: Vector | None = None) -> None:
         """Applies a force [N, world frame] throughout the next `step`, at a point [m, world frame].
 
-        Without a point it acts on the centre of mass. Pushes on one body add up; static and kinematic bodies
+        Without a point it acts on the center of mass. Pushes on one body add up; static and kinematic bodies
         do not feel them.
 
         Raises:
-            BodyUnknown: there is no such body.
+            BodyNotFoundError: there is no such body.
         """
 
     def step(self, duration_s: float) -> None:
         """Lets time pass. What is less than a time step of the engine is kept for the next call.
 
         Raises:
-            SimulationUnstable: the numbers stopped making sense; the engine is still usable (delete, restore).
+            SimulationDivergedError: the numbers stopped making sense; the engine is still usable (delete, restore).
         """
 
-    def poses(self) -> tuple[tuple[BodyId, ...], Poses]:
+    def poses(self) -> tuple[tuple[BodyId, ...], PoseArray]:
         """All bodies' ids and poses at once, in one order; the array is the caller's to keep.
 
         The tuple of ids is the same object until a body comes or goes.
@@ -247,16 +257,16 @@ class Engine(Protocol):
         Six numbers for each constraint that can move: x, y, z [m], twist, swing2, swing1 [rad].
         """
 
-    def statistics(self) -> Statistics:
+    def stats(self) -> EngineStats:
         """How busy it is, at next to no cost: it may be asked after each tick (ability STATISTICS)."""
 
-    def log(self) -> World:
+    def snapshot(self) -> World:
         """Everything as it is now. What was not moved comes back exactly as it was given."""
 
-    def save(self) -> State:
+    def save_state(self) -> SavedState:
         """The whole state, bodies included (ability SAVE)."""
 
-    def restore(self, state: State) -> None:
+    def restore_state(self, state: SavedState) -> None:
         """Brings a saved state back, exactly (ability SAVE)."""
 
     def close(self) -> None:

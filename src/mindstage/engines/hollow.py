@@ -12,79 +12,79 @@ from dataclasses import dataclass
 import numpy as np
 
 from mindstage.world import Vector
-from mindstage.world.boxes import Boxes
+from mindstage.world.boxes import OrientedBoxes
 from mindstage.world.geometry import Array
 
-__all__ = ["Hollow", "Plate", "hollow_out"]
+__all__ = ["HollowBox", "WallPanel", "hollow_box"]
 
-_WALL_M = 0.015
-_THINNEST_M = 0.001
+_WALL_THICKNESS_M = 0.015
+_MIN_THICKNESS_M = 0.001
 _CLEARANCE_M = 0.0005
 """Between a wall and what stands next to it."""
 _FEW = 8
 """So many contents are compared faster in plain numbers than in arrays."""
-_LEVEL_M = 0.004
+_SAME_LEVEL_M = 0.004
 """Contents whose undersides differ by less stand on one level."""
-_SIDES = ("to the back", "to the front", "to the right", "to the left", "to the bottom", "to the top")
+_SIDE_NAMES = ("to the back", "to the front", "to the right", "to the left", "to the bottom", "to the top")
 """Of the body's own axes: x backwards and forwards, y, z."""
 
 
 @dataclass(frozen=True, slots=True)
-class Plate:
+class WallPanel:
     """A solid part, parallel to the hollow body's axes."""
 
-    centre: Vector
+    center: Vector
     """In the body's frame [m]."""
     size: Vector
     """[m]."""
 
 
 @dataclass(frozen=True, slots=True)
-class Hollow:
+class HollowBox:
     """What became of the box."""
 
-    plates: tuple[Plate, ...]
+    panels: tuple[WallPanel, ...]
     opening: str
     """Where one reaches in, in words."""
 
 
-def hollow_out(boxes: Boxes, outer: int, inner: Sequence[int], fronts: Sequence[Array]) -> Hollow:
+def hollow_box(boxes: OrientedBoxes, outer: int, inner: Sequence[int], fronts: Sequence[Array]) -> HollowBox:
     """Walls, an opening and floors for a box with contents.
 
     Args:
         boxes: all boxes there are.
         outer: the one to be made hollow.
         inner: those inside.
-        fronts: centres, in the world, of what closes it (doors): each opens the side that it is nearest to.
+        fronts: centers, in the world, of what closes it (doors): each opens the side that it is nearest to.
             Without any, the top is open.
     """
-    half, turn = boxes.half[outer], boxes.rotation[outer]
+    half, turn = boxes.half_extents[outer], boxes.rotation[outer]
     low, high = _extents(boxes, outer, inner)
     up = turn[2].tolist()
     vertical = max(range(3), key=lambda axis: abs(up[axis]))
     top = 2 * vertical + (1 if up[vertical] > 0 else 0)
-    sides = {_side_towards((front - boxes.centre[outer]) @ turn, half) for front in fronts} - {top ^ 1}
+    sides = {_side_towards((front - boxes.center[outer]) @ turn, half) for front in fronts} - {top ^ 1}
     opening = sides or {top}
-    room = _room(half, low, high)
+    room = _interior(half, low, high)
     reach: list[float] = half.tolist()
     plates = [
-        _plate(reach, side // 2, *_wall_range(side, reach, room))
+        _panel(reach, side // 2, *_wall_range(side, reach, room))
         for side in range(6)
         if side not in opening and side // 2 != vertical
     ]
     if top not in opening:
-        plates.append(_plate(reach, vertical, *_wall_range(top, reach, room)))
+        plates.append(_panel(reach, vertical, *_wall_range(top, reach, room)))
     plates += _floors(reach, vertical, up[vertical] > 0, low, high)
-    words = " and ".join(_SIDES[side] for side in sorted(opening))
-    return Hollow(tuple(plate for plate in plates if min(plate.size) > 0.0), words)
+    words = " and ".join(_SIDE_NAMES[side] for side in sorted(opening))
+    return HollowBox(tuple(plate for plate in plates if min(plate.size) > 0.0), words)
 
 
-def _extents(boxes: Boxes, outer: int, inner: Sequence[int]) -> tuple[Array, Array]:
+def _extents(boxes: OrientedBoxes, outer: int, inner: Sequence[int]) -> tuple[Array, Array]:
     """Lower and upper corners of the inner boxes, each n x 3, in the frame of the outer one."""
     turn, inside = boxes.rotation[outer], list(inner)
-    centre = (boxes.centre[inside] - boxes.centre[outer]) @ turn
-    reach = (np.abs(turn.T @ boxes.rotation[inside]) @ boxes.half[inside][:, :, None])[:, :, 0]
-    return centre - reach, centre + reach
+    center = (boxes.center[inside] - boxes.center[outer]) @ turn
+    reach = (np.abs(turn.T @ boxes.rotation[inside]) @ boxes.half_extents[inside][:, :, None])[:, :, 0]
+    return center - reach, center + reach
 
 
 def _side_towards(point: Array, half: Array) -> int:
@@ -95,9 +95,9 @@ def _side_towards(point: Array, half: Array) -> int:
     return 2 * axis + int(place[axis] > 0)
 
 
-def _room(half: Array, low: Array, high: Array) -> tuple[list[float], list[float]]:
+def _interior(half: Array, low: Array, high: Array) -> tuple[list[float], list[float]]:
     """The room between the walls: as wide as the contents need, no wall thicker than usual."""
-    usual = [extent - min(_WALL_M, extent / 5) for extent in half.tolist()]
+    usual = [extent - min(_WALL_THICKNESS_M, extent / 5) for extent in half.tolist()]
     start = [min(-each, first - _CLEARANCE_M) for each, first in zip(usual, low.min(axis=0).tolist(), strict=True)]
     end = [max(each, last + _CLEARANCE_M) for each, last in zip(usual, high.max(axis=0).tolist(), strict=True)]
     return start, end
@@ -110,10 +110,10 @@ def _wall_range(side: int, half: list[float], room: tuple[list[float], list[floa
         start, end = room[1][axis], half[axis]
     else:
         start, end = -half[axis], room[0][axis]
-    return (start, end) if end - start >= _THINNEST_M else (start, start)
+    return (start, end) if end - start >= _MIN_THICKNESS_M else (start, start)
 
 
-def _floors(half: list[float], vertical: int, upright: bool, low: Array, high: Array) -> list[Plate]:
+def _floors(half: list[float], vertical: int, upright: bool, low: Array, high: Array) -> list[WallPanel]:
     """A plate under each level of contents that does not stand on other contents."""
     flat = [axis for axis in range(3) if axis != vertical]
     bottoms = (low if upright else -high)[:, vertical]
@@ -127,7 +127,7 @@ def _floors(half: list[float], vertical: int, upright: bool, low: Array, high: A
             for one, level in enumerate(lowest)
             if not any(
                 other != one
-                and abs(top - level) < _LEVEL_M
+                and abs(top - level) < _SAME_LEVEL_M
                 and all(
                     firsts[one][axis] < lasts[other][axis] and firsts[other][axis] < lasts[one][axis] for axis in flat
                 )
@@ -135,25 +135,25 @@ def _floors(half: list[float], vertical: int, upright: bool, low: Array, high: A
             )
         ]
     elif len(lowest) > _FEW:
-        beneath = np.abs(tops - bottoms[:, None]) < _LEVEL_M
+        beneath = np.abs(tops - bottoms[:, None]) < _SAME_LEVEL_M
         beside = np.all((low[:, flat] < high[:, None, flat]) & (low[:, None, flat] < high[:, flat]), axis=2)
         stacked = np.any(beneath & beside & ~np.eye(len(low), dtype=bool), axis=1)
         lowest = bottoms[~stacked].tolist()
     levels: list[float] = []
     for level in sorted(lowest):
-        if not (levels and level - levels[-1] < _LEVEL_M):
+        if not (levels and level - levels[-1] < _SAME_LEVEL_M):
             levels.append(level)
     floors = []
     for level in levels:
-        ceiling_below = max([bottom, *(top for top in tops.tolist() if top <= level + _LEVEL_M)])
-        start = bottom if level == levels[0] else max(level - _WALL_M, ceiling_below + _CLEARANCE_M)
-        if level - start >= _THINNEST_M:
-            floors.append(_plate(half, vertical, *((start, level) if upright else (-level, -start))))
+        ceiling_below = max([bottom, *(top for top in tops.tolist() if top <= level + _SAME_LEVEL_M)])
+        start = bottom if level == levels[0] else max(level - _WALL_THICKNESS_M, ceiling_below + _CLEARANCE_M)
+        if level - start >= _MIN_THICKNESS_M:
+            floors.append(_panel(half, vertical, *((start, level) if upright else (-level, -start))))
     return floors
 
 
-def _plate(half: list[float], axis: int, start: float, end: float) -> Plate:
+def _panel(half: list[float], axis: int, start: float, end: float) -> WallPanel:
     """A plate across the whole box, between two places along one axis."""
-    centre, size = [0.0, 0.0, 0.0], [2 * extent for extent in half]
-    centre[axis], size[axis] = (start + end) / 2, end - start
-    return Plate((centre[0], centre[1], centre[2]), (size[0], size[1], size[2]))
+    center, size = [0.0, 0.0, 0.0], [2 * extent for extent in half]
+    center[axis], size[axis] = (start + end) / 2, end - start
+    return WallPanel((center[0], center[1], center[2]), (size[0], size[1], size[2]))

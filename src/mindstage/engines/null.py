@@ -10,11 +10,11 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
-from mindstage.engines.contract import Ability, Poses, SpawnReport, State, Statistics
-from mindstage.engines.inventory import Inventory
-from mindstage.errors import EngineClosed
-from mindstage.world import NO_FORMS, BodyId, Colour, Forms, Material, Physics, Pose, Vector, World
-from mindstage.world.geometry import compose, invert, pose_array, pose_from, unit_pose
+from mindstage.engines.contract import Capability, EngineStats, PoseArray, SavedState, SpawnReport
+from mindstage.engines.inventory import EntityRegistry
+from mindstage.errors import EngineClosedError
+from mindstage.world import NO_GEOMETRY, BodyId, BodyPhysics, Color, GeometryMap, Material, Pose, Vector, World
+from mindstage.world.geometry import normalized_pose_array, pose_array, pose_from_array, pose_inverse, pose_multiply
 
 __all__ = ["NullEngine"]
 
@@ -23,91 +23,94 @@ class NullEngine:
     """An engine in which time passes and nothing else happens."""
 
     name = "null"
-    abilities = frozenset({Ability.SAVE, Ability.STATISTICS})
+    capabilities = frozenset({Capability.SAVE, Capability.STATISTICS})
 
     def __init__(self) -> None:
-        self._inventory = Inventory()
+        self._registry = EntityRegistry()
         self._time_s = 0.0
         self._closed = False
 
     @property
     def time_s(self) -> float:
         """See the contract, here and below."""
-        return self._open()._time_s
+        return self._require_open()._time_s
 
-    def spawn(self, world: World, *, forms: Forms = NO_FORMS) -> SpawnReport:
-        return self._open()._inventory.add(world).report()
+    def spawn(self, world: World, *, geometry: GeometryMap = NO_GEOMETRY) -> SpawnReport:
+        return self._require_open()._registry.add(world).report()
 
     def delete(self, ids: Iterable[BodyId]) -> None:
-        self._open()._inventory.remove(ids)
+        self._require_open()._registry.remove(ids)
 
     def clear(self) -> None:
-        self._open()._inventory = Inventory()
+        self._require_open()._registry = EntityRegistry()
 
     def attach(self, parent: BodyId, child: BodyId) -> None:
-        self._open()._inventory.attach(parent, child)
+        self._require_open()._registry.attach(parent, child)
 
     def detach(self, child: BodyId) -> None:
-        self._open()._inventory.detach(child)
+        self._require_open()._registry.detach(child)
 
     def set_pose(self, id: BodyId, pose: Pose) -> None:
-        inventory = self._open()._inventory
+        inventory = self._require_open()._registry
         old = inventory.body(id).pose
         inventory.replace(id, pose=pose)
-        new_from_old = compose(unit_pose(pose), invert(unit_pose(old)))
-        for child in inventory.hanging_on(id):
-            inventory.replace(child, pose=pose_from(compose(new_from_old, unit_pose(inventory.body(child).pose))))
+        new_from_old = pose_multiply(normalized_pose_array(pose), pose_inverse(normalized_pose_array(old)))
+        for child in inventory.attached_descendants(id):
+            inventory.replace(
+                child,
+                pose=pose_from_array(pose_multiply(new_from_old, normalized_pose_array(inventory.body(child).pose))),
+            )
 
-    def set_physics(self, id: BodyId, physics: Physics) -> None:
-        self._open()._inventory.replace(id, physics=physics)
+    def set_physics(self, id: BodyId, physics: BodyPhysics) -> None:
+        self._require_open()._registry.replace(id, physics=physics)
 
     def set_materials(self, id: BodyId, materials: tuple[Material, ...]) -> None:
-        self._open()._inventory.replace(id, materials=materials)
+        self._require_open()._registry.replace(id, materials=materials)
 
-    def highlight(self, ids: Iterable[BodyId], colour: Colour | None) -> None:
-        self._open()._inventory.highlight(ids, colour)
+    def highlight(self, ids: Iterable[BodyId], color: Color | None) -> None:
+        self._require_open()._registry.highlight(ids, color)
 
-    def highlights(self) -> Mapping[BodyId, Colour]:
-        return MappingProxyType(self._open()._inventory.lit)
+    def highlights(self) -> Mapping[BodyId, Color]:
+        return MappingProxyType(self._require_open()._registry.highlighted)
 
-    def push(self, id: BodyId, force: Vector, at: Vector | None = None) -> None:
-        self._open()._inventory.body(id)
+    def apply_force(self, id: BodyId, force: Vector, point: Vector | None = None) -> None:
+        self._require_open()._registry.body(id)
 
     def step(self, duration_s: float) -> None:
-        self._open()._time_s += duration_s
+        self._require_open()._time_s += duration_s
 
-    def poses(self) -> tuple[tuple[BodyId, ...], Poses]:
-        bodies = self._open()._inventory.bodies
-        return self._inventory.ids, pose_array(body.pose for body in bodies.values())
+    def poses(self) -> tuple[tuple[BodyId, ...], PoseArray]:
+        bodies = self._require_open()._registry.bodies
+        return self._registry.ids, pose_array(body.pose for body in bodies.values())
 
     def joint_positions(self) -> Mapping[BodyId, tuple[float, ...]]:
         return {}
 
-    def statistics(self) -> Statistics:
-        self._open()
-        return Statistics(movable=0, awake=0, contacts=0)
+    def stats(self) -> EngineStats:
+        self._require_open()
+        return EngineStats(movable=0, awake=0, contacts=0)
 
-    def log(self) -> World:
-        return self._open()._inventory.world()
+    def snapshot(self) -> World:
+        return self._require_open()._registry.to_world()
 
-    def save(self) -> State:
-        return State(_Saved(self._open()._inventory.copy(), self._time_s))
+    def save_state(self) -> SavedState:
+        return SavedState(_NullState(self._require_open()._registry.copy(), self._time_s))
 
-    def restore(self, state: State) -> None:
-        if not isinstance(state, _Saved):
+    def restore_state(self, state: SavedState) -> None:
+        if not isinstance(state, _NullState):
             raise TypeError(f"a state that NullEngine.save made is needed, not {type(state).__name__}")
-        self._open()._inventory, self._time_s = state.inventory.copy(), state.time_s
+        self._require_open()._registry, self._time_s = state.registry.copy(), state.time_s
 
     def close(self) -> None:
         self._closed = True
 
-    def _open(self) -> NullEngine:
+    def _require_open(self) -> NullEngine:
         if self._closed:
-            raise EngineClosed(self.name)
+            raise EngineClosedError(self.name)
         return self
 
 
 @dataclass(frozen=True, slots=True)
-class _Saved:
-    inventory: Inventory
+class _NullState:
+    registry: EntityRegistry
     time_s: float

@@ -11,21 +11,21 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from mindstage.world import Colour, LightKind, Skin, Surface
-from mindstage.world.colours import linear
+from mindstage.world import Color, LightType, PbrMaterial, VisualMesh
+from mindstage.world.colors import srgb_to_linear
 from mindstage.world.geometry import Array
 from mindstage.world.meshes import TriangleMesh
 
-__all__ = ["GltfFile"]
+__all__ = ["GltfWriter"]
 
 _FLOAT, _INDEX = 5126, 5125
 _VERTICES, _ELEMENTS = 34962, 34963
 _LIGHTS, _STRENGTH = "KHR_lights_punctual", "KHR_materials_emissive_strength"
-_SEE_THROUGH = 0.999
+_MAX_TRANSPARENT_OPACITY = 0.999
 _TYPES = {2: "VEC2", 3: "VEC3"}
 
 
-class GltfFile:
+class GltfWriter:
     """Nodes, meshes, materials, textures and lights."""
 
     def __init__(self, name: str) -> None:
@@ -36,7 +36,7 @@ class GltfFile:
         self._lights: list[dict[str, Any]] = []
         self._extensions: set[str] = set()
         self._binary = bytearray()
-        self._kept: dict[object, Any] = {}
+        self._cache: dict[object, Any] = {}
 
     def data(self) -> bytes:
         """The file: a header, what there is as JSON, and its numbers."""
@@ -62,57 +62,59 @@ class GltfFile:
 
     def mesh(self, key: object, make: Callable[[], Iterable[dict[str, Any]]]) -> int:
         """The number of a mesh; its primitives are made only for the first of that key."""
-        return int(self._once(("mesh", key), lambda: self._add("meshes", {"primitives": list(make())})))
+        return int(self._cached(("mesh", key), lambda: self._add("meshes", {"primitives": list(make())})))
 
-    def skin(self, skin: Skin) -> dict[str, Any]:
+    def visual_primitive(self, visual: VisualMesh) -> dict[str, Any]:
         """A primitive with a surface of its own."""
-        primitive = self.triangles(TriangleMesh(skin.points, skin.faces, skin.normals))
-        if skin.uv is not None:
+        primitive = self.mesh_primitive(TriangleMesh(visual.points, visual.faces, visual.normals))
+        if visual.uv is not None:
             # glTF counts from the upper edge of an image.
-            primitive["attributes"]["TEXCOORD_0"] = self._rows(np.column_stack([skin.uv[:, 0], 1.0 - skin.uv[:, 1]]))
-        image = None if skin.uv is None or skin.image is None else skin.image
-        return primitive | {"material": self.material(skin.surface, image=image)}
+            primitive["attributes"]["TEXCOORD_0"] = self._accessor(
+                np.column_stack([visual.uv[:, 0], 1.0 - visual.uv[:, 1]])
+            )
+        image = None if visual.uv is None or visual.image is None else visual.image
+        return primitive | {"material": self.material(visual.material, image=image)}
 
-    def triangles(self, triangles: TriangleMesh) -> dict[str, Any]:
+    def mesh_primitive(self, mesh: TriangleMesh) -> dict[str, Any]:
         """A primitive without a material; flat faces where there are no normals."""
-        attributes = {"POSITION": self._rows(triangles.points, bounds=True)}
-        if triangles.normals is not None:
-            attributes["NORMAL"] = self._rows(triangles.normals)
-        view = self._append(triangles.faces.reshape(-1).astype("<u4"), _ELEMENTS)
-        indices = {"bufferView": view, "componentType": _INDEX, "type": "SCALAR", "count": triangles.faces.size}
+        attributes = {"POSITION": self._accessor(mesh.points, bounds=True)}
+        if mesh.normals is not None:
+            attributes["NORMAL"] = self._accessor(mesh.normals)
+        view = self._append(mesh.faces.reshape(-1).astype("<u4"), _ELEMENTS)
+        indices = {"bufferView": view, "componentType": _INDEX, "type": "SCALAR", "count": mesh.faces.size}
         return {"attributes": attributes, "indices": self._add("accessors", indices)}
 
-    def material(self, surface: Surface, *, image: NDArray[np.uint8] | None = None, name: str = "") -> int:
+    def material(self, pbr_material: PbrMaterial, *, image: NDArray[np.uint8] | None = None, name: str = "") -> int:
         """The number of a material."""
         texture = None if image is None else self._texture(image)
 
         def make() -> int:
-            light = linear(np.array(surface.colour)).tolist()
+            light = srgb_to_linear(np.array(pbr_material.color)).tolist()
             pbr: dict[str, Any] = {
-                "baseColorFactor": [*light, surface.opacity],
-                "metallicFactor": surface.metalness,
-                "roughnessFactor": surface.roughness,
+                "baseColorFactor": [*light, pbr_material.opacity],
+                "metallicFactor": pbr_material.metalness,
+                "roughnessFactor": pbr_material.roughness,
             }
             if texture is not None:
                 pbr["baseColorTexture"] = {"index": texture}
             material: dict[str, Any] = {"pbrMetallicRoughness": pbr}
-            if title := name or surface.material:
+            if title := name or pbr_material.name:
                 material["name"] = title
-            if surface.opacity < _SEE_THROUGH or (image is not None and image[..., 3].min() < 255):
+            if pbr_material.opacity < _MAX_TRANSPARENT_OPACITY or (image is not None and image[..., 3].min() < 255):
                 material["alphaMode"] = "BLEND"
-            if surface.glow > 0.0:
-                material["emissiveFactor"] = [part * min(surface.glow, 1.0) for part in light]
-            if surface.glow > 1.0:
+            if pbr_material.emission > 0.0:
+                material["emissiveFactor"] = [part * min(pbr_material.emission, 1.0) for part in light]
+            if pbr_material.emission > 1.0:
                 self._extensions.add(_STRENGTH)
-                material["extensions"] = {_STRENGTH: {"emissiveStrength": surface.glow}}
+                material["extensions"] = {_STRENGTH: {"emissiveStrength": pbr_material.emission}}
             return self._add("materials", material)
 
-        return int(self._once(("material", surface, texture, name), make))
+        return int(self._cached(("material", pbr_material, texture, name), make))
 
-    def light(self, kind: LightKind, colour: Colour, intensity: float, *, name: str) -> dict[str, Any]:
+    def light(self, type: LightType, color: Color, intensity: float, *, name: str) -> dict[str, Any]:
         """What a node gets to shine."""
-        told: dict[str, Any] = {"type": kind.value, "color": colour, "intensity": intensity, "name": name}
-        if kind is LightKind.SPOT:
+        told: dict[str, Any] = {"type": type.value, "color": color, "intensity": intensity, "name": name}
+        if type is LightType.SPOT:
             told["spot"] = {}
         self._extensions.add(_LIGHTS)
         self._lights.append(told)
@@ -120,10 +122,10 @@ class GltfFile:
 
     # -- numbers -------------------------------------------------------------------------------------------------------
 
-    def _once(self, key: object, make: Callable[[], Any]) -> Any:
-        if key not in self._kept:
-            self._kept[key] = make()
-        return self._kept[key]
+    def _cached(self, key: object, make: Callable[[], Any]) -> Any:
+        if key not in self._cache:
+            self._cache[key] = make()
+        return self._cache[key]
 
     def _texture(self, pixels: NDArray[np.uint8]) -> int:
         def make() -> int:
@@ -136,9 +138,9 @@ class GltfFile:
             image = self._add("images", {"bufferView": view, "mimeType": "image/png"})
             return self._add("textures", {"source": image})
 
-        return int(self._once(("texture", pixels.shape, pixels.tobytes()), make))
+        return int(self._cached(("texture", pixels.shape, pixels.tobytes()), make))
 
-    def _rows(self, rows: Array, *, bounds: bool = False) -> int:
+    def _accessor(self, rows: Array, *, bounds: bool = False) -> int:
         numbers = rows.astype("<f4")
         view = self._append(numbers, _VERTICES)
         kind = _TYPES[rows.shape[1]]
@@ -164,6 +166,6 @@ class GltfFile:
         return len(values) - 1
 
 
-def _chunk(kind: bytes, content: bytes) -> bytes:
+def _chunk(type: bytes, content: bytes) -> bytes:
     content += b"\0" * (-len(content) % 4)
-    return struct.pack("<I4s", len(content), kind) + content
+    return struct.pack("<I4s", len(content), type) + content

@@ -9,43 +9,47 @@ import os
 from contextlib import suppress
 from pathlib import Path
 
-from mindstage.exports.gltf import form_glb
-from mindstage.files import atomic_write, cache_folder
-from mindstage.world import Form
+from mindstage.exports.gltf import geometry_to_glb
+from mindstage.files import atomic_write, cache_dir
+from mindstage.world import BodyGeometry
 
-__all__ = ["shelf_folder", "shelve"]
+__all__ = ["cache_geometry_glb", "geometry_cache_dir"]
 
-_MOST_BYTES = 512 << 20
+_MAX_BYTES = 512 << 20
 """What lies there longest without being used goes first."""
-_LONGEST_NAME = 64
-_DIGITS = frozenset("0123456789abcdef")
+_MAX_KEY_LENGTH = 64
+_HEX_DIGITS = frozenset("0123456789abcdef")
 
 
-def shelf_folder() -> Path:
+def geometry_cache_dir() -> Path:
     """The folder."""
-    return cache_folder("forms")
+    return cache_dir("forms")
 
 
-def shelve(form: Form) -> str:
+def cache_geometry_glb(geometry: BodyGeometry) -> str:
     """Has a file that shows a form lie on the shelf, and gives its name; empty for what has no looks, or no digest."""
-    if not form.skins or not 8 <= len(form.key) <= _LONGEST_NAME or not _DIGITS.issuperset(form.key):
+    if (
+        not geometry.visuals
+        or not 8 <= len(geometry.key) <= _MAX_KEY_LENGTH
+        or not _HEX_DIGITS.issuperset(geometry.key)
+    ):
         return ""
-    path = shelf_folder() / f"{form.key}.glb"
+    path = geometry_cache_dir() / f"{geometry.key}.glb"
     if path.is_file():
         with suppress(OSError):
             os.utime(path)
         return path.name
-    atomic_write(path, form_glb(form))
-    _tidy(path)
+    atomic_write(path, geometry_to_glb(geometry))
+    _evict(path)
     return path.name
 
 
-def _tidy(newest: Path) -> None:
+def _evict(newest: Path) -> None:
     """Takes away what has not been used for longest, once there is too much."""
     found = [(entry.stat(), entry.path) for entry in os.scandir(newest.parent) if entry.name.endswith(".glb")]
     left = sum(status.st_size for status, _ in found)
     for status, path in sorted(found, key=lambda each: each[0].st_mtime_ns):
-        if left <= _MOST_BYTES:
+        if left <= _MAX_BYTES:
             return
         if path != str(newest):
             with suppress(OSError):  # somebody else tidies as well

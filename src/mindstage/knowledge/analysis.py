@@ -1,4 +1,4 @@
-"""Analyses: maps in numbers, as the thesis has them in its table."""
+"""Analyzes: maps in numbers, as the thesis has them in its table."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from mindstage.knowledge.graph import Graph
 from mindstage.knowledge.reading.census import types_of
 from mindstage.knowledge.taxonomy import ClassHierarchy
 from mindstage.knowledge.vocabulary import CHILD, CONSTRAINT, OWL, PARENT, RDFS
-from mindstage.world import Fact, Iri, Reference
+from mindstage.world import Iri, IriRef, PropertyAssertion
 
-__all__ = ["Analysis", "analyse", "is_constraint"]
+__all__ = ["MapStatistics", "is_constraint", "map_statistics"]
 
 
-class Analysis(msgspec.Struct, frozen=True, kw_only=True):
+class MapStatistics(msgspec.Struct, frozen=True, kw_only=True):
     """A map in numbers."""
 
     map: Iri
@@ -35,15 +35,17 @@ def is_constraint(types: Sequence[Iri], hierarchy: ClassHierarchy) -> bool:
     return any(hierarchy.is_a(cls, CONSTRAINT) for cls in types)
 
 
-def analyse(map: Iri, graph: Graph, members: Sequence[Iri], hierarchy: ClassHierarchy) -> Analysis:
+def map_statistics(map: Iri, graph: Graph, members: Sequence[Iri], hierarchy: ClassHierarchy) -> MapStatistics:
     """Counts what is told, before anything is understood or left out."""
     types = {member: types_of(graph[member]) for member in members}
     constraints = {member for member in members if is_constraint(types[member], hierarchy)}
     objects = types.keys() - constraints
     told = {cls for classes in types.values() for cls in classes if not cls.startswith((OWL, RDFS))}
-    relations = {pair for member in objects for pair in _relations(member, graph[member]) if objects.issuperset(pair)}
-    relations |= {pair for member in constraints for pair in _ends(graph[member])}
-    return Analysis(
+    relations = {
+        pair for member in objects for pair in _relation_pairs(member, graph[member]) if objects.issuperset(pair)
+    }
+    relations |= {pair for member in constraints for pair in _endpoint_pairs(graph[member])}
+    return MapStatistics(
         map=map,
         classes=len(told),
         individuals=len(members),
@@ -53,14 +55,14 @@ def analyse(map: Iri, graph: Graph, members: Sequence[Iri], hierarchy: ClassHier
     )
 
 
-def _relations(member: Iri, facts: Sequence[Fact]) -> Iterator[tuple[Iri, Iri]]:
-    yield from ((parent, member) for parent in _named(facts, PARENT))
-    yield from ((member, child) for child in _named(facts, CHILD))
+def _relation_pairs(member: Iri, facts: Sequence[PropertyAssertion]) -> Iterator[tuple[Iri, Iri]]:
+    yield from ((parent, member) for parent in _referenced_iris(facts, PARENT))
+    yield from ((member, child) for child in _referenced_iris(facts, CHILD))
 
 
-def _ends(facts: Sequence[Fact]) -> Set[tuple[Iri, Iri]]:
-    return set(zip(_named(facts, PARENT)[:1], _named(facts, CHILD)[:1], strict=False))
+def _endpoint_pairs(facts: Sequence[PropertyAssertion]) -> Set[tuple[Iri, Iri]]:
+    return set(zip(_referenced_iris(facts, PARENT)[:1], _referenced_iris(facts, CHILD)[:1], strict=False))
 
 
-def _named(facts: Sequence[Fact], property: Iri) -> list[Iri]:
-    return [fact.value.iri for fact in facts if fact.property == property and isinstance(fact.value, Reference)]
+def _referenced_iris(facts: Sequence[PropertyAssertion], property: Iri) -> list[Iri]:
+    return [fact.value.iri for fact in facts if fact.property == property and isinstance(fact.value, IriRef)]

@@ -14,30 +14,30 @@ from typing import TYPE_CHECKING, Any, TypeVar, overload
 
 import pyoxigraph as ox
 
-from mindstage.errors import ArgumentRefused
-from mindstage.knowledge.reasoning import Index, Namebook
-from mindstage.knowledge.reasoning.derivation import DERIVED, Derived, derived_quads
-from mindstage.knowledge.reasoning.expressions import node_name
-from mindstage.knowledge.reasoning.properties import node_of
-from mindstage.knowledge.remembering import Remembered
-from mindstage.knowledge.teaching import TOLD, Teachable, Teaching
+from mindstage.errors import InvalidArgumentError
+from mindstage.knowledge.reasoning import NameIndex, Reasoner
+from mindstage.knowledge.reasoning.derivation import INFERRED_GRAPH, InferredTriples, materialize_owl_rl
+from mindstage.knowledge.reasoning.expressions import node_label
+from mindstage.knowledge.reasoning.properties import node_from_label
+from mindstage.knowledge.remembering import AnswerCache
+from mindstage.knowledge.teaching import RUNTIME_GRAPH, AssertableValue, AssertionStore
 from mindstage.knowledge.vocabulary import DESCRIBED_IN_MAP, TYPE, xsd
-from mindstage.world import Body, Constraint, Fact, FactValue, Iri, Light, Literal, Reference, World
+from mindstage.world import Body, FactValue, Iri, IriRef, Joint, Light, Literal, PropertyAssertion, World
 
 if TYPE_CHECKING:
-    from mindstage.knowledge.questions import Answers, Question, Row
-    from mindstage.knowledge.stores.sparql import Table
+    from mindstage.knowledge.questions import AnswerRow, Answers, Question
+    from mindstage.knowledge.stores.sparql import SparqlResult
     from mindstage.knowledge.stores.triplestore import TripleStore
 
 __all__ = ["Answering"]
 
-R = TypeVar("R", bound="Row")
+R = TypeVar("R", bound="AnswerRow")
 
 
 class Answering:
     """Asked, taught and queried; `KnowledgeBase` is what it knows."""
 
-    turn: RLock
+    lock: RLock
     """Held by whoever asks or tells, and by whoever takes several looks at the index that must fit together."""
     _store: TripleStore
     _worlds: dict[Iri, World]
@@ -63,13 +63,13 @@ class Answering:
             args: names short, with prefix or whole; what is left out is asked for.
 
         Raises:
-            QuestionUnknown: there is none of that name.
-            ArgumentRefused: it has no such argument, or the argument no such value.
-            NameUnknown: nothing has that name.
-            NameAmbiguous: several things have it.
+            QuestionNotFoundError: there is none of that name.
+            InvalidArgumentError: it has no such argument, or the argument no such value.
+            NameNotFoundError: nothing has that name.
+            AmbiguousNameError: several things have it.
         """
         key = (question, *args.items())
-        remembered = self._remembered  # what is worked out while something changes goes where nobody looks any more
+        remembered = self._answer_cache  # what is worked out while something changes goes where nobody looks any more
         try:
             if (known := remembered.get(key)) is not None:
                 return known
@@ -77,23 +77,23 @@ class Answering:
             key = ()
         asked = _question(question)
         answers = asked.ask(self, args)  # type: ignore[arg-type]
-        if key and not asked.is_live:
-            remembered.keep(key, answers)
+        if key and not asked.uses_current_state:
+            remembered.put(key, answers)
         return answers
 
-    def why(self, question: Question[R] | str, row: R) -> tuple[str, ...]:
+    def explain(self, question: Question[R] | str, row: R) -> tuple[str, ...]:
         """The statements and classes that led to an answer, one a line; none where the answer is plainly told.
 
         Raises:
-            QuestionUnknown: there is none of that name.
-            ArgumentRefused: the row is no answer to this question.
+            QuestionNotFoundError: there is none of that name.
+            InvalidArgumentError: the row is no answer to this question.
         """
         asked = _question(question)
         if not isinstance(row, asked.row):
-            raise ArgumentRefused(asked.name, cause=f"{type(row).__name__} is no answer to it")
-        return asked.why(self, row)  # type: ignore[arg-type]
+            raise InvalidArgumentError(asked.name, cause=f"{type(row).__name__} is no answer to it")
+        return asked.explain_answer(self, row)  # type: ignore[arg-type]
 
-    def tell(self, subject: str, property: str, value: Teachable) -> bool:
+    def tell(self, subject: str, property: str, value: AssertableValue) -> bool:
         """Adds a statement; the next question knows it. What the worlds of maps hold stays as their files tell it.
 
         Gives False where it was said already.
@@ -103,29 +103,29 @@ class Answering:
         individual by "type".
 
         Raises:
-            NameUnknown: nothing has one of the names.
-            NameAmbiguous: several things have it.
-            ArgumentRefused: the three make no statement.
+            NameNotFoundError: nothing has one of the names.
+            AmbiguousNameError: several things have it.
+            InvalidArgumentError: the three make no statement.
         """
-        with self.turn:
-            quads = Teaching(self._store, self.index, self.names).tell(subject, property, value)
-            self._heed(quads)
+        with self.lock:
+            quads = AssertionStore(self._store, self.reasoner, self.names).tell(subject, property, value)
+            self._invalidate(quads)
         return bool(quads)
 
-    def retract(self, subject: str, property: str, value: Teachable) -> bool:
+    def retract(self, subject: str, property: str, value: AssertableValue) -> bool:
         """Takes a statement back, whether it was told or read from a source; False where nobody said it.
 
         What follows from other statements is not touched, and neither are files or the worlds read from them. What
         `derive` has added is dropped, since it may not follow any more.
 
         Raises:
-            NameUnknown: nothing has one of the names.
-            NameAmbiguous: several things have it.
-            ArgumentRefused: the three make no statement.
+            NameNotFoundError: nothing has one of the names.
+            AmbiguousNameError: several things have it.
+            InvalidArgumentError: the three make no statement.
         """
-        with self.turn:
-            quads = Teaching(self._store, self.index, self.names).retract(subject, property, value)
-            self._heed(quads)
+        with self.lock:
+            quads = AssertionStore(self._store, self.reasoner, self.names).retract(subject, property, value)
+            self._invalidate(quads)
             if quads:
                 self.forget_derived()
         return bool(quads)
@@ -139,25 +139,25 @@ class Answering:
         they are.
 
         Raises:
-            ReasonerUnavailable: the extra "closure" is not installed.
+            ReasonerUnavailableError: the extra "closure" is not installed.
         """
-        with self.turn:
+        with self.lock:
             self.forget_derived()
-            quads = list(derived_quads(self._store.quads_for_pattern(None, None, None)))
+            quads = list(materialize_owl_rl(self._store.quads_for_pattern(None, None, None)))
             self._store.extend(quads)
-            self._changed()
+            self._invalidate_all()
         return len(quads)
 
     def forget_derived(self) -> bool:
         """Drops what was derived; False where nothing was."""
-        with self.turn:
-            if not Derived(self._store):
+        with self.lock:
+            if not InferredTriples(self._store):
                 return False
-            self._store.remove_graph(DERIVED)
-            self._changed()
+            self._store.remove_graph(INFERRED_GRAPH)
+            self._invalidate_all()
         return True
 
-    def sparql(self, query: str, *, timeout_s: float = 30.0, allow_service: bool = False) -> Table:
+    def sparql(self, query: str, *, timeout_s: float = 30.0, allow_service: bool = False) -> SparqlResult:
         """Puts a SPARQL 1.1 query to the store: all sources are one graph, and each is one of its own besides.
 
         The prefixes knowrob, ms, owl, rdf, rdfs, xsd, dul and soma are known. It runs in a process of its own, which
@@ -169,88 +169,88 @@ class Answering:
             allow_service: whether it may ask other servers (SERVICE).
 
         Raises:
-            QueryRefused: it is no query, asks for what it may not, or for more than can be had.
-            QueryTimedOut: it did not end in time.
-            EndpointUnreachable: nobody answers at the endpoint.
-            EndpointRefused: the endpoint says no.
+            SparqlSyntaxError: it is no query, asks for what it may not, or for more than can be had.
+            SparqlTimeoutError: it did not end in time.
+            EndpointUnreachableError: nobody answers at the endpoint.
+            EndpointError: the endpoint says no.
         """
         return self._store.query(query, timeout_s=timeout_s, allow_service=allow_service)
 
     # -- for the questions ---------------------------------------------------------------------------------------------
 
     @cached_property
-    def index(self) -> Index:
+    def reasoner(self) -> Reasoner:
         """What follows from everything that is known."""
-        return Index(self._store)
+        return Reasoner(self._store)
 
     @cached_property
-    def names(self) -> Namebook:
+    def names(self) -> NameIndex:
         """What things are called."""
-        return Namebook(self._store, self.index)
+        return NameIndex(self._store, self.reasoner)
 
-    def facts_of(self, individual: Iri, *, told_only: bool = False) -> tuple[Fact, ...]:
+    def facts_of(self, individual: Iri, *, runtime_only: bool = False) -> tuple[PropertyAssertion, ...]:
         """What the store says of an individual besides its classes and maps; only what was told at run time, if asked.
 
         Things without a name are named by their labels in the store.
         """
-        graph = TOLD if told_only else None
-        quads = self._store.quads_for_pattern(node_of(individual), None, None, graph)
-        quads = (quad for quad in quads if quad.graph_name != DERIVED)
+        graph = RUNTIME_GRAPH if runtime_only else None
+        quads = self._store.quads_for_pattern(node_from_label(individual), None, None, graph)
+        quads = (quad for quad in quads if quad.graph_name != INFERRED_GRAPH)
         told = (quad for quad in quads if quad.predicate.value not in {TYPE, DESCRIBED_IN_MAP})
-        facts = {Fact(Iri(quad.predicate.value), _value(quad.object)) for quad in told}
+        facts = {PropertyAssertion(Iri(quad.predicate.value), _value(quad.object)) for quad in told}
         return tuple(sorted(facts, key=repr))
 
-    def placed(self, individual: Iri, map: Iri) -> Body | Constraint | Light | None:
+    def scene_entity(self, individual: Iri, map: Iri) -> Body | Joint | Light | None:
         """What an individual is in the world of a map, where it has a place there."""
-        if map not in self._placed:
+        if map not in self._scene_entities:
             world = self.world(map) if map in self.maps() else World(iri=map)
-            things: Iterable[Body | Constraint | Light] = chain(world.bodies, world.constraints, world.lights)
-            self._placed[map] = {each.iri: each for each in things}
-        return self._placed[map].get(individual)
+            things: Iterable[Body | Joint | Light] = chain(world.bodies, world.joints, world.lights)
+            self._scene_entities[map] = {each.iri: each for each in things}
+        return self._scene_entities[map].get(individual)
 
     @cached_property
-    def _remembered(self) -> Remembered:
-        return Remembered()
+    def _answer_cache(self) -> AnswerCache:
+        return AnswerCache()
 
     @cached_property
-    def _placed(self) -> dict[Iri, dict[Iri, Body | Constraint | Light]]:
+    def _scene_entities(self) -> dict[Iri, dict[Iri, Body | Joint | Light]]:
         return {}
 
-    def _heed(self, quads: Sequence[ox.Quad]) -> None:
+    def _invalidate(self, quads: Sequence[ox.Quad]) -> None:
         """Looks again at what these statements are about, which were added or removed."""
         nodes = (node for quad in quads for node in quad.triple)
-        self.names.learn(Iri(node.value) for node in nodes if isinstance(node, ox.NamedNode))
-        if self.index.reread(quads):  # the world of a map may have been read with other classes
+        self.names.add(Iri(node.value) for node in nodes if isinstance(node, ox.NamedNode))
+        if self.reasoner.update(quads):  # the world of a map may have been read with other classes
             self._worlds.clear()
-            self._forget("_placed", "_hierarchy")
-        self._forget("_remembered", "_shaping")
+            self._drop_cached("_placed", "_hierarchy")
+        self._drop_cached("_remembered", "_shaping")
 
-    def _changed(self, graphs: Iterable[ox.NamedNode] | None = None) -> None:
+    def _invalidate_all(self, graphs: Iterable[ox.NamedNode] | None = None) -> None:
         """Forgets what followed from what was known before; what was asked about is looked at again.
 
         Args:
             graphs: all that was added; None where something else has changed.
         """
         if graphs is not None and "index" in self.__dict__:
-            names = [name for graph in graphs for name in self.index.read(graph)]
-            self.names.learn(names)
+            names = [name for graph in graphs for name in self.reasoner.add_graph(graph)]
+            self.names.add(names)
         self._worlds.clear()
-        self._forget(*(() if graphs is not None else ("index", "names")))
-        self._forget("_placed", "_hierarchy", "_remembered", "_shaping")
+        self._drop_cached(*(() if graphs is not None else ("index", "names")))
+        self._drop_cached("_placed", "_hierarchy", "_remembered", "_shaping")
 
-    def _forget(self, *names: str) -> None:
+    def _drop_cached(self, *names: str) -> None:
         for name in names:
             self.__dict__.pop(name, None)
 
 
 def _question(question: Question[R] | str) -> Question[Any]:
-    from mindstage.knowledge.questions import question_named
+    from mindstage.knowledge.questions import get_question
 
-    return question_named(question) if isinstance(question, str) else question
+    return get_question(question) if isinstance(question, str) else question
 
 
 def _value(node: object) -> FactValue:
     if isinstance(node, ox.Literal):
         datatype = None if node.language or node.datatype.value == xsd("string") else Iri(node.datatype.value)
         return Literal(node.value, datatype, node.language)
-    return Reference(node_name(node) or Iri(str(node)))
+    return IriRef(node_label(node) or Iri(str(node)))

@@ -6,11 +6,11 @@ import gc
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-__all__ = ["bulk_work"]
+__all__ = ["gc_paused"]
 
 
 @contextmanager
-def bulk_work() -> Iterator[None]:
+def gc_paused() -> Iterator[None]:
     """Pauses the search for circular garbage, of which plain data has none.
 
     The search goes through all that is alive whenever that has grown by a quarter; while a world of 10,000 bodies is

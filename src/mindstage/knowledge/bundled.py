@@ -19,14 +19,14 @@ def map_path(name: str | os.PathLike[str]) -> str:
 
 def bundled_kitchen() -> Path:
     """A kitchen to play with: a map of dialect 1."""
-    return _bundled("kitchen.owl")
+    return _bundled_path("kitchen.owl")
 
 
 def bundled_ontology() -> Path:
     """What a household holds, as classes that maps and questions share; every `KnowledgeBase` knows it unless told."""
-    return _bundled("household.ttl")
+    return _bundled_path("household.ttl")
 
 
-def _bundled(name: str) -> Path:
+def _bundled_path(name: str) -> Path:
     # Wheels are always unpacked, so that a resource of ours is a file.
     return Path(__file__).parent / "bundled" / name

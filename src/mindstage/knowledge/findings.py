@@ -7,7 +7,7 @@ from typing import Protocol
 
 import msgspec
 
-__all__ = ["Finding", "Report", "Severity"]
+__all__ = ["Finding", "FindingSink", "Severity"]
 
 
 class Severity(StrEnum):
@@ -27,16 +27,16 @@ class Finding(msgspec.Struct, frozen=True):
     """The IRI that it is about, or the file."""
     property: str
     """The IRI of the property that is odd or missing; empty where it is about the whole."""
-    what: str
-    did: str
+    problem: str
+    action: str
 
     def __str__(self) -> str:
         about = ", ".join(part for part in (self.individual, self.property) if part)
-        return f"{self.severity.value}: {about}: {self.what}; {self.did}"
+        return f"{self.severity.value}: {about}: {self.problem}; {self.action}"
 
 
-class Report(Protocol):
+class FindingSink(Protocol):
     """Where findings go while a source is read."""
 
-    def __call__(self, severity: Severity, individual: str, property: str, what: str, did: str) -> None:
+    def __call__(self, severity: Severity, individual: str, property: str, problem: str, action: str) -> None:
         """Keeps one finding."""

@@ -15,135 +15,135 @@ from pathlib import Path
 import msgspec
 import pyoxigraph as ox
 
-from mindstage.errors import NameUnknown, SourceUnreadable
+from mindstage.errors import NameNotFoundError, SourceParseError
 from mindstage.knowledge.base import KnowledgeBase
-from mindstage.knowledge.graph import Graph, graph_of
+from mindstage.knowledge.graph import Graph, graph_from_quads
 from mindstage.knowledge.names import local_name
-from mindstage.knowledge.reasoning import NameKind
+from mindstage.knowledge.reasoning import EntityType
 from mindstage.knowledge.vocabulary import LABEL, OWL, RDF, RDFS, TYPE, ms
-from mindstage.world import Fact, FactValue, Iri, Literal, Reference, Vector
+from mindstage.world import FactValue, Iri, IriRef, Literal, PropertyAssertion, Vector
 
-__all__ = ["Item", "item_of_class", "load_items"]
+__all__ = ["PlacementItem", "load_items", "parse_item"]
 
 _ON, _INTO, _COUNT, _SIZE = ms("putOn"), ms("putInto"), ms("count"), ms("typicalSize")
-_MOST = 1000
-_NO_THINGS = (OWL, RDF, RDFS)
+_MAX_COUNT = 1000
+_SCHEMA_NAMESPACES = (OWL, RDF, RDFS)
 """What is of a class of these is a class or a property itself, or the file."""
 
 
-class Item(msgspec.Struct, frozen=True, kw_only=True):
+class PlacementItem(msgspec.Struct, frozen=True, kw_only=True):
     """One thing, or several alike."""
 
     iri: Iri | None = None
     """None where any will do."""
     cls: Iri
-    holder: str | None = None
+    support: str | None = None
     """On what, or in what; None where knowledge shall say it."""
-    inside: bool | None = False
+    is_inside: bool | None = False
     """Whether it goes into that; None where either will do."""
     count: int = 1
     label: str | None = None
     size: Vector | None = None
-    facts: tuple[Fact, ...] = ()
+    facts: tuple[PropertyAssertion, ...] = ()
 
     @property
-    def names(self) -> tuple[Iri | None, ...]:
+    def iris(self) -> tuple[Iri | None, ...]:
         """The IRI of each of them."""
         if self.iri is None or self.count == 1:
             return (self.iri,) * self.count
         return tuple(Iri(f"{self.iri}_{number}") for number in range(1, self.count + 1))
 
 
-def load_items(path: Path, knowledge: KnowledgeBase) -> tuple[Item, ...]:
+def load_items(path: Path, knowledge: KnowledgeBase) -> tuple[PlacementItem, ...]:
     """Reads a list of items; classes that it defines are known from then on.
 
     Raises:
-        SourceUnreadable: it cannot be read, lists nothing, or says something of an item that cannot be.
+        SourceParseError: it cannot be read, lists nothing, or says something of an item that cannot be.
     """
     knowledge.load((), ontologies=path)
     source = ox.NamedNode(path.resolve().as_uri())
-    graph = graph_of(knowledge.store.quads_for_pattern(None, None, None, source), set())
+    graph = graph_from_quads(knowledge.store.quads_for_pattern(None, None, None, source), set())
     items = tuple(_items(path, graph))
     if not items:
-        raise SourceUnreadable(str(path), cause="there are no things in it; say of each what it is (:mug a ms:Mug .)")
+        raise SourceParseError(str(path), cause="there are no things in it; say of each what it is (:mug a ms:Mug .)")
     return items
 
 
-def item_of_class(text: str, knowledge: KnowledgeBase) -> Item:
+def parse_item(text: str, knowledge: KnowledgeBase) -> PlacementItem:
     """A thing of a class: "Mug", or "Mug:table" for one that goes onto the table, "Fork:drawer_1" into the drawer.
 
     Raises:
-        NameUnknown: there is no such class.
-        NameAmbiguous: there are several.
+        NameNotFoundError: there is no such class.
+        AmbiguousNameError: there are several.
     """
     name, _, holder = text.rpartition(":")
     try:
-        return Item(cls=knowledge.names.find(text, NameKind.CLASS))
-    except NameUnknown:
+        return PlacementItem(cls=knowledge.names.find(text, EntityType.CLASS))
+    except NameNotFoundError:
         if not name:
             raise
-    return Item(cls=knowledge.names.find(name, NameKind.CLASS), holder=holder, inside=None)
+    return PlacementItem(cls=knowledge.names.find(name, EntityType.CLASS), support=holder, is_inside=None)
 
 
-def _items(path: Path, graph: Graph) -> Iterator[Item]:
+def _items(path: Path, graph: Graph) -> Iterator[PlacementItem]:
     for subject, facts in graph.items():
         classes = [iri for fact in facts if fact.property == TYPE and (iri := _iri(fact.value))]
-        things = [cls for cls in classes if not cls.startswith(_NO_THINGS)]
+        things = [cls for cls in classes if not cls.startswith(_SCHEMA_NAMESPACES)]
         if things and not subject.startswith("_:"):
             yield _item(path, subject, things, facts)
 
 
-def _item(path: Path, iri: Iri, classes: Sequence[Iri], facts: Sequence[Fact]) -> Item:
-    on, into = _told(facts, _ON), _told(facts, _INTO)
+def _item(path: Path, iri: Iri, classes: Sequence[Iri], facts: Sequence[PropertyAssertion]) -> PlacementItem:
+    on, into = _values(facts, _ON), _values(facts, _INTO)
     if len(on) + len(into) > 1:
-        raise _refused(path, iri, "it is to be put in several places; say one ms:putOn or ms:putInto")
+        raise _error(path, iri, "it is to be put in several places; say one ms:putOn or ms:putInto")
     holder = next(iter([*on, *into]), None)
     own = (_ON, _INTO, _COUNT, _SIZE, LABEL)
-    kept = (fact for fact in facts if fact.property not in own and fact != Fact(TYPE, Reference(classes[0])))
-    return Item(
+    kept = (fact for fact in facts if fact.property not in own and fact != PropertyAssertion(TYPE, IriRef(classes[0])))
+    return PlacementItem(
         iri=iri,
         cls=classes[0],
-        holder=None if holder is None else (_iri(holder) or _text(holder)),
-        inside=bool(into),
+        support=None if holder is None else (_iri(holder) or _text(holder)),
+        is_inside=bool(into),
         count=_count(path, iri, facts),
-        label=next((_text(value) for value in _told(facts, LABEL)), None),
+        label=next((_text(value) for value in _values(facts, LABEL)), None),
         size=_size(path, iri, facts),
         facts=tuple(kept),
     )
 
 
-def _count(path: Path, iri: Iri, facts: Sequence[Fact]) -> int:
-    for value in _told(facts, _COUNT):
+def _count(path: Path, iri: Iri, facts: Sequence[PropertyAssertion]) -> int:
+    for value in _values(facts, _COUNT):
         text = _text(value)
-        if not text.isdecimal() or not 1 <= int(text) <= _MOST:
-            raise _refused(path, iri, f'ms:count "{text}" is no number from 1 to {_MOST}')
+        if not text.isdecimal() or not 1 <= int(text) <= _MAX_COUNT:
+            raise _error(path, iri, f'ms:count "{text}" is no number from 1 to {_MAX_COUNT}')
         return int(text)
     return 1
 
 
-def _size(path: Path, iri: Iri, facts: Sequence[Fact]) -> Vector | None:
-    for value in _told(facts, _SIZE):
+def _size(path: Path, iri: Iri, facts: Sequence[PropertyAssertion]) -> Vector | None:
+    for value in _values(facts, _SIZE):
         try:
             x, y, z = map(float, _text(value).split())
         except ValueError:
             x = y = z = -1.0
         if not all(0.0 < extent < 100.0 for extent in (x, y, z)):
-            raise _refused(path, iri, f'ms:typicalSize "{_text(value)}" is not "depth width height" in metres')
+            raise _error(path, iri, f'ms:typicalSize "{_text(value)}" is not "depth width height" in metres')
         return x, y, z
     return None
 
 
-def _told(facts: Sequence[Fact], property: Iri) -> list[FactValue]:
+def _values(facts: Sequence[PropertyAssertion], property: Iri) -> list[FactValue]:
     return [fact.value for fact in facts if fact.property == property]
 
 
 def _iri(value: FactValue) -> Iri | None:
-    return value.iri if isinstance(value, Reference) else None
+    return value.iri if isinstance(value, IriRef) else None
 
 
 def _text(value: FactValue) -> str:
     return value.text if isinstance(value, Literal) else str(_iri(value) or "")
 
 
-def _refused(path: Path, iri: Iri, cause: str) -> SourceUnreadable:
-    return SourceUnreadable(str(path), cause=f"{local_name(iri)}: {cause}")
+def _error(path: Path, iri: Iri, cause: str) -> SourceParseError:
+    return SourceParseError(str(path), cause=f"{local_name(iri)}: {cause}")

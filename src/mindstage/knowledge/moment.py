@@ -21,34 +21,34 @@ from mindstage.world import BodyId, Iri, World
 if TYPE_CHECKING:
     from mindstage.knowledge.base import KnowledgeBase
 
-__all__ = ["TOLD", "Moment", "Present"]
+__all__ = ["MAP_SOURCE", "StateAccess", "WorldState"]
 
-TOLD = "map"
+MAP_SOURCE = "map"
 """Who tells of a place that no engine runs."""
 
 
-class Moment(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+class WorldState(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """A place at one moment."""
 
     world: World
     """Everything as it is."""
-    told: tuple[World, ...]
+    spawned: tuple[World, ...]
     """The same as it was spawned, map by map."""
-    joints: Mapping[BodyId, tuple[float, ...]] | None = None
+    joint_positions: Mapping[BodyId, tuple[float, ...]] | None = None
     """How far each constraint has moved since: x, y, z [m], twist, swing2, swing1 [rad]; None where nobody knows."""
-    source: str = TOLD
+    source: str = MAP_SOURCE
     """Who says so: the engine's name, or "map"."""
 
-    def homes(self) -> dict[BodyId, Iri]:
+    def map_of_body(self) -> dict[BodyId, Iri]:
         """The map that each body came from."""
-        told = {body.id: world.iri for world in reversed(self.told) for body in world.bodies}
+        told = {body.id: world.iri for world in reversed(self.spawned) for body in world.bodies}
         return {body.id: told.get(body.id, self.world.iri) for body in self.world.bodies}
 
 
-class Present:
+class StateAccess:
     """What a question sees of the present: made for one asking, and looked up only if it is wanted."""
 
-    def __init__(self, kb: KnowledgeBase, take: Callable[[], Moment] | None = None) -> None:
+    def __init__(self, kb: KnowledgeBase, fetch_state: Callable[[], WorldState] | None = None) -> None:
         """Nothing is looked at yet.
 
         Args:
@@ -56,29 +56,29 @@ class Present:
             take: asks the engine how things are, at most once; None without an engine.
         """
         self._kb = kb
-        self._take = take
+        self._fetch_state = fetch_state
 
-    def look(self) -> None:
+    def fetch(self) -> None:
         """Looks now, and not when somebody first wants to know."""
-        self._running  # noqa: B018 - kept from now on
+        self._engine_state  # noqa: B018 - kept from now on
 
-    def moments(self, map: Iri | None = None) -> tuple[Moment, ...]:
+    def states(self, map: Iri | None = None) -> tuple[WorldState, ...]:
         """The place that the engine runs, and each map that is not spawned in it; or only where one map is."""
-        running = self._running
-        spawned = {world.iri for world in running.told} if running else set()
+        running = self._engine_state
+        spawned = {world.iri for world in running.spawned} if running else set()
         here = [running] if running and (map is None or map in spawned) else []
         elsewhere = (each for each in self._kb.maps() if each not in spawned and map in {None, each})
-        return (*here, *(self._as_told(each) for each in elsewhere))
+        return (*here, *(self._map_state(each) for each in elsewhere))
 
-    def individual(self, name: str) -> Iri | None:
+    def find_individual(self, name: str) -> Iri | None:
         """Something that stands in the engine, by its IRI or its body's id: a program may have spawned it."""
-        bodies = self._running.world.bodies if self._running else ()
+        bodies = self._engine_state.world.bodies if self._engine_state else ()
         return next((body.iri for body in bodies if name in (body.iri, body.id)), None)
 
     @cached_property
-    def _running(self) -> Moment | None:
-        return self._take() if self._take else None
+    def _engine_state(self) -> WorldState | None:
+        return self._fetch_state() if self._fetch_state else None
 
-    def _as_told(self, map: Iri) -> Moment:
+    def _map_state(self, map: Iri) -> WorldState:
         world = self._kb.world(map)
-        return Moment(world=world, told=(world,))
+        return WorldState(world=world, spawned=(world,))

@@ -8,7 +8,7 @@ from itertools import count
 
 from mindstage.world import BodyId, Iri
 
-__all__ = ["ids_for", "is_part_name", "local_name", "namespace_of", "part_name"]
+__all__ = ["assign_ids", "is_part_name", "local_name", "namespace_of", "part_name"]
 
 _LAST_SEPARATOR = re.compile(r".*#|.*/|.*:", re.DOTALL)
 
@@ -24,7 +24,7 @@ def local_name(iri: str) -> str:
     return iri[len(namespace_of(iri)) :]
 
 
-def ids_for(explicit: Mapping[Iri, str], iris: Iterable[Iri]) -> dict[Iri, BodyId]:
+def assign_ids(explicit: Mapping[Iri, str], iris: Iterable[Iri]) -> dict[Iri, BodyId]:
     """Ids that differ from one another.
 
     Args:
@@ -44,15 +44,15 @@ def ids_for(explicit: Mapping[Iri, str], iris: Iterable[Iri]) -> dict[Iri, BodyI
     return ids
 
 
-def part_name(whole: Iri, suffix: str, taken: Container[str]) -> Iri:
+def part_name(owner: Iri, suffix: str, used_names: Container[str]) -> Iri:
     """The name of an individual's part, such as "cup-pose"."""
-    name = f"{whole}-{suffix}"
-    if name not in taken:
+    name = f"{owner}-{suffix}"
+    if name not in used_names:
         return Iri(name)
-    return next(Iri(other) for number in count(2) if (other := f"{name}-{number}") not in taken)
+    return next(Iri(other) for number in count(2) if (other := f"{name}-{number}") not in used_names)
 
 
-def is_part_name(name: str, whole: Iri, suffix: str) -> bool:
+def is_part_name(name: str, owner: Iri, suffix: str) -> bool:
     """Whether `part_name` may have given this name."""
-    start = f"{whole}-{suffix}"
+    start = f"{owner}-{suffix}"
     return name.startswith(start) and re.fullmatch(r"(-\d+)?", name[len(start) :]) is not None

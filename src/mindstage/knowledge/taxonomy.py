@@ -12,66 +12,66 @@ from typing import Generic, TypeVar
 
 from mindstage.world import Iri
 
-__all__ = ["ClassHierarchy", "Closure"]
+__all__ = ["ClassHierarchy", "TransitiveClosure"]
 
 T = TypeVar("T", bound=Hashable)
 
 
-class Closure(Generic[T]):
+class TransitiveClosure(Generic[T]):
     """The transitive closure of pairs (lower, upper)."""
 
     def __init__(self, pairs: Iterable[tuple[T, T]] = ()) -> None:
         """Stores the pairs; those of a thing with itself are ignored."""
-        self._upper: dict[T, dict[T, None]] = {}
-        self._lower: dict[T, dict[T, None]] = {}
-        self._above: dict[T, dict[T, int]] = {}
-        self._below: dict[T, dict[T, int]] = {}
+        self._parents: dict[T, dict[T, None]] = {}
+        self._children: dict[T, dict[T, None]] = {}
+        self._above_cache: dict[T, dict[T, int]] = {}
+        self._below_cache: dict[T, dict[T, int]] = {}
         for lower, upper in pairs:
             self.add(lower, upper)
 
     def add(self, lower: T, upper: T) -> None:
         """Adds a step."""
         if lower != upper:
-            self._upper.setdefault(lower, {})[upper] = None
-            self._lower.setdefault(upper, {})[lower] = None
-            self._forget()
+            self._parents.setdefault(lower, {})[upper] = None
+            self._children.setdefault(upper, {})[lower] = None
+            self._clear_cache()
 
     def discard(self, lower: T, upper: T) -> None:
         """Removes a step, if it exists."""
-        for steps, start, end in ((self._upper, lower, upper), (self._lower, upper, lower)):
+        for steps, start, end in ((self._parents, lower, upper), (self._children, upper, lower)):
             ends = steps.get(start, {})
             ends.pop(end, None)
             if not ends:
                 steps.pop(start, None)
-        self._forget()
+        self._clear_cache()
 
     def __iter__(self) -> Iterator[T]:
         """Everything that some pair names."""
-        return iter(dict.fromkeys((*self._upper, *self._lower)))
+        return iter(dict.fromkeys((*self._parents, *self._children)))
 
     def __contains__(self, thing: object) -> bool:
         """Whether some pair names it."""
-        return thing in self._upper or thing in self._lower
+        return thing in self._parents or thing in self._children
 
-    def parents(self, thing: T) -> tuple[T, ...]:
+    def parents(self, node: T) -> tuple[T, ...]:
         """The uppers of its own pairs."""
-        return tuple(self._upper.get(thing, ()))
+        return tuple(self._parents.get(node, ()))
 
-    def children(self, thing: T) -> tuple[T, ...]:
+    def children(self, node: T) -> tuple[T, ...]:
         """The lowers of its own pairs."""
-        return tuple(self._lower.get(thing, ()))
+        return tuple(self._children.get(node, ()))
 
-    def above(self, thing: T) -> Mapping[T, int]:
+    def above(self, node: T) -> Mapping[T, int]:
         """The thing itself and all above it, the nearest first, with the number of steps to each."""
-        if thing not in self._above:
-            self._above[thing] = _levels(thing, self._upper)
-        return self._above[thing]
+        if node not in self._above_cache:
+            self._above_cache[node] = _breadth_first(node, self._parents)
+        return self._above_cache[node]
 
-    def below(self, thing: T) -> Mapping[T, int]:
+    def below(self, node: T) -> Mapping[T, int]:
         """The thing itself and all below it, the nearest first, with the number of steps to each."""
-        if thing not in self._below:
-            self._below[thing] = _levels(thing, self._lower)
-        return self._below[thing]
+        if node not in self._below_cache:
+            self._below_cache[node] = _breadth_first(node, self._children)
+        return self._below_cache[node]
 
     def path(self, lower: T, upper: T) -> tuple[T, ...]:
         """A shortest way up, both ends included; empty where there is none."""
@@ -80,20 +80,20 @@ class Closure(Generic[T]):
             return ()
         way = [upper]
         while way[-1] != lower:
-            children = self._lower[way[-1]]
+            children = self._children[way[-1]]
             way.append(min(children, key=lambda child: (steps.get(child, len(steps)), str(child))))
         return tuple(reversed(way))
 
-    def between(self, lower: T, upper: T) -> int:
+    def count_between(self, lower: T, upper: T) -> int:
         """How many things lie between two ends; the more special of two reasons always has fewer."""
         return len(self.above(lower).keys() & self.below(upper).keys()) - 1
 
-    def _forget(self) -> None:
-        if self._above or self._below:
-            self._above, self._below = {}, {}
+    def _clear_cache(self) -> None:
+        if self._above_cache or self._below_cache:
+            self._above_cache, self._below_cache = {}, {}
 
 
-def _levels(start: T, steps: Mapping[T, Mapping[T, None]]) -> dict[T, int]:
+def _breadth_first(start: T, steps: Mapping[T, Mapping[T, None]]) -> dict[T, int]:
     found = {start: 0}
     for thing in (waiting := [start]):
         for other in sorted(steps.get(thing, ()), key=str):  # the store has no order to rely on
@@ -112,7 +112,7 @@ class ClassHierarchy:
         Args:
             pairs: class and superclass, as stated in the sources.
         """
-        self._closure = Closure(pairs)
+        self._closure = TransitiveClosure(pairs)
         self._ancestors: dict[Iri, tuple[Iri, ...]] = {}
 
     def levels(self, classes: Sequence[Iri]) -> Iterator[Sequence[Iri]]:

@@ -10,17 +10,17 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import pyoxigraph as ox
 
-from mindstage.errors import ArgumentRefused
-from mindstage.knowledge.reasoning.expressions import node_name
-from mindstage.knowledge.reasoning.properties import node_of
-from mindstage.knowledge.stores.sparql import Term, term_of
-from mindstage.knowledge.teaching import TOLD
+from mindstage.errors import InvalidArgumentError
+from mindstage.knowledge.reasoning.expressions import node_label
+from mindstage.knowledge.reasoning.properties import node_from_label
+from mindstage.knowledge.stores.sparql import RdfTerm, term_from_node
+from mindstage.knowledge.teaching import RUNTIME_GRAPH
 from mindstage.world import Iri
 
 if TYPE_CHECKING:
     from mindstage.knowledge.base import KnowledgeBase
 
-__all__ = ["Triple", "Triples"]
+__all__ = ["Triple", "TripleStoreView"]
 
 Node = ox.NamedNode | ox.BlankNode
 
@@ -30,10 +30,10 @@ class Triple(NamedTuple):
 
     subject: Iri
     property: Iri
-    value: Term
+    value: RdfTerm
 
 
-class Triples:
+class TripleStoreView:
     """Everything that a knowledge base was told, statement by statement."""
 
     def __init__(self, knowledge: KnowledgeBase) -> None:
@@ -41,106 +41,106 @@ class Triples:
         self._store = knowledge._store
 
     def find(
-        self, subject: str | None = None, property: str | None = None, value: Term | None = None
+        self, subject: str | None = None, property: str | None = None, value: RdfTerm | None = None
     ) -> Iterator[Triple]:
         """Statements as they were told, each once; None leaves an end open.
 
         Raises:
-            ArgumentRefused: one of them is no name.
+            InvalidArgumentError: one of them is no name.
         """
         seen = set()
         for quad in self._quads(subject, property, value):
-            about = node_name(quad.subject) or Iri(str(quad.subject))
-            triple = Triple(about, Iri(quad.predicate.value), term_of(quad.object))
+            about = node_label(quad.subject) or Iri(str(quad.subject))
+            triple = Triple(about, Iri(quad.predicate.value), term_from_node(quad.object))
             if triple not in seen:
                 seen.add(triple)
                 yield triple
 
-    def follow(
-        self, subject: str | None = None, property: str | None = None, value: Term | None = None
+    def find_entailed(
+        self, subject: str | None = None, property: str | None = None, value: RdfTerm | None = None
     ) -> Iterator[Triple]:
         """Statements of a property, and of those that imply it or its inverse.
 
         Raises:
-            ArgumentRefused: one of them is no name.
+            InvalidArgumentError: one of them is no name.
         """
         if property is None:
             yield from self.find(subject, None, value)
             return
         found: dict[Triple, None] = {}
-        for node, forward in self._knowledge.index.properties.lines(Iri(property)):
+        for node, forward in self._knowledge.reasoner.properties.used_expressions(Iri(property)):
             if forward:
                 told = self.find(subject, node.value, value)
                 found |= {Triple(one, Iri(property), other): None for one, _, other in told}
             elif value is None or value.kind != "literal":
                 start = None if value is None else _resource_text(value)
-                told = self.find(start, node.value, None if subject is None else _resource(subject))
+                told = self.find(start, node.value, None if subject is None else _resource_term(subject))
                 found |= {
-                    Triple(Iri(_resource_text(other)), Iri(property), _resource(one)): None
+                    Triple(Iri(_resource_text(other)), Iri(property), _resource_term(one)): None
                     for one, _, other in told
                     if other.kind != "literal"
                 }
         yield from found
 
-    def add(self, subject: str, property: str, value: Term) -> None:
+    def add(self, subject: str, property: str, value: RdfTerm) -> None:
         """Tells a statement, whatever it may mean; the next question knows it.
 
         Raises:
-            ArgumentRefused: one of them is no name.
+            InvalidArgumentError: one of them is no name.
         """
-        quad = ox.Quad(_node(subject), _property(property), _object(value), TOLD)
-        with self._knowledge.turn:
+        quad = ox.Quad(_node(subject), _property(property), _object(value), RUNTIME_GRAPH)
+        with self._knowledge.lock:
             self._store.add(quad)
-            self._knowledge._heed([quad])
+            self._knowledge._invalidate([quad])
 
-    def remove(self, subject: str | None = None, property: str | None = None, value: Term | None = None) -> int:
+    def remove(self, subject: str | None = None, property: str | None = None, value: RdfTerm | None = None) -> int:
         """Takes statements back, whoever told them, and says how many.
 
         Raises:
-            ArgumentRefused: one of them is no name.
+            InvalidArgumentError: one of them is no name.
         """
-        with self._knowledge.turn:
+        with self._knowledge.lock:
             quads = list(self._quads(subject, property, value))
             for quad in quads:
                 self._store.remove(quad)
             if quads:
-                self._knowledge._heed(quads)
+                self._knowledge._invalidate(quads)
                 self._knowledge.forget_derived()
         return len(quads)
 
-    def _quads(self, subject: str | None, property: str | None, value: Term | None) -> Iterator[ox.Quad]:
+    def _quads(self, subject: str | None, property: str | None, value: RdfTerm | None) -> Iterator[ox.Quad]:
         about = None if subject is None else _node(subject)
         link = None if property is None else _property(property)
         yield from self._store.quads_for_pattern(about, link, None if value is None else _object(value))
 
 
-def _resource(name: str) -> Term:
-    return Term("blank", name[2:]) if name.startswith("_:") else Term("iri", name)
+def _resource_term(name: str) -> RdfTerm:
+    return RdfTerm("blank", name[2:]) if name.startswith("_:") else RdfTerm("iri", name)
 
 
-def _resource_text(term: Term) -> str:
+def _resource_text(term: RdfTerm) -> str:
     return f"_:{term.value}" if term.kind == "blank" else term.value
 
 
 def _property(name: str) -> ox.NamedNode:
     node = _node(name)
     if isinstance(node, ox.BlankNode):
-        raise ArgumentRefused(name, cause="a property has a name")
+        raise InvalidArgumentError(name, cause="a property has a name")
     return node
 
 
 def _node(name: str) -> Node:
     try:
-        return node_of(Iri(name))
+        return node_from_label(Iri(name))
     except ValueError as error:
-        raise ArgumentRefused(f"<{name}>", cause=str(error), remedy="give it whole, or with a prefix") from error
+        raise InvalidArgumentError(f"<{name}>", cause=str(error), remedy="give it whole, or with a prefix") from error
 
 
-def _object(value: Term) -> Node | ox.Literal:
+def _object(value: RdfTerm) -> Node | ox.Literal:
     if value.kind != "literal":
         return _node(_resource_text(value))
     try:
         datatype = ox.NamedNode(value.datatype) if value.datatype and not value.language else None
         return ox.Literal(value.value, datatype=datatype, language=value.language)
     except ValueError as error:
-        raise ArgumentRefused(repr(value.value), cause=str(error)) from error
+        raise InvalidArgumentError(repr(value.value), cause=str(error)) from error

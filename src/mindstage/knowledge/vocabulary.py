@@ -1,13 +1,13 @@
 """The names that maps are written in, and our own for what the community has no word for.
 
-`knowrob:` and the W3C's names are those of dialect 1. Whatever a world knows beyond them stands under `ms:`
+`knowrob_iri:` and the W3C's names are those of dialect 1. Whatever a world knows beyond them stands under `ms:`
 (`http://mindstage.org/ontology#`), so that any world survives as a file:
 
 | name | said of | meaning |
 |---|---|---|
 | `ms:id` | body, constraint, light | its id, where that is not simply the local name of its IRI |
 | `ms:shape` | body | `box`, `sphere` or `cylinder` |
-| `ms:material` | body | a surface: a node with `ms:index` (from 0), `ms:name`, `ms:path`, `ms:colour` "r g b" |
+| `ms:name` | body | a surface: a node with `ms:index` (from 0), `ms:name`, `ms:path`, `ms:colour` "r g b" |
 | `ms:tags` | all three | tags that `tagsData` has no writing for, as a JSON array of [type, key, value] |
 | `ms:xMiddle`, `ms:yMiddle`, `ms:zMiddle` | linear part | the middle of its range, if not the spawn pose [m] |
 | `ms:twistMiddle`, `ms:swing1Middle`, `ms:swing2Middle` | angular part | the same [rad] |
@@ -27,7 +27,7 @@ A label is `rdfs:label`, and so is the name of a map where it is not the local n
 
 from __future__ import annotations
 
-from mindstage.world import Iri, LightKind
+from mindstage.world import Iri, LightType
 
 __all__ = [
     "ANGULAR_CONSTRAINT",
@@ -145,7 +145,7 @@ RESTATES = ms("restates")
 UNTOLD = ms("untold")
 URDF_TEXT = ms("urdf")
 LIGHT_CLASSES = {
-    LightKind.POINT: ms("PointLight"),
-    LightKind.SPOT: ms("SpotLight"),
-    LightKind.DIRECTIONAL: ms("DirectionalLight"),
+    LightType.POINT: ms("PointLight"),
+    LightType.SPOT: ms("SpotLight"),
+    LightType.DIRECTIONAL: ms("DirectionalLight"),
 }

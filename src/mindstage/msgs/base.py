@@ -18,7 +18,7 @@ class with two nested messages, an action a class with three:
 - encoding writes every field, with the same type and range checks as decoding.
 
 A wrong type, a number out of range, an unknown key and a field given under two names are errors that hold the path:
-`constraints[3].constraint_details.linear_limits.limit: expected float, got str`. Decoding accepts the field names of
+`joints[3].constraint_details.linear_limits.limit: expected float, got str`. Decoding accepts the field names of
 ROS 1 and of ROS 2; the caller of `encode` chooses which are written.
 
 Numbers are finite, since JSON has no NaN and no infinity. A float32 keeps the digits that it was given.
@@ -37,7 +37,7 @@ from typing import Annotated, Any, ClassVar, Final, Self, TypeVar, cast
 import msgspec
 from msgspec import Meta, inspect
 
-from mindstage.errors import MessageRefused, suggestion
+from mindstage.errors import MessageValidationError, suggestion
 
 __all__ = [
     "FLOAT64_MAX",
@@ -156,14 +156,14 @@ class TimeMessage(Message, frozen=True):
 
 
 class Service:
-    """Base class of services; subclasses have the nested messages `Request` and `Response`."""
+    """Base class of services; subclasses have the nested messages `PendingRequest` and `Response`."""
 
     Request: ClassVar[type[Message]]
     Response: ClassVar[type[Message]]
 
 
 class Action:
-    """Base class of actions; subclasses have the nested messages `Goal`, `Result` and `Feedback`."""
+    """Base class of actions; subclasses have the nested messages `ChainGoal`, `Result` and `Feedback`."""
 
     Goal: ClassVar[type[Message]]
     Result: ClassVar[type[Message]]
@@ -302,7 +302,7 @@ def decode(cls: type[M], value: object, *, strict: bool = False) -> M:
         strict: require every field.
 
     Raises:
-        MessageRefused: the value is not a valid message of this type.
+        MessageValidationError: the value is not a valid message of this type.
     """
     if _has_other_names(cls):
         value = _to_field_names(cls, value, "")
@@ -311,9 +311,9 @@ def decode(cls: type[M], value: object, *, strict: bool = False) -> M:
     except msgspec.ValidationError as error:
         raise _message_error(cls, error) from error
     except (UnicodeError, RecursionError) as error:
-        raise MessageRefused(type_name(cls), cause=str(error)) from error
+        raise MessageValidationError(type_name(cls), cause=str(error)) from error
     if strict and (path := _missing_field(cls, cast(JsonObject, value))):
-        raise MessageRefused(type_name(cls), path=path, cause=MISSING, remedy="every field is required")
+        raise MessageValidationError(type_name(cls), path=path, cause=MISSING, remedy="every field is required")
     return message
 
 
@@ -326,13 +326,13 @@ def decode_arguments(cls: type[M], args: object, *, strict: bool = False) -> M:
         strict: require every field.
 
     Raises:
-        MessageRefused: the arguments are not a valid request of this type.
+        MessageValidationError: the arguments are not a valid request of this type.
     """
     if isinstance(args, list | tuple):
         names = [field.name for field in fields_of(cls)]
         if len(args) > len(names):
             cause = f"{len(args)} arguments, and it has {len(names)} fields"
-            raise MessageRefused(type_name(cls), cause=cause, remedy="send an object with named fields")
+            raise MessageValidationError(type_name(cls), cause=cause, remedy="send an object with named fields")
         args = dict(zip(names, args, strict=False))
     return decode(cls, {} if args is None else args, strict=strict)
 
@@ -345,7 +345,7 @@ def encode(message: Message, *, ros: RosVersion = RosVersion.TWO) -> JsonObject:
         ros: the version of ROS whose fields are written where they differ: `sec` or `secs`, headers with `seq`.
 
     Raises:
-        MessageRefused: a field has a value that its type does not allow, such as NaN.
+        MessageValidationError: a field has a value that its type does not allow, such as NaN.
     """
     cls = type_of(message)
     try:
@@ -354,7 +354,7 @@ def encode(message: Message, *, ros: RosVersion = RosVersion.TWO) -> JsonObject:
     except msgspec.ValidationError as error:
         raise _message_error(cls, error) from error
     except TypeError as error:
-        raise MessageRefused(type_name(cls), cause=str(error)) from error
+        raise MessageValidationError(type_name(cls), cause=str(error)) from error
     if _has_other_names(cls):
         _to_names_of(ros, cls, encoded)
     return encoded
@@ -408,7 +408,9 @@ def _to_field_names(cls: Any, value: Any, path: str) -> Any:
     renamed = {names.get(key, key): part for key, part in value.items()}
     if len(renamed) != len(value):
         twice = next(key for key in value if key in names and names[key] in value)
-        raise MessageRefused(type_name(cls), path=_joined(path, twice), cause=f"{names[twice]} stands there too")
+        raise MessageValidationError(
+            type_name(cls), path=_joined(path, twice), cause=f"{names[twice]} stands there too"
+        )
     for field in _fields_with_other_names(cls):
         part, here = renamed.get(field.name), _joined(path, field.name)
         if field.length is None and part is not None:
@@ -452,7 +454,7 @@ def _missing_field(cls: Any, value: JsonObject) -> str:
     return ""
 
 
-def _message_error(cls: Any, error: Exception) -> MessageRefused:
+def _message_error(cls: Any, error: Exception) -> MessageValidationError:
     """Converts an error of msgspec, and adds the names or values that would have been valid."""
     cause, path = validation_error_details(error)
     inner, field = _field_at(cls, path)
@@ -468,7 +470,7 @@ def _message_error(cls: Any, error: Exception) -> MessageRefused:
         cause = f"{number[1]} is none of its codes"
     elif re.match(r"expected float [<>]=|number out of range", cause):
         cause = f"expected a finite {field.primitive if field else 'number'}, got NaN or one that is too large"
-    return MessageRefused(type_name(cls), path=path, cause=cause, remedy=remedy)
+    return MessageValidationError(type_name(cls), path=path, cause=cause, remedy=remedy)
 
 
 def _field_at(cls: Any, path: str) -> tuple[Any, FieldInfo | None]:

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from functools import cache
 from typing import Any, Generic, NamedTuple, TypeVar
 
-from mindstage.errors import TypeUnknown
+from mindstage.errors import TypeNotFoundError
 from mindstage.msgs import _generated
 from mindstage.msgs._generated.actionlib_msgs import GoalID, GoalStatus
 from mindstage.msgs._generated.builtin_interfaces import Duration, Time
@@ -72,7 +72,7 @@ class ActionType(NamedTuple):
 
 
 class ActionGoal(Message, Generic[M], frozen=True, kw_only=True):
-    """The topic `goal`: `SimulateStepsActionGoal` is `ActionGoal[SimulateSteps.Goal]`."""
+    """The topic `goal`: `SimulateStepsActionGoal` is `ActionGoal[SimulateSteps.ChainGoal]`."""
 
     header: Header = Header()
     goal_id: GoalID = GoalID()
@@ -104,7 +104,7 @@ def message_type(name: str) -> type[Message]:
     The messages on the topics of an action in ROS 1 are included: `simulation_interfaces/SimulateStepsActionGoal`.
 
     Raises:
-        TypeUnknown: there is no message type of this name.
+        TypeNotFoundError: there is no message type of this name.
     """
     return _lookup(name, "msg", "message", message_types())
 
@@ -113,7 +113,7 @@ def service_type(name: str) -> ServiceType:
     """Returns the request and the response type of a service.
 
     Raises:
-        TypeUnknown: there is no service type of this name.
+        TypeNotFoundError: there is no service type of this name.
     """
     return _lookup(name, "srv", "service", service_types())
 
@@ -122,7 +122,7 @@ def action_type(name: str) -> ActionType:
     """Returns the goal, the result and the feedback type of an action.
 
     Raises:
-        TypeUnknown: there is no action type of this name.
+        TypeNotFoundError: there is no action type of this name.
     """
     return _lookup(name, "action", "action", action_types())
 
@@ -164,7 +164,7 @@ def _lookup(name: str, kind: str, word: str, known: dict[str, T]) -> T:
     short = "/".join((PACKAGE_ALIASES.get(parts[0], parts[0]), parts[-1]))
     if short in known and (len(parts) == 2 or (len(parts) == 3 and parts[1] == kind)):
         return known[short]
-    raise TypeUnknown(name, kind=word, known=known)
+    raise TypeNotFoundError(name, interface_type=word, known=known)
 
 
 # -- definitions -------------------------------------------------------------------------------------------------------

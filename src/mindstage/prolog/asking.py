@@ -9,23 +9,23 @@ from typing import Any
 
 import msgspec
 
-from mindstage.errors import ArgumentRefused
+from mindstage.errors import InvalidArgumentError
 from mindstage.knowledge.names import namespace_of
-from mindstage.knowledge.questions import Answers, Question, Row, question_named, questions
+from mindstage.knowledge.questions import AnswerRow, Answers, Question, get_question, list_questions
 from mindstage.knowledge.reasoning.namebook import PREFIXES
 from mindstage.prolog.requests import Handler
-from mindstage.prolog.terms import FREE, Atom, Compound, Free, Value
-from mindstage.stage import Stage
-from mindstage.world import Literal, Reference
+from mindstage.prolog.terms import FREE, Atom, Compound, Unbound, Value
+from mindstage.stage import Simulation
+from mindstage.world import IriRef, Literal
 
-__all__ = ["Asking", "literal_term", "term_of"]
+__all__ = ["QuestionPredicates", "literal_term", "term_of"]
 
 
-class Asking:
+class QuestionPredicates:
     """What a stage is asked."""
 
-    def __init__(self, stage: Stage) -> None:
-        self._stage = stage
+    def __init__(self, simulation: Simulation) -> None:
+        self._simulation = simulation
         self.handlers: dict[str, Handler] = {
             "predicates": self.predicates,
             "rows": self.rows,
@@ -44,52 +44,52 @@ class Asking:
                 "predicate",
                 (Atom(each.name), [Atom(name) for name in _columns(each)], len(each.arguments), _first_line(each.text)),
             )
-            for each in questions()
+            for each in list_questions()
         ]
 
-    def rows(self, name: Value, given: Sequence[Value]) -> Value:
+    def rows(self, name: Value, args: Sequence[Value]) -> Value:
         """The answers, each a list as long as what is given; what was asked about is left free in them."""
-        answers, bound = self._asked(name, given)
-        return [list(row) for row in dict.fromkeys(_cells(row, answers, bound, len(given)) for row in answers)]
+        answers, bound = self._ask(name, args)
+        return [list(row) for row in dict.fromkeys(_row_values(row, answers, bound, len(args)) for row in answers)]
 
-    def reasons(self, name: Value, given: Sequence[Value]) -> Value:
+    def reasons(self, name: Value, args: Sequence[Value]) -> Value:
         """The same rows, each with the lines that explain it."""
-        answers, bound = self._asked(name, given)
-        why = self._stage.knowledge.why
+        answers, bound = self._ask(name, args)
+        why = self._simulation.knowledge.explain
         return [
-            [list(_cells(row, answers, bound, len(given))), [Atom(line) for line in why(answers.question, row)]]
+            [list(_row_values(row, answers, bound, len(args))), [Atom(line) for line in why(answers.question, row)]]
             for row in answers
         ]
 
-    def missing(self, name: Value, given: Sequence[Value]) -> Value:
+    def missing(self, name: Value, args: Sequence[Value]) -> Value:
         """What nobody has told, one sentence each; nothing where there is an answer."""
-        answers, _ = self._asked(name, given)
-        return [Atom(lack.why) for lack in answers.missing]
+        answers, _ = self._ask(name, args)
+        return [Atom(lack.reason) for lack in answers.missing]
 
     def prefixes(self) -> Value:
         """The prefixes of names; each map brings one for its own, where that is free."""
         found = dict(PREFIXES)
-        for map in self._stage.knowledge.maps():
+        for map in self._simulation.knowledge.maps():
             namespace = namespace_of(map)
             prefix = re.sub(r"\.\w+$", "", re.split(r"[/:]", namespace.rstrip("#/:"))[-1]).lower()
             if prefix and namespace not in found.values():
                 found.setdefault(prefix, namespace)
         return [Compound("-", (Atom(prefix), Atom(namespace))) for prefix, namespace in found.items()]
 
-    def _asked(self, name: Value, given: Sequence[Value]) -> tuple[Answers[Any], Container[str]]:
+    def _ask(self, name: Value, args: Sequence[Value]) -> tuple[Answers[Any], Container[str]]:
         """The answers, and the columns that were given as arguments."""
-        question = question_named(str(name))
+        question = get_question(str(name))
         arguments = {argument.name for argument in question.arguments}
         columns = _columns(question)
-        if len(given) > len(columns):
+        if len(args) > len(columns):
             cause = f"it has no more than {len(columns)} arguments here: {', '.join(columns)}"
-            raise ArgumentRefused(question.name, cause=cause)
-        pairs = zip(columns, given, strict=False)
+            raise InvalidArgumentError(question.name, cause=cause)
+        pairs = zip(columns, args, strict=False)
         bound = {column: value for column, value in pairs if column in arguments and value is not FREE}
-        return self._stage.ask(question, **bound), bound
+        return self._simulation.ask(question, **bound), bound
 
 
-def _cells(row: Row, answers: Answers[Any], bound: Container[str], width: int) -> tuple[Value, ...]:
+def _row_values(row: AnswerRow, answers: Answers[Any], bound: Container[str], width: int) -> tuple[Value, ...]:
     """A row as Prolog has it; what no row tells, such as a tolerance, is what it was by default."""
     defaults = {argument.name: argument.default for argument in answers.question.arguments}
     return tuple(
@@ -101,13 +101,13 @@ def _cells(row: Row, answers: Answers[Any], bound: Container[str], width: int) -
 def term_of(value: object) -> Value:  # noqa: PLR0911 (one a kind)
     """A field of an answer: texts as atoms, a struct as a term that is called like it, `none` for what is not told."""
     match value:
-        case bool() | int() | float() | None | Compound() | Free():
+        case bool() | int() | float() | None | Compound() | Unbound():
             return value
         case Enum():  # before str, which enumerations of words are too
             return term_of(value.value)
         case str():
             return Atom(value)
-        case Reference(iri):
+        case IriRef(iri):
             return Atom(iri)
         case Literal():
             return literal_term(value.text, value.datatype, value.language)

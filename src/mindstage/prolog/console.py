@@ -12,24 +12,24 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from mindstage.errors import GoalRefused, GoalTimedOut, PrologUnavailable, SourceUnreadable
-from mindstage.prolog.asking import Asking
-from mindstage.prolog.library import Library, load_library
-from mindstage.prolog.place import Place
+from mindstage.errors import PrologGoalError, PrologTimeoutError, PrologUnavailableError, SourceParseError
+from mindstage.prolog.asking import QuestionPredicates
+from mindstage.prolog.library import SwiProlog, load_library
+from mindstage.prolog.place import WorldPredicates
 from mindstage.prolog.requests import Handler, answer
-from mindstage.prolog.statements import Statements
-from mindstage.prolog.terms import Atom, Compound, Free, Value, read, write
-from mindstage.stage import Stage
+from mindstage.prolog.statements import RdfPredicates
+from mindstage.prolog.terms import Atom, Compound, Unbound, Value, read_term, write_term
+from mindstage.stage import Simulation
 
 __all__ = ["PrologConsole", "Solution"]
 
 Solution = dict[str, Any]
 """A goal's variables and what they stand for: texts, numbers, lists; None where one stays free."""
 
-_LATER_S = 0.05
-_MODULE = "mindstage_console"
-_SOURCE = Path(__file__).with_name("console.pl")
-_CLOSED: Mapping[str, Handler] = {"halting": lambda status: False}
+_NUDGE_INTERVAL_S = 0.05
+_CONSOLE_MODULE = "mindstage_console"
+_CONSOLE_SOURCE = Path(__file__).with_name("console.pl")
+_CLOSED_HANDLERS: Mapping[str, Handler] = {"halting": lambda status: False}
 """What may be asked while no console is open."""
 
 
@@ -46,9 +46,9 @@ class PrologConsole:
     [{'Place': 'http://knowrob.org/kb/knowrob.owl#Refrigerator'}]
     """
 
-    _open: PrologConsole | None = None
+    _instance: PrologConsole | None = None
 
-    def __init__(self, stage: Stage, *, at_halt: Callable[[], None] = lambda: None) -> None:
+    def __init__(self, simulation: Simulation, *, at_halt: Callable[[], None] = lambda: None) -> None:
         """Opens it.
 
         Args:
@@ -56,25 +56,25 @@ class PrologConsole:
             at_halt: called where Prolog's `halt` is about to end the process, which then ends at once.
 
         Raises:
-            PrologUnavailable: pyswip or SWI-Prolog is not installed, or another console is open.
+            PrologUnavailableError: pyswip or SWI-Prolog is not installed, or another console is open.
         """
-        if PrologConsole._open is not None:
-            raise PrologUnavailable("another console is open in this process", remedy="close it first")
+        if PrologConsole._instance is not None:
+            raise PrologUnavailableError("another console is open in this process", remedy="close it first")
         self._library = load_library()
         self._at_halt = at_halt
         self.handlers: Mapping[str, Handler] = {
-            **Asking(stage).handlers,
-            **Statements(stage.knowledge).handlers,
-            **Place(stage).handlers,
-            "halting": self._halting,
+            **QuestionPredicates(simulation).handlers,
+            **RdfPredicates(simulation.knowledge).handlers,
+            **WorldPredicates(simulation).handlers,
+            "halting": self._on_halt,
         }
         """What Prolog may ask of Python."""
         self._busy = set[int]()
-        PrologConsole._open = self
+        PrologConsole._instance = self
         try:
             with self._library.thread():
-                _prepare(self._library)
-                self._can_nudge = self._call("start") == "nudge"
+                _load_console_source(self._library)
+                self._can_wake = self._call("start") == "nudge"
         except BaseException:
             self.close()
             raise
@@ -88,11 +88,11 @@ class PrologConsole:
             timeout_s: how long it may take [s].
 
         Raises:
-            GoalRefused: it is no Prolog, or an error was thrown.
-            GoalTimedOut: it did not end in time.
+            PrologGoalError: it is no Prolog, or an error was thrown.
+            PrologTimeoutError: it did not end in time.
             KeyboardInterrupt: Ctrl-C was pressed.
         """
-        return self._solved("solve", goal, limit, timeout_s)
+        return self._solve("solve", goal, limit, timeout_s)
 
     def answers(self, line: str, *, limit: int = 1000, timeout_s: float = 10.0) -> list[Solution]:
         """What makes a line true that a stranger wrote, such as a visitor of a page. Any thread may ask.
@@ -106,23 +106,23 @@ class PrologConsole:
             timeout_s: how long it may take [s].
 
         Raises:
-            GoalRefused: it is no Prolog, more than that, or an error was thrown.
-            GoalTimedOut: it did not end in time.
+            PrologGoalError: it is no Prolog, more than that, or an error was thrown.
+            PrologTimeoutError: it did not end in time.
         """
-        return self._solved("solve_query", line, limit, timeout_s)
+        return self._solve("solve_query", line, limit, timeout_s)
 
-    def _solved(self, predicate: str, goal: str, limit: int, timeout_s: float) -> list[Solution]:
+    def _solve(self, predicate: str, goal: str, limit: int, timeout_s: float) -> list[Solution]:
         if limit < 1 or not 0.0 < timeout_s < float("inf"):
             raise ValueError(f"a goal gets at least one solution and some time, not {limit} and {timeout_s} s")
-        with _nudge(after_s=timeout_s if self._can_nudge else None):
+        with _wake_after(timeout_s=timeout_s if self._can_wake else None):
             end = self._run(predicate, goal, limit, float(timeout_s))
         match end:
             case Compound("found", (rows,)):
-                return [dict(row) for row in _plain(rows)]
+                return [dict(row) for row in _to_python(rows)]
             case Compound("error_reply", (kind, cause)):
-                raise GoalRefused(goal, kind=str(kind), cause=str(cause))
+                raise PrologGoalError(goal, error_type=str(kind), cause=str(cause))
             case "timed_out":
-                raise GoalTimedOut(goal, timeout_s=timeout_s)
+                raise PrologTimeoutError(goal, timeout_s=timeout_s)
             case _:
                 raise KeyboardInterrupt
 
@@ -130,8 +130,8 @@ class PrologConsole:
         """Whether a goal is true; it is run until its first solution.
 
         Raises:
-            GoalRefused: it is no Prolog, or an error was thrown.
-            GoalTimedOut: it did not end in time.
+            PrologGoalError: it is no Prolog, or an error was thrown.
+            PrologTimeoutError: it did not end in time.
             KeyboardInterrupt: Ctrl-C was pressed.
         """
         return bool(self.solutions(goal, limit=1, timeout_s=timeout_s))
@@ -140,11 +140,11 @@ class PrologConsole:
         """Loads a file of facts and rules, and says how many errors there were in it; Prolog prints them.
 
         Raises:
-            SourceUnreadable: there is no such file.
+            SourceParseError: there is no such file.
         """
         file = Path(path)
         if not file.is_file():
-            raise SourceUnreadable(str(path), cause="there is no such file")
+            raise SourceParseError(str(path), cause="there is no such file")
         errors = self._run("consult_file", Atom(str(file.resolve())))
         if not isinstance(errors, int):
             raise KeyboardInterrupt
@@ -152,13 +152,13 @@ class PrologConsole:
 
     def toplevel(self) -> None:
         """Gives the terminal, or whatever standard input is, to Prolog's own toplevel until that ends."""
-        with self._library.thread(), self._running(at_interrupt="debug"):
+        with self._library.thread(), self._interrupt_handling(at_interrupt="debug"):
             self._library.toplevel()
 
     def close(self) -> None:
         """Ends it; any number of times."""
-        if PrologConsole._open is self:
-            PrologConsole._open = None
+        if PrologConsole._instance is self:
+            PrologConsole._instance = None
 
     def __enter__(self) -> PrologConsole:
         return self
@@ -169,11 +169,11 @@ class PrologConsole:
     # -- between the two -----------------------------------------------------------------------------------------------
 
     def _run(self, predicate: str, *arguments: Value) -> Value:
-        with self._library.thread(), self._running(at_interrupt="throw"):
+        with self._library.thread(), self._interrupt_handling(at_interrupt="throw"):
             return self._call(predicate, *arguments)
 
     @contextmanager
-    def _running(self, *, at_interrupt: str) -> Iterator[None]:
+    def _interrupt_handling(self, *, at_interrupt: str) -> Iterator[None]:
         """While goals run: Ctrl-C is Prolog's, since Python would hear of it only after the goal, and so is `halt`."""
         sys.stdout.flush()  # whatever Prolog writes comes after it
         self._busy.add(threading.get_ident())
@@ -199,12 +199,12 @@ class PrologConsole:
         with library.frame():
             terms = library.new_terms(len(arguments) + 1)
             for at, argument in enumerate(arguments):
-                write(library, terms + at, argument)
-            if not library.call(_MODULE, predicate, len(arguments) + 1, terms):
+                write_term(library, terms + at, argument)
+            if not library.call(_CONSOLE_MODULE, predicate, len(arguments) + 1, terms):
                 raise RuntimeError(f"{predicate} in console.pl failed, which it must not")
-            return read(library, terms + len(arguments))
+            return read_term(library, terms + len(arguments))
 
-    def _halting(self, status: Value) -> Value:
+    def _on_halt(self, status: Value) -> Value:
         """Ends the process as Prolog's `halt` asks it; comes back where it is Python that ends, and Prolog with it."""
         if not self._busy:
             return False
@@ -218,16 +218,16 @@ class PrologConsole:
 
 
 @contextmanager
-def _nudge(*, after_s: float | None) -> Iterator[None]:
+def _wake_after(*, timeout_s: float | None) -> Iterator[None]:
     """Wakes this thread when a goal's time is over, if it still waits for something then.
 
     Prolog notes by itself that the time is over, but the way pyswip starts it, it does not look at that while it sleeps
     or reads. The signal is the one that Prolog's own alarms use.
     """
-    if after_s is None:
+    if timeout_s is None:
         yield
         return
-    timer = threading.Timer(after_s + _LATER_S, signal.pthread_kill, (threading.get_ident(), signal.SIGUSR2))
+    timer = threading.Timer(timeout_s + _NUDGE_INTERVAL_S, signal.pthread_kill, (threading.get_ident(), signal.SIGUSR2))
     timer.daemon = True
     timer.start()
     try:
@@ -237,44 +237,48 @@ def _nudge(*, after_s: float | None) -> Iterator[None]:
 
 
 @cache
-def _prepare(library: Library) -> None:
+def _load_console_source(library: SwiProlog) -> None:
     """Loads what is written in Prolog, once for all consoles."""
 
     def answered(request: int, reply: int) -> bool:
-        console = PrologConsole._open
+        console = PrologConsole._instance
         with library.frame(keep=True):
-            return bool(library.unify(reply, _answer_to(request, library, console.handlers if console else _CLOSED)))
+            return bool(
+                library.unify(
+                    reply, _handle_request(request, library, console.handlers if console else _CLOSED_HANDLERS)
+                )
+            )
 
     with library.frame():
         arguments = library.new_terms(2)
-        write(library, arguments, Atom(str(_SOURCE)))
-        write(library, arguments + 1, [Compound("silent", (True,))])
+        write_term(library, arguments, Atom(str(_CONSOLE_SOURCE)))
+        write_term(library, arguments + 1, [Compound("silent", (True,))])
         library.call("user", "load_files", 2, arguments)
     library.register("mindstage_questions", "python", answered)
 
 
-def _answer_to(request: int, library: Library, handlers: Mapping[str, Handler]) -> int:
+def _handle_request(request: int, library: SwiProlog, handlers: Mapping[str, Handler]) -> int:
     """A new term; nothing may be raised past Prolog's own frames."""
     try:
-        reply = answer(handlers, read(library, request))
+        reply = answer(handlers, read_term(library, request))
     except ValueError as error:
         reply = Compound("error_reply", (Atom("argument_refused"), str(error)))
     term, other = library.new_terms(2), library.new_terms(1)
     try:
-        write(library, term, reply)
+        write_term(library, term, reply)
     except TypeError as error:
-        write(library, other, Compound("error_reply", (Atom("defect"), str(error))))
+        write_term(library, other, Compound("error_reply", (Atom("defect"), str(error))))
         return other
     return term
 
 
-def _plain(value: Value) -> Any:
+def _to_python(value: Value) -> Any:
     match value:
-        case Free():
+        case Unbound():
             return None
         case str():
             return str(value)
         case Sequence():
-            return [_plain(each) for each in value]
+            return [_to_python(each) for each in value]
         case _:
             return value

@@ -15,17 +15,17 @@ from functools import cache
 from importlib import import_module
 from typing import Any
 
-from mindstage.errors import PrologUnavailable
+from mindstage.errors import PrologUnavailableError
 
-__all__ = ["Library", "load_library"]
+__all__ = ["SwiProlog", "load_library"]
 
 _TERM = c_size_t  # as are atoms, functors, frames and truth
 _PREDICATE = ctypes.CFUNCTYPE(_TERM, _TERM, _TERM)
-_STRANGER = -1
+_UNKNOWN_THREAD = -1
 """What Prolog calls a thread that it does not know."""
 
 
-class Library:
+class SwiProlog:
     """The C functions of SWI-Prolog; terms are numbers that hold within the frame they were made in."""
 
     def __init__(self) -> None:
@@ -37,20 +37,20 @@ class Library:
         """
         core: Any = import_module("pyswip.core")
         self._native = ctypes.CDLL(core._path)
-        self._kept: list[object] = []
+        self._callbacks: list[object] = []
         atexit.unregister(core.cleanupProlog)
-        atexit.register(self._end)
+        atexit.register(self._cleanup)
         self.UTF8: int = core.REP_UTF8
         self.VARIABLE, self.ATOM, self.STRING = core.PL_VARIABLE, core.PL_ATOM, core.PL_STRING
         self.INTEGER, self.FLOAT, self.NIL = core.PL_INTEGER, core.PL_FLOAT, core.PL_NIL
         self.TERM, self.PAIR = core.PL_TERM, core.PL_LIST_PAIR
-        self._as_text = core.CVT_ATOMIC | core.CVT_WRITEQ | core.REP_UTF8
-        self._quietly = core.PL_Q_NODEBUG | core.PL_Q_CATCH_EXCEPTION
+        self._text_flags = core.CVT_ATOMIC | core.CVT_WRITEQ | core.REP_UTF8
+        self._call_flags = core.PL_Q_NODEBUG | core.PL_Q_CATCH_EXCEPTION
 
         self.new_terms = self._function("PL_new_term_refs", _TERM, c_size_t)
         self.copy = self._function("PL_copy_term_ref", _TERM, _TERM)
         self.unify = self._function("PL_unify", c_int, _TERM, _TERM)
-        self.kind = self._function("PL_term_type", c_int, _TERM)
+        self.term_type = self._function("PL_term_type", c_int, _TERM)
         self.get_float = self._function("PL_get_float", c_int, _TERM, c_void_p)
         self.get_compound = self._function("PL_get_compound_name_arity_sz", c_int, _TERM, c_void_p, c_void_p)
         self.get_argument = self._function("PL_get_arg_sz", c_int, c_size_t, _TERM, _TERM)
@@ -85,7 +85,7 @@ class Library:
     def text(self, term: int) -> str:
         """An atomic term's text, or how Prolog writes any other one."""
         length, start = c_size_t(), c_void_p()
-        if not self._get_text(term, ctypes.byref(length), ctypes.byref(start), self._as_text):
+        if not self._get_text(term, ctypes.byref(length), ctypes.byref(start), self._text_flags):
             raise ValueError("a term without a text")
         return ctypes.string_at(start.value or 0, length.value).decode(errors="replace")
 
@@ -107,9 +107,9 @@ class Library:
     @contextmanager
     def thread(self) -> Iterator[None]:
         """Lets any thread call Prolog."""
-        stranger = self._thread() == _STRANGER
+        stranger = self._thread() == _UNKNOWN_THREAD
         if stranger and self._attach(None) < 0:
-            raise PrologUnavailable("no further thread can join it")
+            raise PrologUnavailableError("no further thread can join it")
         try:
             yield
         finally:
@@ -119,16 +119,16 @@ class Library:
     def call(self, module: str, name: str, arity: int, arguments: int) -> bool:
         """Calls a predicate once; an error that it throws is a failure."""
         predicate = self._predicate(name.encode(), arity, module.encode())
-        return bool(self._call(None, self._quietly, predicate, arguments))
+        return bool(self._call(None, self._call_flags, predicate, arguments))
 
     def register(self, module: str, name: str, function: Callable[[int, int], bool]) -> None:
         """Makes a function a predicate of two arguments. It must not raise."""
         foreign = _PREDICATE(function)
-        self._kept.append(foreign)  # Prolog keeps only its address
+        self._callbacks.append(foreign)  # Prolog keeps only its address
         register = self._function("PL_register_foreign_in_module", c_int, c_char_p, c_char_p, c_int, c_void_p, c_int)
         register(module.encode(), name.encode(), 2, ctypes.cast(foreign, c_void_p), 0)
 
-    def _end(self) -> None:
+    def _cleanup(self) -> None:
         """What is to be done at the end, such as to save the history of what was typed, and no more.
 
         pyswip would clean everything up, and SWI-Prolog can wait there for ever for its own alarms.
@@ -138,15 +138,15 @@ class Library:
 
 
 @cache
-def load_library() -> Library:
+def load_library() -> SwiProlog:
     """SWI-Prolog, started when it is first asked for.
 
     Raises:
-        PrologUnavailable: pyswip or SWI-Prolog is not installed, or the two do not fit.
+        PrologUnavailableError: pyswip or SWI-Prolog is not installed, or the two do not fit.
     """
     try:
-        return Library()
+        return SwiProlog()
     except ImportError as error:
-        raise PrologUnavailable(f"pyswip cannot be loaded ({error})") from error
+        raise PrologUnavailableError(f"pyswip cannot be loaded ({error})") from error
     except Exception as error:  # pyswip raises whatever comes to hand
-        raise PrologUnavailable(str(error) or type(error).__name__) from error
+        raise PrologUnavailableError(str(error) or type(error).__name__) from error

@@ -6,107 +6,119 @@ from collections.abc import Callable, Iterator
 
 import msgspec
 
-from mindstage.errors import ArgumentRefused
-from mindstage.knowledge import KnowledgeBase, Term
-from mindstage.knowledge.reasoning import AllOf, AnyOf, Expression, Kind, Named, NameKind, Restriction
-from mindstage.knowledge.reasoning import Value as Constant
-from mindstage.knowledge.triples import Triple, Triples
+from mindstage.errors import InvalidArgumentError
+from mindstage.knowledge import KnowledgeBase, RdfTerm
+from mindstage.knowledge.reasoning import (
+    EntityType,
+    Expression,
+    IntersectionOf,
+    NamedClass,
+    Restriction,
+    RestrictionType,
+    UnionOf,
+)
+from mindstage.knowledge.reasoning import LiteralValue as Constant
+from mindstage.knowledge.triples import Triple, TripleStoreView
 from mindstage.knowledge.vocabulary import OWL, RDF, RDFS, TYPE, XSD
 from mindstage.prolog.asking import literal_term
 from mindstage.prolog.requests import Handler
-from mindstage.prolog.terms import FREE, Atom, Compound, Free, Value
+from mindstage.prolog.terms import FREE, Atom, Compound, Unbound, Value
 from mindstage.world import Iri
 
-__all__ = ["Statements"]
+__all__ = ["RdfPredicates"]
 
-_WORDS = (OWL, RDFS, RDF)
+_VOCABULARY_NAMESPACES = (OWL, RDFS, RDF)
 """The namespaces of what ontologies are made of, which no individual of the index is of."""
 
 
-class Statements:
+class RdfPredicates:
     """What a knowledge base is asked and told, triple by triple."""
 
     def __init__(self, knowledge: KnowledgeBase) -> None:
         self._knowledge = knowledge
         handlers: dict[str, Handler] = {
-            "rdf": self.told,
-            "rdf_has": self.implied,
-            "rdf_assert": self.add,
-            "rdf_retractall": self.remove,
+            "rdf": self.asserted,
+            "rdf_has": self.inferred,
+            "rdf_assert": self.assert_triple,
+            "rdf_retractall": self.retract_triples,
             "rdfs_individual_of": self.individuals,
             "rdfs_subclass_of": self.subclasses,
             "owl_class_properties": self.class_properties,
-            "owl_parse": self.parse,
+            "owl_parse": self.load_source,
         }
-        self.handlers = {name: self._in_turn(handler) for name, handler in handlers.items()}
+        self.handlers = {name: self._locked(handler) for name, handler in handlers.items()}
 
-    def _in_turn(self, handler: Handler) -> Handler:
+    def _locked(self, handler: Handler) -> Handler:
         """Nothing changes while somebody looks."""
 
         def handle(*arguments: Value) -> Value:
-            with self._knowledge.turn:
+            with self._knowledge.lock:
                 return handler(*arguments)
 
         return handle
 
     # -- triples -------------------------------------------------------------------------------------------------------
 
-    def told(self, subject: Value, property: Value, value: Value) -> Value:
+    def asserted(self, subject: Value, property: Value, value: Value) -> Value:
         """Triples as they were told."""
-        return self._rows(Triples(self._knowledge).find, subject, property, value)
+        return self._rows(TripleStoreView(self._knowledge).find, subject, property, value)
 
-    def implied(self, subject: Value, property: Value, value: Value) -> Value:
+    def inferred(self, subject: Value, property: Value, value: Value) -> Value:
         """Triples of a property, and of those that imply it or its inverse."""
-        return self._rows(Triples(self._knowledge).follow, subject, property, value)
+        return self._rows(TripleStoreView(self._knowledge).find_entailed, subject, property, value)
 
-    def add(self, subject: Value, property: Value, value: Value) -> Value:
+    def assert_triple(self, subject: Value, property: Value, value: Value) -> Value:
         """Tells one."""
         about, link = _text(subject, "subject"), _text(property, "property")
-        Triples(self._knowledge).add(about, link, _constant(value))
+        TripleStoreView(self._knowledge).add(about, link, _to_rdf_term(value))
         return True
 
-    def remove(self, subject: Value, property: Value, value: Value) -> Value:
+    def retract_triples(self, subject: Value, property: Value, value: Value) -> Value:
         """Takes back all that fit, and says how many."""
-        triples, wanted = Triples(self._knowledge), _wanted(value)
-        about, link = _end(subject, "subject"), _end(property, "property")
-        if value is FREE or wanted.exactly:
-            return triples.remove(about, link, wanted.exactly)
-        found = [each for each in triples.find(about, link) if wanted.fits(each.value)]
+        triples, wanted = TripleStoreView(self._knowledge), _value_pattern(value)
+        about, link = _resource_name(subject, "subject"), _resource_name(property, "property")
+        if value is FREE or wanted.exact_term:
+            return triples.remove(about, link, wanted.exact_term)
+        found = [each for each in triples.find(about, link) if wanted.matches(each.value)]
         return sum(triples.remove(each.subject, each.property, each.value) for each in found)
 
-    def parse(self, source: Value) -> Value:
+    def load_source(self, source: Value) -> Value:
         """Loads a file, a folder of packages or `package://…`, and all that it imports."""
         self._knowledge.load((), ontologies=_text(source, "source"))
         return True
 
     def _rows(
         self,
-        search: Callable[[str | None, str | None, Term | None], Iterator[Triple]],
+        search: Callable[[str | None, str | None, RdfTerm | None], Iterator[Triple]],
         subject: Value,
         property: Value,
         value: Value,
     ) -> list[Value]:
-        about, link, wanted = _end(subject, "subject"), _end(property, "property"), _wanted(value)
+        about, link, wanted = (
+            _resource_name(subject, "subject"),
+            _resource_name(property, "property"),
+            _value_pattern(value),
+        )
         return [
             [
                 Atom(each.subject) if about is None else FREE,
                 Atom(each.property) if link is None else FREE,
-                FREE if wanted.is_closed else _value_term(each.value),
+                FREE if wanted.is_exact else _value_term(each.value),
             ]
-            for each in search(about, link, wanted.exactly)
-            if wanted.fits(each.value)
+            for each in search(about, link, wanted.exact_term)
+            if wanted.matches(each.value)
         ]
 
     # -- what follows --------------------------------------------------------------------------------------------------
 
     def individuals(self, individual: Value, cls: Value) -> Value:
         """Individuals and their classes, told or above those; of maps and of none."""
-        index = self._knowledge.index
-        one, kind = self._name(individual, NameKind.INDIVIDUAL), self._name(cls, NameKind.CLASS)
-        if kind and kind.startswith(_WORDS):
+        index = self._knowledge.reasoner
+        one, kind = self._name(individual, EntityType.INDIVIDUAL), self._name(cls, EntityType.CLASS)
+        if kind and kind.startswith(_VOCABULARY_NAMESPACES):
             return [
                 [FREE if one else Atom(each.subject), FREE]
-                for each in Triples(self._knowledge).find(one, TYPE, Term("iri", kind))
+                for each in TripleStoreView(self._knowledge).find(one, TYPE, RdfTerm("iri", kind))
             ]
         if one and kind:
             return [[FREE, FREE]] if index.is_member(one, kind) else []
@@ -120,33 +132,33 @@ class Statements:
 
     def subclasses(self, cls: Value, superclass: Value) -> Value:
         """Classes and what is above them, themselves first."""
-        classes = self._knowledge.index.classes
-        lower, upper = self._name(cls, NameKind.CLASS), self._name(superclass, NameKind.CLASS)
+        classes = self._knowledge.reasoner.classes
+        lower, upper = self._name(cls, EntityType.CLASS), self._name(superclass, EntityType.CLASS)
         if lower and upper:
             return [[FREE, FREE]] if upper in classes.above(lower) else []
         if upper:
             return [[Atom(each), FREE] for each in classes.below(upper)]
-        every = [lower] if lower else sorted(set(self._knowledge.index.declared_classes()))
+        every = [lower] if lower else sorted(set(self._knowledge.reasoner.declared_classes()))
         return [[FREE if lower else Atom(each), Atom(above)] for each in every for above in classes.above(each)]
 
     def class_properties(self, cls: Value, property: Value) -> Value:
         """What every member of a class has by a property, inherited or not; the nearest first."""
-        index = self._knowledge.index
-        one, link = self._name(cls, NameKind.CLASS), self._name(property, NameKind.PROPERTY)
-        below = {lower for owner in index.restricting() for lower in index.classes.below(owner)}
+        index = self._knowledge.reasoner
+        one, link = self._name(cls, EntityType.CLASS), self._name(property, EntityType.PROPERTY)
+        below = {lower for owner in index.restricted_classes() for lower in index.classes.below(owner)}
         rows: dict[tuple[Iri, Iri, Expression], None] = {}
         for each in [one] if one else sorted(below):
             for owned in index.restrictions(each):
                 told = owned.restriction
-                promised = told.kind is Kind.VALUE or told.promises()
-                if promised and told.filler and (not link or link in index.properties.implied(told.property)):
+                promised = told.restriction_type is RestrictionType.HAS_VALUE or told.implies_existence()
+                if promised and told.filler and (not link or link in index.properties.super_properties(told.property)):
                     rows[each, told.property, told.filler] = None
         return [
             [FREE if one else Atom(owner), FREE if link else Atom(has), _expression_term(filler)]
             for owner, has, filler in rows
         ]
 
-    def _name(self, value: Value, kind: NameKind) -> Iri | None:
+    def _name(self, value: Value, kind: EntityType) -> Iri | None:
         """A name written out; a whole one is taken as it is, since nobody has to know it to ask about it."""
         if value is FREE:
             return None
@@ -154,81 +166,83 @@ class Statements:
         return Iri(name) if ":" in name else self._knowledge.names.find(name, kind)
 
 
-_FORMS = "give an atom, or literal(Text), literal(type(Type, Text)), literal(lang(Language, Text))"
+_VALUE_HINT = "give an atom, or literal(Text), literal(type(Type, Text)), literal(lang(Language, Text))"
 
 
-def _end(value: Value, what: str) -> str | None:
-    return None if value is FREE else _text(value, what)
+def _resource_name(value: Value, role: str) -> str | None:
+    return None if value is FREE else _text(value, role)
 
 
-def _text(value: Value, what: str) -> str:
+def _text(value: Value, role: str) -> str:
     if isinstance(value, str):
         return str(value)
-    raise ArgumentRefused(f"the {what}", cause=f"{value!r} is no name")
+    raise InvalidArgumentError(f"the {role}", cause=f"{value!r} is no name")
 
 
-class _Wanted(msgspec.Struct, frozen=True):
+class _ValuePattern(msgspec.Struct, frozen=True):
     """What the value of a statement shall be; what stays open in it, Prolog compares."""
 
-    exactly: Term | None = None
+    exact_term: RdfTerm | None = None
     """The one resource or literal that is meant."""
     is_literal: bool = False
     text: str | None = None
     """The text of a literal, whatever its type."""
 
     @property
-    def is_closed(self) -> bool:
-        return bool(self.exactly or self.text is not None)
+    def is_exact(self) -> bool:
+        return bool(self.exact_term or self.text is not None)
 
-    def fits(self, term: Term) -> bool:
-        if self.exactly or not self.is_literal:
+    def matches(self, term: RdfTerm) -> bool:
+        if self.exact_term or not self.is_literal:
             return True
         return term.kind == "literal" and self.text in {None, term.value}
 
 
-def _wanted(value: Value) -> _Wanted:
+def _value_pattern(value: Value) -> _ValuePattern:
     """What is asked for.
 
     Raises:
-        ArgumentRefused: it is neither a resource nor a literal.
+        InvalidArgumentError: it is neither a resource nor a literal.
     """
     match value:
-        case Free():
-            return _Wanted()
+        case Unbound():
+            return _ValuePattern()
         case Atom():
-            return _Wanted(Term("blank", value[2:]) if value.startswith("_:") else Term("iri", str(value)))
+            return _ValuePattern(RdfTerm("blank", value[2:]) if value.startswith("_:") else RdfTerm("iri", str(value)))
         case Compound("literal", (Compound("type", (Atom() as type, (str() | int() | float()) as text)),)):
-            return _Wanted(Term("literal", str(text), str(type)))
+            return _ValuePattern(RdfTerm("literal", str(text), str(type)))
         case Compound("literal", (Compound("lang", (Atom() as language, str() as text)),)):
-            return _Wanted(Term("literal", str(text), RDF + "langString", str(language)))
+            return _ValuePattern(RdfTerm("literal", str(text), RDF + "langString", str(language)))
         case Compound("literal", ((str() | int() | float()) as text,)):
-            return _Wanted(is_literal=True, text=str(text))
+            return _ValuePattern(is_literal=True, text=str(text))
         case Compound("literal", (_,)):
-            return _Wanted(is_literal=True)
+            return _ValuePattern(is_literal=True)
         case _:
-            raise ArgumentRefused("the value", cause=f"{value!r} is no resource and no literal", remedy=_FORMS)
+            raise InvalidArgumentError(
+                "the value", cause=f"{value!r} is no resource and no literal", remedy=_VALUE_HINT
+            )
 
 
-def _constant(value: Value) -> Term:
+def _to_rdf_term(value: Value) -> RdfTerm:
     """What is to be told; a literal without a type has that of what stands in it.
 
     Raises:
-        ArgumentRefused: it is neither a resource nor a literal, or not a whole one.
+        InvalidArgumentError: it is neither a resource nor a literal, or not a whole one.
     """
     match value:
         case Compound("literal", (int() as number,)):
-            return Term("literal", str(number), XSD + "integer")
+            return RdfTerm("literal", str(number), XSD + "integer")
         case Compound("literal", (float() as number,)):
-            return Term("literal", repr(number), XSD + "double")
-    wanted = _wanted(value)
-    if wanted.exactly:
-        return wanted.exactly
+            return RdfTerm("literal", repr(number), XSD + "double")
+    wanted = _value_pattern(value)
+    if wanted.exact_term:
+        return wanted.exact_term
     if wanted.text is None:
-        raise ArgumentRefused("the value", cause="it is not told as a whole", remedy=_FORMS)
-    return Term("literal", wanted.text, XSD + "string")
+        raise InvalidArgumentError("the value", cause="it is not told as a whole", remedy=_VALUE_HINT)
+    return RdfTerm("literal", wanted.text, XSD + "string")
 
 
-def _value_term(term: Term) -> Value:
+def _value_term(term: RdfTerm) -> Value:
     match term.kind:
         case "literal":
             return literal_term(term.value, term.datatype, term.language)
@@ -240,13 +254,13 @@ def _value_term(term: Term) -> Value:
 
 def _expression_term(expression: Expression) -> Value:
     match expression:
-        case Named(iri):
+        case NamedClass(iri):
             return Atom(iri)
         case Constant(literal):
             return literal_term(literal.text, literal.datatype, literal.language)
-        case AnyOf(members):
+        case UnionOf(members):
             return Compound("union_of", ([_expression_term(each) for each in members],))
-        case AllOf(members):
+        case IntersectionOf(members):
             return Compound("intersection_of", ([_expression_term(each) for each in members],))
         case Restriction(property, kind, filler):
             inner = (Atom(property), Atom(kind.value), None if filler is None else _expression_term(filler))

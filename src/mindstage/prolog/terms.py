@@ -13,9 +13,9 @@ from typing import Final
 
 import msgspec
 
-from mindstage.prolog.library import Library
+from mindstage.prolog.library import SwiProlog
 
-__all__ = ["FREE", "Atom", "Compound", "Free", "Value", "read", "write"]
+__all__ = ["FREE", "Atom", "Compound", "Unbound", "Value", "read_term", "write_term"]
 
 
 class Atom(str):
@@ -24,13 +24,13 @@ class Atom(str):
     __slots__ = ()
 
 
-class Free(Enum):
+class Unbound(Enum):
     """The type of `FREE`."""
 
     FREE = "_"
 
 
-FREE: Final = Free.FREE
+FREE: Final = Unbound.FREE
 """A variable; which one does not matter here."""
 
 
@@ -41,22 +41,22 @@ class Compound(msgspec.Struct, frozen=True):
     arguments: tuple[Value, ...]
 
 
-Value = str | bool | int | float | None | Sequence["Value"] | Compound | Free
+Value = str | bool | int | float | None | Sequence["Value"] | Compound | Unbound
 """Python's None is the atom `none`, its truths are the atoms `true` and `false`."""
 
-_DEEPEST = 100
-_INT64 = range(-(2**63), 2**63)
+_MAX_DEPTH = 100
+_INT64_RANGE = range(-(2**63), 2**63)
 
 
-def read(library: Library, term: int, *, depth: int = 0) -> Value:
+def read_term(library: SwiProlog, term: int, *, depth: int = 0) -> Value:
     """A term as a value; what has no form here (a stream, a dict) as the text that Prolog writes for it.
 
     Raises:
         ValueError: it is nested too deeply, or contains itself.
     """
-    if depth > _DEEPEST:
+    if depth > _MAX_DEPTH:
         raise ValueError("a term is nested too deeply")
-    kind = library.kind(term)
+    kind = library.term_type(term)
     if kind == library.VARIABLE:
         return FREE
     if kind == library.FLOAT:
@@ -73,20 +73,20 @@ def read(library: Library, term: int, *, depth: int = 0) -> Value:
     return Atom(text) if kind == library.ATOM else text
 
 
-def write(library: Library, term: int, value: Value) -> None:
+def write_term(library: SwiProlog, term: int, value: Value) -> None:
     """Makes a term a value.
 
     Raises:
         TypeError: Prolog has no form for it.
     """
     match value:
-        case Free():
+        case Unbound():
             return  # a new term is a variable
         case None:
             _write_text(library, term, library.ATOM, "none")
         case bool():
             _write_text(library, term, library.ATOM, "true" if value else "false")
-        case int() if int(value) in _INT64:  # a range looks for an int of another class one by one
+        case int() if int(value) in _INT64_RANGE:  # a range looks for an int of another class one by one
             library.put_int(term, value)
         case int() | float():
             library.put_float(term, float(value))
@@ -97,31 +97,31 @@ def write(library: Library, term: int, value: Value) -> None:
         case Compound(name, arguments):
             inner = library.new_terms(len(arguments))
             for at, argument in enumerate(arguments):
-                write(library, inner + at, argument)
+                write_term(library, inner + at, argument)
             library.put_compound(term, library.functor(name, len(arguments)), inner)
         case Sequence():
             library.put_nil(term)
             for each in reversed(value):
                 with library.frame(keep=True):
                     head = library.new_terms(1)
-                    write(library, head, each)
+                    write_term(library, head, each)
                     library.put_pair(term, head, term)
         case _:
             raise TypeError(f"Prolog has no form for {value!r}")
 
 
-def _read_list(library: Library, term: int, depth: int) -> Value:
+def _read_list(library: SwiProlog, term: int, depth: int) -> Value:
     values: list[Value] = []
     rest, head = library.copy(term), library.new_terms(1)
     while library.get_list(rest, head, rest):
         with library.frame():
-            values.append(read(library, head, depth=depth))
+            values.append(read_term(library, head, depth=depth))
     if not library.get_nil(rest):  # a list whose end is not known yet
-        return Compound("[|]", (*values, read(library, rest, depth=depth)))
+        return Compound("[|]", (*values, read_term(library, rest, depth=depth)))
     return values
 
 
-def _read_compound(library: Library, term: int, depth: int) -> Value:
+def _read_compound(library: SwiProlog, term: int, depth: int) -> Value:
     name, arity = ctypes.c_size_t(), ctypes.c_size_t()
     library.get_compound(term, ctypes.byref(name), ctypes.byref(arity))
     with library.frame():
@@ -131,10 +131,10 @@ def _read_compound(library: Library, term: int, depth: int) -> Value:
         values = []
         for at in range(1, arity.value + 1):
             library.get_argument(at, term, argument)
-            values.append(read(library, argument, depth=depth))
+            values.append(read_term(library, argument, depth=depth))
     return Compound(called, tuple(values))
 
 
-def _write_text(library: Library, term: int, kind: int, text: str) -> None:
+def _write_text(library: SwiProlog, term: int, kind: int, text: str) -> None:
     encoded = text.encode(errors="replace")
     library.put_text(term, kind | library.UTF8, len(encoded), encoded)

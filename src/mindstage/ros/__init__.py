@@ -1,7 +1,7 @@
 """ROS: the face of a stage for a robot's programs, over the bridge."""
 
 from mindstage.msgs import RosVersion
-from mindstage.ros.broadcast import Rates
-from mindstage.ros.face import RosFace
+from mindstage.ros.broadcast import PublishRates
+from mindstage.ros.face import RosInterface
 
-__all__ = ["Rates", "RosFace", "RosVersion"]
+__all__ = ["PublishRates", "RosInterface", "RosVersion"]

@@ -8,8 +8,8 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from mindstage.bridge import GoalOutcome, GoalStatus, Participant, ServedGoal
-from mindstage.bridge.subscription import Sender
+from mindstage.bridge import GoalResult, GoalStatus, Node, ServerGoalHandle
+from mindstage.bridge.subscription import MessageSender
 from mindstage.errors import MindstageError
 from mindstage.msgs import (
     Action,
@@ -24,17 +24,17 @@ from mindstage.msgs import (
     type_name,
 )
 from mindstage.msgs import actionlib_msgs as wire
-from mindstage.ros.diagnostics import Diagnostics
-from mindstage.ros.outlet import Outlet
+from mindstage.ros.diagnostics import DiagnosticsPublisher
+from mindstage.ros.outlet import Publisher
 
-__all__ = ["ActionTopics"]
+__all__ = ["ActionlibServer"]
 
-_KEPT_S = 5.0
+_STATUS_RETENTION_S = 5.0
 """So long does the status tell of a goal that has ended, as actionlib does [s]."""
-_KEPT = 64
+_MAX_STATUS_ENTRIES = 64
 """Of so many goals does it tell at most: those under way, and the last that have ended."""
-_MOST_GOALS = 16
-_ENDS = {
+_MAX_GOALS = 16
+_STATUS_BY_RESULT = {
     GoalStatus.SUCCEEDED: wire.GoalStatusCode.SUCCEEDED,
     GoalStatus.CANCELED: wire.GoalStatusCode.PREEMPTED,
 }
@@ -44,30 +44,30 @@ _log = logging.getLogger("mindstage.ros")
 class _Goal:
     """One goal, as its client knows it."""
 
-    def __init__(self, id: wire.GoalID, sender: Sender | None) -> None:
+    def __init__(self, id: wire.GoalID, sender: MessageSender | None) -> None:
         self.id = id
         self.sender = sender
-        self.served: ServedGoal | None = None
+        self.handle: ServerGoalHandle | None = None
         self.status = wire.GoalStatusCode.PENDING
         self.text = ""
         self.ended_at: float | None = None
 
-    def told(self) -> wire.GoalStatus:
+    def to_message(self) -> wire.GoalStatus:
         """Its status for the wire."""
         return wire.GoalStatus(goal_id=self.id, status=self.status, text=self.text)
 
 
-class ActionTopics:
+class ActionlibServer:
     """The five topics of one action."""
 
     def __init__(
         self,
-        participant: Participant,
+        node: Node,
         name: str,
         action: type[Action],
-        reach: Callable[[ServedGoal], GoalOutcome],
+        handler: Callable[[ServerGoalHandle], GoalResult],
         *,
-        diagnostics: Diagnostics,
+        diagnostics: DiagnosticsPublisher,
         ros: RosVersion,
     ) -> None:
         """Takes goals from now on.
@@ -82,41 +82,43 @@ class ActionTopics:
         """
         self._name = name
         self._action = action
-        self._reach = reach
+        self._handler = handler
         self._diagnostics = diagnostics
         self._ros = ros
         self._goals: dict[str, _Goal] = {}
         self._lock = threading.Lock()
-        self._status = Outlet(participant, f"{name}/status", wire.GoalStatusArray, ros=ros)
-        self._feedback: Outlet[Any] = Outlet(
-            participant, f"{name}/feedback", _of(ActionFeedback, action.Feedback), ros=ros
+        self._status = Publisher(node, f"{name}/status", wire.GoalStatusArray, ros=ros)
+        self._feedback: Publisher[Any] = Publisher(
+            node, f"{name}/feedback", _message_class(ActionFeedback, action.Feedback), ros=ros
         )
-        self._result: Outlet[Any] = Outlet(participant, f"{name}/result", _of(ActionResult, action.Result), ros=ros)
-        self._goal_type = _of(ActionGoal, action.Goal)
-        self._inlets = (
-            participant.subscribe(
-                f"{name}/goal", self._on_goal, type=type_name(self._goal_type, ros), tells_sender=True
-            ),
-            participant.subscribe(f"{name}/cancel", self._on_cancel, type=type_name(wire.GoalID, ros)),
+        self._result: Publisher[Any] = Publisher(
+            node, f"{name}/result", _message_class(ActionResult, action.Result), ros=ros
+        )
+        self._goal_type = _message_class(ActionGoal, action.Goal)
+        self._subscriptions = (
+            node.subscribe(f"{name}/goal", self._on_goal, type=type_name(self._goal_type, ros), with_sender=True),
+            node.subscribe(f"{name}/cancel", self._on_cancel, type=type_name(wire.GoalID, ros)),
         )
 
-    def tick(self) -> None:
+    def publish_status(self) -> None:
         """Tells the status, and gives up what nobody waits for any more."""
         now = time.monotonic()
         with self._lock:
             self._goals = {
-                id: goal for id, goal in self._goals.items() if goal.ended_at is None or now - goal.ended_at < _KEPT_S
+                id: goal
+                for id, goal in self._goals.items()
+                if goal.ended_at is None or now - goal.ended_at < _STATUS_RETENTION_S
             }
             goals = tuple(self._goals.values())
         for goal in goals:
             if goal.ended_at is None and self._is_orphaned(goal):
                 self._cancel(goal)
-        if self._status.wanted:
-            self._status.publish(wire.GoalStatusArray(status_list=tuple(goal.told() for goal in goals)))
+        if self._status.has_subscribers:
+            self._status.publish(wire.GoalStatusArray(status_list=tuple(goal.to_message() for goal in goals)))
 
     def close(self) -> None:
         """Takes no more goals, and gives up those under way."""
-        for inlet in self._inlets:
+        for inlet in self._subscriptions:
             inlet.close()
         with self._lock:
             goals = tuple(self._goals.values())
@@ -127,15 +129,15 @@ class ActionTopics:
 
     def _is_orphaned(self, goal: _Goal) -> bool:
         """Whether its client is gone: known for sure at our own hub, elsewhere when nobody listens for the result."""
-        return goal.sender.gone if goal.sender is not None else not self._result.wanted
+        return goal.sender.has_left if goal.sender is not None else not self._result.has_subscribers
 
     # -- in ------------------------------------------------------------------------------------------------------------
 
-    def _on_goal(self, message: object, sender: Sender | None) -> None:
+    def _on_goal(self, message: object, sender: MessageSender | None) -> None:
         try:
             order: Any = decode(self._goal_type, message)
         except MindstageError as error:
-            self._refuse(_goal_id(message), str(error))
+            self._reject_goal(_goal_id(message), str(error))
             return
         stamp = order.goal_id.stamp
         goal = _Goal(wire.GoalID(stamp=stamp, id=order.goal_id.id or f"{self._name}-{time.monotonic_ns()}"), sender)
@@ -143,17 +145,19 @@ class ActionTopics:
             if goal.id.id in self._goals:
                 return  # actionlib sends a goal once; what comes twice is the same one
             ended = [id for id, each in self._goals.items() if each.ended_at is not None]
-            busy = len(self._goals) - len(ended) >= _MOST_GOALS
+            busy = len(self._goals) - len(ended) >= _MAX_GOALS
             if not busy:
-                for id in ended[: max(0, len(self._goals) + 1 - _KEPT)]:
+                for id in ended[: max(0, len(self._goals) + 1 - _MAX_STATUS_ENTRIES)]:
                     del self._goals[id]
                 self._goals[goal.id.id] = goal
         if busy:
-            self._refuse(goal.id.id, f"{_MOST_GOALS} goals are under way already")
+            self._reject_goal(goal.id.id, f"{_MAX_GOALS} goals are under way already")
             return
-        goal.served = ServedGoal(self._name, goal.id.id, encode(order.goal, ros=self._ros), self._tell_feedback(goal))
+        goal.handle = ServerGoalHandle(
+            self._name, goal.id.id, encode(order.goal, ros=self._ros), self._feedback_publisher(goal)
+        )
         goal.status = wire.GoalStatusCode.ACTIVE
-        worker = threading.Thread(target=self._work, args=(goal, goal.served), name="mindstage-goal", daemon=True)
+        worker = threading.Thread(target=self._run_goal, args=(goal, goal.handle), name="mindstage-goal", daemon=True)
         worker.start()
 
     def _on_cancel(self, message: object) -> None:
@@ -161,7 +165,7 @@ class ActionTopics:
         try:
             wanted = decode(wire.GoalID, message)
         except MindstageError as error:
-            self._diagnostics.broke(f"{self._name}/cancel", error)
+            self._diagnostics.report_error(f"{self._name}/cancel", error)
             return
         with self._lock:
             goals = tuple(self._goals.values())
@@ -172,45 +176,45 @@ class ActionTopics:
                 self._cancel(goal)
 
     def _cancel(self, goal: _Goal) -> None:
-        if goal.ended_at is None and goal.served is not None:
+        if goal.ended_at is None and goal.handle is not None:
             goal.status = wire.GoalStatusCode.PREEMPTING
-            goal.served.request_cancel()
+            goal.handle.request_cancel()
 
     # -- out -----------------------------------------------------------------------------------------------------------
 
-    def _work(self, goal: _Goal, served: ServedGoal) -> None:
+    def _run_goal(self, goal: _Goal, handle: ServerGoalHandle) -> None:
         try:
-            outcome = self._reach(served)
+            outcome = self._handler(handle)
         except Exception as error:
             if not isinstance(error, MindstageError):
                 _log.exception("%s broke", self._name)
-            self._end(goal, wire.GoalStatusCode.ABORTED, str(error), None)
+            self._finish(goal, wire.GoalStatusCode.ABORTED, str(error), None)
         else:
-            self._end(goal, _ENDS.get(outcome.status, wire.GoalStatusCode.ABORTED), "", outcome.values)
+            self._finish(goal, _STATUS_BY_RESULT.get(outcome.status, wire.GoalStatusCode.ABORTED), "", outcome.values)
 
-    def _tell_feedback(self, goal: _Goal) -> Callable[[Any, object], None]:
+    def _feedback_publisher(self, goal: _Goal) -> Callable[[Any, object], None]:
         def tell(_: Any, values: object) -> None:
-            self._feedback.publish_written(self._written(goal, "feedback", values))
+            self._feedback.publish_encoded(self._encode(goal, "feedback", values))
 
         return tell
 
-    def _refuse(self, id: str, why: str) -> None:
+    def _reject_goal(self, id: str, reason: str) -> None:
         """A goal that is none; its client, if it can be told who that is, shall not wait for it."""
-        self._end(_Goal(wire.GoalID(id=id), None), wire.GoalStatusCode.REJECTED, why, None)
+        self._finish(_Goal(wire.GoalID(id=id), None), wire.GoalStatusCode.REJECTED, reason, None)
 
-    def _end(self, goal: _Goal, status: wire.GoalStatusCode, text: str, values: object) -> None:
+    def _finish(self, goal: _Goal, status: wire.GoalStatusCode, text: str, values: object) -> None:
         goal.status, goal.text, goal.ended_at = status, text, time.monotonic()
         if values is None:
             values = encode(self._action.Result(), ros=self._ros)
-        self._result.publish_written(self._written(goal, "result", values))
+        self._result.publish_encoded(self._encode(goal, "result", values))
 
-    def _written(self, goal: _Goal, kind: str, values: object) -> dict[str, object]:
-        header, status = encode(std_msgs.Header(), ros=self._ros), encode(goal.told(), ros=self._ros)
+    def _encode(self, goal: _Goal, kind: str, values: object) -> dict[str, object]:
+        header, status = encode(std_msgs.Header(), ros=self._ros), encode(goal.to_message(), ros=self._ros)
         return {"header": header, "status": status, kind: values}
 
 
-def _of(kind: Any, part: type[Message]) -> Any:
-    return kind[part]
+def _message_class(action: Any, part: type[Message]) -> Any:
+    return action[part]
 
 
 def _goal_id(message: object) -> str:

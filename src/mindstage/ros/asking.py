@@ -9,62 +9,66 @@ from collections.abc import Callable, Iterator
 
 import msgspec
 
-from mindstage.errors import MessageRefused
-from mindstage.knowledge.questions import answers_to_builtins, questions
+from mindstage.errors import MessageValidationError
+from mindstage.knowledge.questions import answers_to_builtins, list_questions
 from mindstage.msgs import mindstage_msgs as wire
-from mindstage.ros.offer import ServiceOffer
-from mindstage.stage import Stage
+from mindstage.ros.offer import ServiceSpec
+from mindstage.stage import Simulation
 
-__all__ = ["Asking"]
+__all__ = ["QuestionServices"]
 
-_PLACE = "/mindstage"
-_PATIENCE_S = 60.0
+_NAMESPACE = "/mindstage"
+_TIMEOUT_S = 60.0
 
 
-class Asking:
+class QuestionServices:
     """Asks a stage, for the place as it is now."""
 
-    def __init__(self, stage: Stage) -> None:
-        self._stage = stage
+    def __init__(self, simulation: Simulation) -> None:
+        self._simulation = simulation
 
-    def offers(self) -> Iterator[ServiceOffer]:
+    def services(self) -> Iterator[ServiceSpec]:
         """All services."""
         # Also below the namespace: where several stages join one hub, only one can have the plain names.
-        for name in (f"{_PLACE}/ask", "mindstage/ask"):
-            yield ServiceOffer(wire.Ask, self.ask, name=name, patience_s=_PATIENCE_S)
-        for question in questions():
-            name = f"{_PLACE}/{question.name}"
-            yield ServiceOffer(wire.Ask, self._asking(question.name), name=name, patience_s=_PATIENCE_S)
+        for name in (f"{_NAMESPACE}/ask", "mindstage/ask"):
+            yield ServiceSpec(wire.Ask, self.handle_ask, name=name, timeout_s=_TIMEOUT_S)
+        for question in list_questions():
+            name = f"{_NAMESPACE}/{question.name}"
+            yield ServiceSpec(wire.Ask, self._question_handler(question.name), name=name, timeout_s=_TIMEOUT_S)
 
-    def ask(self, request: wire.Ask.Request) -> wire.Ask.Response:
+    def handle_ask(self, request: wire.Ask.Request) -> wire.Ask.Response:
         """Any question; no answer is no failure, and what is missing for one is told."""
-        answers = self._stage.ask(request.question, **_arguments(request.args))
-        told = answers_to_builtins(self._stage.knowledge, answers)
+        answers = self._simulation.ask(request.question, **_parse_arguments(request.args))
+        told = answers_to_builtins(self._simulation.knowledge, answers)
         return wire.Ask.Response(success=True, answers=msgspec.json.encode(told).decode())
 
-    def _asking(self, name: str) -> Callable[[wire.Ask.Request], wire.Ask.Response]:
+    def _question_handler(self, name: str) -> Callable[[wire.Ask.Request], wire.Ask.Response]:
         """The service of one question; which one it is need not be said again."""
 
         def ask(request: wire.Ask.Request) -> wire.Ask.Response:
             if request.question.replace("-", "_") not in {"", name}:
                 cause = f"this service asks {name}, not {request.question}"
-                raise MessageRefused("mindstage_msgs/AskRequest", path="question", cause=cause, remedy="leave it empty")
-            return self.ask(msgspec.structs.replace(request, question=name))
+                raise MessageValidationError(
+                    "mindstage_msgs/AskRequest", path="question", cause=cause, remedy="leave it empty"
+                )
+            return self.handle_ask(msgspec.structs.replace(request, question=name))
 
         return ask
 
 
-def _arguments(text: str) -> dict[str, object]:
+def _parse_arguments(text: str) -> dict[str, object]:
     """What is asked about, by name.
 
     Raises:
-        MessageRefused: it is no JSON object.
+        MessageValidationError: it is no JSON object.
     """
     try:
         args = msgspec.json.decode(text or "{}", type=dict[str, object])
     except (msgspec.DecodeError, UnicodeError, RecursionError) as error:
         remedy = 'send an object in a string, such as {"item": "CowsMilk"}'
-        raise MessageRefused("mindstage_msgs/AskRequest", path="args", cause=str(error), remedy=remedy) from error
+        raise MessageValidationError(
+            "mindstage_msgs/AskRequest", path="args", cause=str(error), remedy=remedy
+        ) from error
     if "question" in args or "self" in args:
-        raise MessageRefused("mindstage_msgs/AskRequest", path="args", cause="no question is asked about that")
+        raise MessageValidationError("mindstage_msgs/AskRequest", path="args", cause="no question is asked about that")
     return args

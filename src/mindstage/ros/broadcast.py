@@ -15,9 +15,9 @@ from functools import partial
 import msgspec
 import numpy as np
 
-from mindstage.bridge import Participant
-from mindstage.engines import Ability
-from mindstage.errors import MindstageError, StageTimedOut
+from mindstage.bridge import Node
+from mindstage.engines import Capability
+from mindstage.errors import MindstageError, SimulationTimeoutError
 from mindstage.msgs import (
     RosVersion,
     builtin_interfaces,
@@ -28,23 +28,23 @@ from mindstage.msgs import (
     tf2_msgs,
     visualization_msgs,
 )
-from mindstage.ros.diagnostics import health
-from mindstage.ros.highlights import lit_groups
-from mindstage.ros.outlet import Outlet
-from mindstage.ros.pictures import joint_state, transforms, world_markers
-from mindstage.ros.sight import Sight
-from mindstage.stage import Frame
+from mindstage.ros.diagnostics import health_status
+from mindstage.ros.highlights import highlight_groups
+from mindstage.ros.outlet import Publisher
+from mindstage.ros.pictures import joint_state_message, tf_message, world_marker_array
+from mindstage.ros.sight import StateReader
+from mindstage.stage import StateSnapshot
 
-__all__ = ["Broadcast", "Rates"]
+__all__ = ["PublishRates", "StatePublisher"]
 
-_STILL_S = 1.0
-_PING_S = 2.0
-_LOOK_S = 0.05
+_IDLE_PUBLISH_INTERVAL_S = 1.0
+_PING_INTERVAL_S = 2.0
+_POLL_INTERVAL_S = 0.05
 """So soon is it noticed that an engine is lost, or something was lit [s]."""
 _log = logging.getLogger("mindstage.ros")
 
 
-class Rates(msgspec.Struct, frozen=True, kw_only=True):
+class PublishRates(msgspec.Struct, frozen=True, kw_only=True):
     """How often each topic is told while the world plays [Hz]; 0 is never."""
 
     clock: float = 30.0
@@ -55,28 +55,28 @@ class Rates(msgspec.Struct, frozen=True, kw_only=True):
 
 
 @dataclass(slots=True)
-class _Beat:
+class _PeriodicTask:
     """Something that is told again and again."""
 
     period_s: float
-    tell: Callable[[Frame], None]
-    due: float = 0.0
-    told: Frame | None = None
-    told_at: float = field(default=-_STILL_S)
+    publish: Callable[[StateSnapshot], None]
+    next_time: float = 0.0
+    last_state: StateSnapshot | None = None
+    last_time: float = field(default=-_IDLE_PUBLISH_INTERVAL_S)
 
 
-class Broadcast:
+class StatePublisher:
     """Publishes in threads of its own until `close`."""
 
     def __init__(
         self,
-        participant: Participant,
-        sight: Sight,
+        node: Node,
+        state_reader: StateReader,
         *,
         namespace: str,
         ros: RosVersion,
-        rates: Rates,
-        also: Callable[[], None],
+        rates: PublishRates,
+        extra_tick: Callable[[], None],
     ) -> None:
         """Begins at once.
 
@@ -88,31 +88,31 @@ class Broadcast:
             rates: how often.
             also: called now and then, for whoever else has to be.
         """
-        self._sight = sight
-        self._stage = sight.stage
+        self._state_reader = state_reader
+        self._simulation = state_reader.simulation
         self._ros = ros
-        self._also = also
+        self._extra_tick = extra_tick
         space = "/".join(("", *filter(None, namespace.split("/"))))
-        self._clock = Outlet(participant, "/clock", rosgraph_msgs.Clock, ros=ros)
-        self._tf = Outlet(participant, "/tf", tf2_msgs.TFMessage, ros=ros)
-        self._joints = Outlet(participant, f"{space}/joint_states", sensor_msgs.JointState, ros=ros)
-        self._markers = Outlet(participant, f"{space}/world", visualization_msgs.MarkerArray, ros=ros)
-        self._lit = Outlet(participant, f"{space}/highlights", mindstage_msgs.LitGroups, ros=ros, latch=True)
-        self._health = Outlet(participant, "/mindstage/health", diagnostic_msgs.DiagnosticArray, ros=ros, latch=True)
-        self._lit_told: object = None
-        self._lost_told: object = None
+        self._clock = Publisher(node, "/clock", rosgraph_msgs.Clock, ros=ros)
+        self._tf = Publisher(node, "/tf", tf2_msgs.TFMessage, ros=ros)
+        self._joints = Publisher(node, f"{space}/joint_states", sensor_msgs.JointState, ros=ros)
+        self._markers = Publisher(node, f"{space}/world", visualization_msgs.MarkerArray, ros=ros)
+        self._highlights = Publisher(node, f"{space}/highlights", mindstage_msgs.LitGroups, ros=ros, latch=True)
+        self._health = Publisher(node, "/mindstage/health", diagnostic_msgs.DiagnosticArray, ros=ros, latch=True)
+        self._last_highlights: object = None
+        self._last_error: object = None
         beats = (
-            (rates.clock, self._tell_clock),
-            (rates.tf, self._tell_tf),
-            (rates.joint_states, self._tell_joints),
-            (rates.markers, self._tell_markers),
+            (rates.clock, self._publish_clock),
+            (rates.tf, self._publish_tf),
+            (rates.joint_states, self._publish_joint_states),
+            (rates.markers, self._publish_markers),
         )
-        self._beats = [_Beat(1.0 / rate, tell) for rate, tell in beats if rate > 0.0]
-        self._heartbeat_s = 1.0 / rates.health if rates.health > 0.0 else None
+        self._tasks = [_PeriodicTask(1.0 / rate, tell) for rate, tell in beats if rate > 0.0]
+        self._tick_interval_s = 1.0 / rates.health if rates.health > 0.0 else None
         self._closing = threading.Event()
         self._threads = [
             threading.Thread(target=run, name=f"mindstage-ros-{name}", daemon=True)
-            for name, run in (("topics", self._run), ("health", self._watch_health))
+            for name, run in (("topics", self._run), ("health", self._health_loop))
         ]
         for thread in self._threads:
             thread.start()
@@ -123,8 +123,8 @@ class Broadcast:
             return
         self._closing.set()
         for thread in self._threads:
-            thread.join(_PING_S + 5.0)
-        for outlet in (self._clock, self._tf, self._joints, self._markers, self._lit, self._health):
+            thread.join(_PING_INTERVAL_S + 5.0)
+        for outlet in (self._clock, self._tf, self._joints, self._markers, self._highlights, self._health):
             outlet.close()
 
     # -- again and again -----------------------------------------------------------------------------------------------
@@ -133,42 +133,44 @@ class Broadcast:
         next_look = 0.0
         while True:
             now = time.monotonic()
-            due = min([next_look, *(beat.due for beat in self._beats)])
+            due = min([next_look, *(beat.next_time for beat in self._tasks)])
             if self._closing.wait(max(0.0, due - now)):
                 return
             now = time.monotonic()
-            for beat in self._beats:
-                if beat.due <= now:
-                    beat.due = max(beat.due + beat.period_s, now)
-                    self._guarded(partial(self._beat, beat, now))
+            for beat in self._tasks:
+                if beat.next_time <= now:
+                    beat.next_time = max(beat.next_time + beat.period_s, now)
+                    self._with_error_log(partial(self._run_task, beat, now))
             if next_look <= now:
-                next_look = now + _LOOK_S
-                self._guarded(self._look)
+                next_look = now + _POLL_INTERVAL_S
+                self._with_error_log(self._publish_highlights)
 
-    def _beat(self, beat: _Beat, now: float) -> None:
-        frame = self._stage.frame
-        if _same(frame, beat.told) and now - beat.told_at < _STILL_S:
+    def _run_task(self, task: _PeriodicTask, now: float) -> None:
+        frame = self._simulation.state
+        if _is_unchanged(frame, task.last_state) and now - task.last_time < _IDLE_PUBLISH_INTERVAL_S:
             return
-        beat.told, beat.told_at = frame, now
-        beat.tell(frame)
+        task.last_state, task.last_time = frame, now
+        task.publish(frame)
 
-    def _look(self) -> None:
-        frame = self._stage.frame
-        if frame.lit is not self._lit_told:
-            self._lit_told = frame.lit
-            self._lit.publish(lit_groups(frame))
-        if self._stage.lost is not self._lost_told:
-            self._lost_told = self._stage.lost
-            self._health.publish(health(self._stage, took_s=None, trouble=self._stage.lost))
-        self._also()
+    def _publish_highlights(self) -> None:
+        frame = self._simulation.state
+        if frame.highlight_groups is not self._last_highlights:
+            self._last_highlights = frame.highlight_groups
+            self._highlights.publish(highlight_groups(frame))
+        if self._simulation.engine_error is not self._last_error:
+            self._last_error = self._simulation.engine_error
+            self._health.publish(
+                health_status(self._simulation, response_time_s=None, error=self._simulation.engine_error)
+            )
+        self._extra_tick()
 
-    def _watch_health(self) -> None:
-        while self._heartbeat_s is not None and not self._closing.wait(self._heartbeat_s):
-            self._guarded(self._tell_health)
+    def _health_loop(self) -> None:
+        while self._tick_interval_s is not None and not self._closing.wait(self._tick_interval_s):
+            self._with_error_log(self._publish_health)
 
-    def _guarded(self, tell: Callable[[], None]) -> None:
+    def _with_error_log(self, publish: Callable[[], None]) -> None:
         try:
-            tell()
+            publish()
         except MindstageError as error:
             _log.debug("could not be told: %s", error)  # the health tells of it
         except Exception:
@@ -176,40 +178,40 @@ class Broadcast:
 
     # -- what is told --------------------------------------------------------------------------------------------------
 
-    def _tell_clock(self, frame: Frame) -> None:
-        if self._clock.wanted:
+    def _publish_clock(self, frame: StateSnapshot) -> None:
+        if self._clock.has_subscribers:
             self._clock.publish(rosgraph_msgs.Clock(clock=builtin_interfaces.Time.at(frame.time_s)))
 
-    def _tell_tf(self, frame: Frame) -> None:
-        if self._tf.wanted:
-            self._tf.publish_written(transforms(frame, ros=self._ros))
+    def _publish_tf(self, frame: StateSnapshot) -> None:
+        if self._tf.has_subscribers:
+            self._tf.publish_encoded(tf_message(frame, ros=self._ros))
 
-    def _tell_joints(self, frame: Frame) -> None:
-        if self._joints.wanted and Ability.JOINTS in self._stage.abilities:
-            positions = self._stage.call(lambda engine: engine.joint_positions(), what="joint positions")
-            self._joints.publish(joint_state(frame, self._sight.world().constraints, positions))
+    def _publish_joint_states(self, frame: StateSnapshot) -> None:
+        if self._joints.has_subscribers and Capability.JOINTS in self._simulation.capabilities:
+            positions = self._simulation.run_on_engine(lambda engine: engine.joint_positions(), label="joint positions")
+            self._joints.publish(joint_state_message(frame, self._state_reader.world().joints, positions))
 
-    def _tell_markers(self, frame: Frame) -> None:
-        if self._markers.wanted:
-            self._markers.publish_written(world_markers(frame, self._sight.world().bodies, ros=self._ros))
+    def _publish_markers(self, frame: StateSnapshot) -> None:
+        if self._markers.has_subscribers:
+            self._markers.publish_encoded(world_marker_array(frame, self._state_reader.world().bodies, ros=self._ros))
 
-    def _tell_health(self) -> None:
+    def _publish_health(self) -> None:
         trouble: MindstageError | None = None
         took_s = None
         try:
-            took_s = self._stage.ping(timeout_s=_PING_S)
-        except StageTimedOut as error:
-            trouble = self._stage.lost or error
+            took_s = self._simulation.ping(timeout_s=_PING_INTERVAL_S)
+        except SimulationTimeoutError as error:
+            trouble = self._simulation.engine_error or error
         except MindstageError as error:
             trouble = error
-        self._lost_told = self._stage.lost
-        self._health.publish(health(self._stage, took_s=took_s, trouble=trouble))
+        self._last_error = self._simulation.engine_error
+        self._health.publish(health_status(self._simulation, response_time_s=took_s, error=trouble))
 
 
-def _same(frame: Frame, before: Frame | None) -> bool:
+def _is_unchanged(frame: StateSnapshot, before: StateSnapshot | None) -> bool:
     """Whether nobody could tell one frame from another."""
     return before is frame or (
         before is not None
-        and (frame.time_s, frame.edition, frame.ids) == (before.time_s, before.edition, before.ids)
+        and (frame.time_s, frame.revision, frame.ids) == (before.time_s, before.revision, before.ids)
         and np.array_equal(frame.poses, before.poses)
     )

@@ -4,56 +4,63 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 
-from mindstage.bridge.description import Remark
+from mindstage.bridge.description import ConversionNote
 from mindstage.engines import SpawnReport
 from mindstage.errors import MindstageError, WorldError
 from mindstage.msgs import builtin_interfaces, diagnostic_msgs, std_msgs
-from mindstage.ros.outlet import Outlet
-from mindstage.stage import Stage
+from mindstage.ros.outlet import Publisher
+from mindstage.stage import Simulation
 
-__all__ = ["Diagnostics", "health"]
+__all__ = ["DiagnosticsPublisher", "health_status"]
 
 
-class Diagnostics:
+class DiagnosticsPublisher:
     """Tells on `/mindstage/diagnostics` why something was refused or broke: some replies have no room for a reason."""
 
-    def __init__(self, outlet: Outlet[diagnostic_msgs.DiagnosticArray], stage: Stage) -> None:
-        self._outlet = outlet
-        self._stage = stage
+    def __init__(self, publisher: Publisher[diagnostic_msgs.DiagnosticArray], simulation: Simulation) -> None:
+        self._publisher = publisher
+        self._simulation = simulation
 
-    def refused(self, what: str, error: WorldError) -> None:
+    def report_refusal(self, operation: str, error: WorldError) -> None:
         """The world says no."""
         facts = vars(error)
         about = str(facts.get("body") or facts.get("child") or "")
-        self._tell([_status(diagnostic_msgs.Level.WARN, what, str(error), about, {"kind": type(error).__name__})])
-
-    def broke(self, what: str, error: MindstageError) -> None:
-        """The reason lies elsewhere."""
-        self._tell([_status(diagnostic_msgs.Level.ERROR, what, str(error), "", {"kind": type(error).__name__})])
-
-    def failed(self, what: str, reasons: Iterable[tuple[str, str]]) -> None:
-        """Some of many things did not go: the id of each, and why."""
-        self._tell([_status(diagnostic_msgs.Level.WARN, what, reason, id, {}) for id, reason in reasons])
-
-    def spawned(self, what: str, report: SpawnReport) -> None:
-        """What could not be spawned."""
-        lists = (report.failed_bodies, report.failed_constraints, report.failed_attachments)
-        self.failed(what, [(failure.id, failure.reason) for failures in lists for failure in failures])
-
-    def remarked(self, what: str, remarks: Iterable[Remark]) -> None:
-        """What was assumed on the way in."""
-        told = ((remark, id) for remark in remarks for id in remark.ids)
-        self._tell(
-            [_status(diagnostic_msgs.Level.OK, what, remark.text, id, {"field": remark.field}) for remark, id in told]
+        self._publish(
+            [_status(diagnostic_msgs.Level.WARN, operation, str(error), about, {"kind": type(error).__name__})]
         )
 
-    def _tell(self, status: list[diagnostic_msgs.DiagnosticStatus]) -> None:
+    def report_error(self, operation: str, error: MindstageError) -> None:
+        """The reason lies elsewhere."""
+        self._publish([_status(diagnostic_msgs.Level.ERROR, operation, str(error), "", {"kind": type(error).__name__})])
+
+    def report_failures(self, operation: str, reasons: Iterable[tuple[str, str]]) -> None:
+        """Some of many things did not go: the id of each, and why."""
+        self._publish([_status(diagnostic_msgs.Level.WARN, operation, reason, id, {}) for id, reason in reasons])
+
+    def report_spawn(self, operation: str, report: SpawnReport) -> None:
+        """What could not be spawned."""
+        lists = (report.failed_bodies, report.failed_joints, report.failed_attachments)
+        self.report_failures(operation, [(failure.id, failure.reason) for failures in lists for failure in failures])
+
+    def report_notes(self, operation: str, notes: Iterable[ConversionNote]) -> None:
+        """What was assumed on the way in."""
+        told = ((remark, id) for remark in notes for id in remark.ids)
+        self._publish(
+            [
+                _status(diagnostic_msgs.Level.OK, operation, remark.text, id, {"field": remark.field})
+                for remark, id in told
+            ]
+        )
+
+    def _publish(self, status: list[diagnostic_msgs.DiagnosticStatus]) -> None:
         if status:
-            header = std_msgs.Header(stamp=builtin_interfaces.Time.at(self._stage.frame.time_s))
-            self._outlet.publish(diagnostic_msgs.DiagnosticArray(header=header, status=tuple(status)))
+            header = std_msgs.Header(stamp=builtin_interfaces.Time.at(self._simulation.state.time_s))
+            self._publisher.publish(diagnostic_msgs.DiagnosticArray(header=header, status=tuple(status)))
 
 
-def health(stage: Stage, *, took_s: float | None, trouble: MindstageError | None) -> diagnostic_msgs.DiagnosticArray:
+def health_status(
+    simulation: Simulation, *, response_time_s: float | None, error: MindstageError | None
+) -> diagnostic_msgs.DiagnosticArray:
     """How the engine is.
 
     Args:
@@ -61,11 +68,11 @@ def health(stage: Stage, *, took_s: float | None, trouble: MindstageError | None
         took_s: how long its answer took [s].
         trouble: why there was none.
     """
-    frame = stage.frame
-    if trouble is not None:
-        level, text = diagnostic_msgs.Level.ERROR, str(trouble)
-    elif frame.fault:
-        level, text = diagnostic_msgs.Level.WARN, f"the world stands still: {frame.fault}"
+    frame = simulation.state
+    if error is not None:
+        level, text = diagnostic_msgs.Level.ERROR, str(error)
+    elif frame.error:
+        level, text = diagnostic_msgs.Level.WARN, f"the world stands still: {frame.error}"
     else:
         level, text = diagnostic_msgs.Level.OK, "playing" if frame.playing else "paused"
     values = {
@@ -73,22 +80,22 @@ def health(stage: Stage, *, took_s: float | None, trouble: MindstageError | None
         "bodies": str(len(frame.ids)),
         "speed": f"{frame.speed:g}",
         "real_time_factor": f"{frame.real_time_factor:.3f}",
-        "answered_in_s": "" if took_s is None else f"{took_s:.6f}",
+        "answered_in_s": "" if response_time_s is None else f"{response_time_s:.6f}",
     }
-    status = _status(level, f"engine {stage.engine_name}", text, "", values)
+    status = _status(level, f"engine {simulation.engine_name}", text, "", values)
     return diagnostic_msgs.DiagnosticArray(
         header=std_msgs.Header(stamp=builtin_interfaces.Time.at(frame.time_s)), status=(status,)
     )
 
 
 def _status(
-    level: diagnostic_msgs.Level, what: str, text: str, about: str, values: Mapping[str, str]
+    level: diagnostic_msgs.Level, name: str, text: str, ids: str, values: Mapping[str, str]
 ) -> diagnostic_msgs.DiagnosticStatus:
-    told = {"id": about, **values}
+    told = {"id": ids, **values}
     return diagnostic_msgs.DiagnosticStatus(
         level=level,
-        name=f"mindstage: {what}",
+        name=f"mindstage: {name}",
         message=text,
-        hardware_id=about,
+        hardware_id=ids,
         values=tuple(diagnostic_msgs.KeyValue(key=key, value=value) for key, value in told.items()),
     )

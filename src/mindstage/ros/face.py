@@ -10,50 +10,50 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
-from mindstage.bridge import Hub, Participant, Subscription
+from mindstage.bridge import LocalNode, Node, Subscription
 from mindstage.errors import MindstageError
 from mindstage.msgs import Message, RosVersion, decode, diagnostic_msgs, mindstage_msgs, type_name, visualization_msgs
-from mindstage.ros.action_topics import ActionTopics
-from mindstage.ros.asking import Asking
-from mindstage.ros.broadcast import Broadcast, Rates
-from mindstage.ros.diagnostics import Diagnostics
-from mindstage.ros.far_engine import FarEngine
-from mindstage.ros.guests import guests_at
-from mindstage.ros.highlights import Highlights
-from mindstage.ros.offer import ActionOffer, ServiceOffer
-from mindstage.ros.outcomes import answering
-from mindstage.ros.outlet import Outlet
-from mindstage.ros.reaching import reaching
-from mindstage.ros.resources import Resources
-from mindstage.ros.rosapi import Rosapi
-from mindstage.ros.sight import Sight
-from mindstage.ros.simulation import Entities, Running, Spawning, Worlds
-from mindstage.ros.unreal_vis import UnrealVis
-from mindstage.ros.world_control import WorldControl
-from mindstage.stage import Stage
+from mindstage.ros.action_topics import ActionlibServer
+from mindstage.ros.asking import QuestionServices
+from mindstage.ros.broadcast import PublishRates, StatePublisher
+from mindstage.ros.diagnostics import DiagnosticsPublisher
+from mindstage.ros.far_engine import EngineServices
+from mindstage.ros.guests import connected_clients
+from mindstage.ros.highlights import HighlightSubscriber
+from mindstage.ros.offer import ActionSpec, ServiceSpec
+from mindstage.ros.outcomes import service_handler
+from mindstage.ros.outlet import Publisher
+from mindstage.ros.reaching import action_handler
+from mindstage.ros.resources import ResourceLoader
+from mindstage.ros.rosapi import RosapiServices
+from mindstage.ros.sight import StateReader
+from mindstage.ros.simulation import EntityServices, SimulationControlServices, SpawnServices, WorldServices
+from mindstage.ros.unreal_vis import UnrealVisServices
+from mindstage.ros.world_control import WorldControlServices
+from mindstage.stage import Simulation
 
-__all__ = ["RosFace"]
+__all__ = ["RosInterface"]
 
 M = TypeVar("M", bound=Message)
 
 _log = logging.getLogger("mindstage.ros")
 
 
-class _Room(Protocol):
-    def offers(self) -> Iterator[ServiceOffer]: ...
+class _ServiceGroup(Protocol):
+    def services(self) -> Iterator[ServiceSpec]: ...
 
 
-class RosFace:
+class RosInterface:
     """Offers everything from when it is made until `close`; the stage and the participant live on."""
 
     def __init__(
         self,
-        stage: Stage,
-        participant: Participant,
+        simulation: Simulation,
+        node: Node,
         *,
         namespace: str = "unreal",
         ros: RosVersion = RosVersion.TWO,
-        rates: Rates | None = None,
+        rates: PublishRates | None = None,
         step_s: float = 0.002,
         goal_timeout_s: float = 3600.0,
         folder: Path | None = None,
@@ -63,7 +63,7 @@ class RosFace:
 
         Args:
             stage: whose face it is.
-            participant: a `Hub` in this process, or a `Client` at any rosbridge.
+            participant: a `LocalNode` in this process, or a `Client` at any rosbridge.
             namespace: what the names of this stage's own services and topics begin with.
             ros: whose words to use where ROS 1 and ROS 2 differ; both are understood.
             rates: how often topics are told; None is the usual.
@@ -73,31 +73,33 @@ class RosFace:
             on_quit: called when somebody wants the simulation to end; None where nobody may.
 
         Raises:
-            OfferRefused: one of the names is taken.
+            AdvertiseError: one of the names is taken.
         """
-        self.stage = stage
+        self.simulation = simulation
         self.namespace = namespace
-        self._participant = participant
+        self._node = node
         self._ros = ros
         self._goal_timeout_s = goal_timeout_s
         self._services: list[str] = []
         self._actions: list[str] = []
         self._closed = False
-        self._farewell = stage.company.introduce(lambda: guests_at(participant))
-        self._outlet = Outlet(participant, "/mindstage/diagnostics", diagnostic_msgs.DiagnosticArray, ros=ros)
-        self._diagnostics = diagnostics = Diagnostics(self._outlet, stage)
-        self._sight = sight = Sight(stage)
-        self._far = FarEngine(sight, diagnostics)
-        self._running = Running(stage, step_s=step_s, on_quit=on_quit)
-        self._vis = UnrealVis(sight, diagnostics)
-        self._rooms = self._furnished(Resources(stage.knowledge, folder), step_s=step_s)
-        self._action_topics: list[ActionTopics] = []
-        self._inlets: list[Subscription] = []
-        self._broadcast: Broadcast | None = None
+        self._remove_client_source = simulation.clients.add_client_source(lambda: connected_clients(node))
+        self._diagnostics_publisher = Publisher(
+            node, "/mindstage/diagnostics", diagnostic_msgs.DiagnosticArray, ros=ros
+        )
+        self._diagnostics = diagnostics = DiagnosticsPublisher(self._diagnostics_publisher, simulation)
+        self._state_reader = sight = StateReader(simulation)
+        self._engine_services = EngineServices(sight, diagnostics)
+        self._control_services = SimulationControlServices(simulation, step_s=step_s, on_quit=on_quit)
+        self._unreal_vis = UnrealVisServices(sight, diagnostics)
+        self._service_groups = self._make_service_groups(ResourceLoader(simulation.knowledge, folder), step_s=step_s)
+        self._action_topics: list[ActionlibServer] = []
+        self._subscriptions: list[Subscription] = []
+        self._state_publisher: StatePublisher | None = None
         try:
             self._open()
-            self._broadcast = Broadcast(
-                participant, sight, namespace=namespace, ros=ros, rates=rates or Rates(), also=self._tick
+            self._state_publisher = StatePublisher(
+                node, sight, namespace=namespace, ros=ros, rates=rates or PublishRates(), extra_tick=self._tick
             )
         except BaseException:
             self.close()  # half a face is none
@@ -108,84 +110,84 @@ class RosFace:
         if self._closed:
             return
         self._closed = True
-        self._farewell()
-        if self._broadcast is not None:
-            self._broadcast.close()
+        self._remove_client_source()
+        if self._state_publisher is not None:
+            self._state_publisher.close()
         for topics in self._action_topics:
             topics.close()
-        for inlet in self._inlets:
+        for inlet in self._subscriptions:
             inlet.close()
         for action in self._actions:
-            self._participant.withdraw_action(action)
+            self._node.destroy_action_server(action)
         for service in self._services:
-            self._participant.withdraw_service(service)
-        self._outlet.close()
+            self._node.destroy_service(service)
+        self._diagnostics_publisher.close()
 
-    def __enter__(self) -> RosFace:
+    def __enter__(self) -> RosInterface:
         return self
 
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def _furnished(self, resources: Resources, *, step_s: float) -> tuple[_Room, ...]:
+    def _make_service_groups(self, resources: ResourceLoader, *, step_s: float) -> tuple[_ServiceGroup, ...]:
         """Everything that offers services, each for a part of what a stage can do."""
-        stage, sight, diagnostics = self.stage, self._sight, self._diagnostics
-        looking = (Rosapi(self._participant, stage, ros=self._ros),) if isinstance(self._participant, Hub) else ()
+        stage, sight, diagnostics = self.simulation, self._state_reader, self._diagnostics
+        looking = (RosapiServices(self._node, stage, ros=self._ros),) if isinstance(self._node, LocalNode) else ()
         return (
-            WorldControl(sight, diagnostics),
-            self._vis,
-            Entities(sight),
-            Worlds(stage, resources, diagnostics),
-            Spawning(sight, resources, diagnostics, step_s=step_s),
-            self._running,
-            self._far,
-            Asking(stage),
+            WorldControlServices(sight, diagnostics),
+            self._unreal_vis,
+            EntityServices(sight),
+            WorldServices(stage, resources, diagnostics),
+            SpawnServices(sight, resources, diagnostics, step_s=step_s),
+            self._control_services,
+            self._engine_services,
+            QuestionServices(stage),
             *looking,
         )
 
     # -- offering ------------------------------------------------------------------------------------------------------
 
     def _open(self) -> None:
-        for room in self._rooms:
-            for service in room.offers():
-                self._offer_service(service)
-        for action in (*self._far.actions(), *self._running.actions()):
-            self._offer_action(action)
-        highlights = Highlights(self.stage, self._diagnostics)
-        self._listen("highlight", mindstage_msgs.LitBodies, highlights.on_highlight)
-        self._listen("markers", visualization_msgs.MarkerArray, self._vis.on_markers)
-        self._listen("marker", visualization_msgs.Marker, self._vis.on_marker)
+        for room in self._service_groups:
+            for service in room.services():
+                self._create_service(service)
+        for action in (*self._engine_services.actions(), *self._control_services.actions()):
+            self._create_action(action)
+        highlights = HighlightSubscriber(self.simulation, self._diagnostics)
+        self._subscribe("highlight", mindstage_msgs.LitBodies, highlights.on_highlight)
+        self._subscribe("markers", visualization_msgs.MarkerArray, self._unreal_vis.on_markers)
+        self._subscribe("marker", visualization_msgs.Marker, self._unreal_vis.on_marker)
 
-    def _offer_service(self, offer: ServiceOffer) -> None:
-        name = offer.place(self.namespace)
-        handler = answering(name, offer.type, offer.answer, diagnostics=self._diagnostics, ros=self._ros)
-        self._participant.offer_service(name, type_name(offer.type, self._ros), handler, quick=offer.quick)
-        if offer.patience_s is not None and isinstance(self._participant, Hub):
-            self._participant.be_patient(name, offer.patience_s)
+    def _create_service(self, spec: ServiceSpec) -> None:
+        name = spec.full_name(self.namespace)
+        handler = service_handler(name, spec.type, spec.handler, diagnostics=self._diagnostics, ros=self._ros)
+        self._node.create_service(name, type_name(spec.type, self._ros), handler, quick=spec.quick)
+        if spec.timeout_s is not None and isinstance(self._node, LocalNode):
+            self._node.set_service_timeout(name, spec.timeout_s)
         self._services.append(name)
 
-    def _offer_action(self, offer: ActionOffer) -> None:
-        name = offer.place(self.namespace)
-        handler = reaching(name, offer, diagnostics=self._diagnostics, ros=self._ros, timeout_s=self._goal_timeout_s)
-        self._participant.offer_action(name, type_name(offer.type, self._ros), handler)
-        topics = ActionTopics(
-            self._participant, name, offer.type, handler, diagnostics=self._diagnostics, ros=self._ros
+    def _create_action(self, spec: ActionSpec) -> None:
+        name = spec.full_name(self.namespace)
+        handler = action_handler(
+            name, spec, diagnostics=self._diagnostics, ros=self._ros, timeout_s=self._goal_timeout_s
         )
+        self._node.create_action_server(name, type_name(spec.type, self._ros), handler)
+        topics = ActionlibServer(self._node, name, spec.type, handler, diagnostics=self._diagnostics, ros=self._ros)
         self._action_topics.append(topics)
         self._actions.append(name)
 
-    def _listen(self, name: str, type: type[M], handle: Callable[[M], None]) -> None:
+    def _subscribe(self, name: str, type: type[M], handler: Callable[[M], None]) -> None:
         """Acts on messages; what is wrong with one is told on the diagnostics, since nobody waits for a reply."""
         topic = "/".join(("", *filter(None, self.namespace.split("/")), name))
 
         def on_message(message: Any) -> None:
             try:
-                handle(decode(type, message))
+                handler(decode(type, message))
             except MindstageError as error:
-                self._diagnostics.broke(name, error)
+                self._diagnostics.report_error(name, error)
 
-        self._inlets.append(self._participant.subscribe(topic, on_message, type=type_name(type, self._ros)))
+        self._subscriptions.append(self._node.subscribe(topic, on_message, type=type_name(type, self._ros)))
 
     def _tick(self) -> None:
         for topics in self._action_topics:
-            topics.tick()
+            topics.publish_status()

@@ -14,88 +14,88 @@ from typing import Any
 import msgspec
 
 from mindstage.bridge.description import (
-    colour_from,
-    colour_message,
-    forms_from_json,
+    color_from_message,
+    color_message,
     from_json,
-    point_from,
-    pose_from,
-    pose_messages,
-    vector_from,
+    geometry_from_json,
+    point_from_message,
+    pose_array_messages,
+    pose_from_message,
+    vector_from_message,
     world_from_json,
     world_to_json,
 )
-from mindstage.engines import Ability, Engine, SpawnReport
-from mindstage.errors import EngineError, MessageRefused
+from mindstage.engines import Capability, Engine, SpawnReport
+from mindstage.errors import EngineError, MessageValidationError
 from mindstage.msgs import Action, Service, snake_case
 from mindstage.msgs import mindstage_msgs as wire
-from mindstage.ros.checkpoints import Checkpoints
-from mindstage.ros.diagnostics import Diagnostics
-from mindstage.ros.job import GoalGivenUp, Job
-from mindstage.ros.offer import ActionOffer, ServiceOffer
-from mindstage.ros.sight import Sight
-from mindstage.stage import Frame
-from mindstage.world import BodyId, Iri, Material, Physics, Vector, World
+from mindstage.ros.checkpoints import CheckpointServices
+from mindstage.ros.diagnostics import DiagnosticsPublisher
+from mindstage.ros.job import GoalCanceled, GoalContext
+from mindstage.ros.offer import ActionSpec, ServiceSpec
+from mindstage.ros.sight import StateReader
+from mindstage.stage import StateSnapshot
+from mindstage.world import BodyId, BodyPhysics, Iri, Material, Vector, World
 
-__all__ = ["FarEngine", "spawn_report"]
+__all__ = ["EngineServices", "spawn_report"]
 
-_SPAWNING_S = 300.0
-_STEP_S = 0.1
+_SPAWN_TIMEOUT_S = 300.0
+_STEP_CHUNK_S = 0.1
 """A goal that lets time pass does so in pieces of this length, so that others get their turn [s]."""
-_OFFERED = frozenset({Ability.JOINTS, Ability.SAVE})
+_REMOTE_CAPABILITIES = frozenset({Capability.JOINTS, Capability.SAVE})
 """What an engine can do that others can ask of it over the wire."""
 _FORMAT_VERSION = World(iri=Iri("")).format_version
 
 
-class FarEngine:
+class EngineServices:
     """Answers for the engine of a stage."""
 
-    def __init__(self, sight: Sight, diagnostics: Diagnostics) -> None:
-        self._sight = sight
-        self._stage = sight.stage
+    def __init__(self, state_reader: StateReader, diagnostics: DiagnosticsPublisher) -> None:
+        self._state_reader = state_reader
+        self._simulation = state_reader.simulation
         self._diagnostics = diagnostics
-        self._states = Checkpoints(sight.stage)
+        self._states = CheckpointServices(state_reader.simulation)
         self._session = token_hex(8)
-        self._counted: tuple[tuple[BodyId, ...], int] = ((), 0)
-        self._counting = threading.Lock()
+        self._revision_state: tuple[tuple[BodyId, ...], int] = ((), 0)
+        self._revision_lock = threading.Lock()
 
-    def offers(self) -> Iterator[ServiceOffer]:
+    def services(self) -> Iterator[ServiceSpec]:
         """All services."""
-        yield _offer(wire.Describe, self.describe)
-        yield _offer(wire.SpawnWorld, self.spawn_world, patience_s=_SPAWNING_S)
-        yield _offer(wire.LogWorld, self.log_world)
-        yield _offer(wire.Delete, self.delete)
-        yield _offer(wire.Clear, self.clear)
-        yield _offer(wire.Attach, self.attach)
-        yield _offer(wire.Detach, self.detach)
-        yield _offer(wire.SetPose, self.set_pose)
-        yield _offer(wire.SetPhysics, self.set_physics)
-        yield _offer(wire.SetMaterials, self.set_materials)
-        yield _offer(wire.Highlight, self.highlight)
-        yield _offer(wire.GetHighlights, self.highlights, quick=True)
-        yield _offer(wire.Push, self.push)
-        yield _offer(wire.Step, self.step, patience_s=_SPAWNING_S)
-        yield _offer(wire.SetSpeed, self.set_speed)
-        yield _offer(wire.GetPoses, self.poses, quick=True)
-        yield _offer(wire.GetJointPositions, self.joint_positions)
-        yield _offer(wire.SaveState, self.save)
-        yield _offer(wire.RestoreState, self.restore)
-        yield _offer(wire.ForgetState, self.forget)
+        yield _service_spec(wire.Describe, self.describe)
+        yield _service_spec(wire.SpawnWorld, self.spawn_world, patience_s=_SPAWN_TIMEOUT_S)
+        yield _service_spec(wire.LogWorld, self.snapshot_world)
+        yield _service_spec(wire.Delete, self.delete)
+        yield _service_spec(wire.Clear, self.clear)
+        yield _service_spec(wire.Attach, self.attach)
+        yield _service_spec(wire.Detach, self.detach)
+        yield _service_spec(wire.SetPose, self.set_pose)
+        yield _service_spec(wire.SetPhysics, self.set_physics)
+        yield _service_spec(wire.SetMaterials, self.set_materials)
+        yield _service_spec(wire.Highlight, self.highlight)
+        yield _service_spec(wire.GetHighlights, self.highlights, quick=True)
+        yield _service_spec(wire.Push, self.apply_force)
+        yield _service_spec(wire.Step, self.step, patience_s=_SPAWN_TIMEOUT_S)
+        yield _service_spec(wire.SetSpeed, self.set_speed)
+        yield _service_spec(wire.GetPoses, self.poses, quick=True)
+        yield _service_spec(wire.GetJointPositions, self.joint_positions)
+        yield _service_spec(wire.SaveState, self.save_state)
+        yield _service_spec(wire.RestoreState, self.restore_state)
+        yield _service_spec(wire.ForgetState, self.discard_state)
 
-    def actions(self) -> Iterator[ActionOffer]:
+    def actions(self) -> Iterator[ActionSpec]:
         """What takes time."""
-        yield ActionOffer(wire.SpawnMap, self.spawn_map, name=_below(wire.SpawnMap))
-        yield ActionOffer(wire.Simulate, self.simulate, name=_below(wire.Simulate))
+        yield ActionSpec(wire.SpawnMap, self.spawn_map, name=_service_name(wire.SpawnMap))
+        yield ActionSpec(wire.Simulate, self.simulate, name=_service_name(wire.Simulate))
 
     # -- the world -----------------------------------------------------------------------------------------------------
 
     def describe(self, _: wire.Describe.Request) -> wire.Describe.Response:
         """What runs here; the engine itself is asked, so an answer means that it lives."""
-        self._stage.ping()
+        self._simulation.ping()
         return wire.Describe.Response(
-            engine=self._stage.engine_name,
-            abilities=tuple(sorted(ability.value for ability in self._stage.abilities & _OFFERED)),
-            time_s=self._stage.frame.time_s,
+            engine=self._simulation.engine_name,
+            abilities=tuple(sorted(ability.value for ability in self._simulation.capabilities & _REMOTE_CAPABILITIES)),
+            time_s=self._simulation.state.time_s,
             format_version=_FORMAT_VERSION,
             session=self._session,
             takes=("forms",),
@@ -104,12 +104,12 @@ class FarEngine:
     def spawn_world(self, request: wire.SpawnWorld.Request) -> wire.SpawnWorld.Response:
         """Adds a world."""
         report = self._spawn(world_from_json(request.world), request.forms)
-        self._diagnostics.spawned("spawn_world", report)
+        self._diagnostics.report_spawn("spawn_world", report)
         return wire.SpawnWorld.Response(success=report.ok, report=spawn_report(report))
 
-    def log_world(self, _: wire.LogWorld.Request) -> wire.LogWorld.Response:
+    def snapshot_world(self, _: wire.LogWorld.Request) -> wire.LogWorld.Response:
         """Hands the world back."""
-        return wire.LogWorld.Response(success=True, world=world_to_json(self._stage.log()))
+        return wire.LogWorld.Response(success=True, world=world_to_json(self._simulation.snapshot()))
 
     def delete(self, request: wire.Delete.Request) -> wire.Delete.Response:
         """Takes bodies away."""
@@ -118,7 +118,7 @@ class FarEngine:
 
     def clear(self, _: wire.Clear.Request) -> wire.Clear.Response:
         """Takes everything away."""
-        self._stage.clear()
+        self._simulation.clear()
         return wire.Clear.Response(success=True)
 
     def attach(self, request: wire.Attach.Request) -> wire.Attach.Response:
@@ -135,13 +135,13 @@ class FarEngine:
 
     def set_pose(self, request: wire.SetPose.Request) -> wire.SetPose.Response:
         """Puts a body somewhere else."""
-        pose = pose_from(request.pose)
-        self._stage.call(lambda engine: engine.set_pose(BodyId(request.id), pose), what="set pose")
+        pose = pose_from_message(request.pose)
+        self._simulation.run_on_engine(lambda engine: engine.set_pose(BodyId(request.id), pose), label="set pose")
         return wire.SetPose.Response(success=True)
 
     def set_physics(self, request: wire.SetPhysics.Request) -> wire.SetPhysics.Response:
         """Changes how a body takes part in the physics."""
-        physics = from_json(request.physics, Physics)
+        physics = from_json(request.physics, BodyPhysics)
         self._edit("set physics", lambda engine: engine.set_physics(BodyId(request.id), physics))
         return wire.SetPhysics.Response(success=True)
 
@@ -152,145 +152,151 @@ class FarEngine:
         return wire.SetMaterials.Response(success=True)
 
     def highlight(self, request: wire.Highlight.Request) -> wire.Highlight.Response:
-        """Lights bodies up in any colour, or puts them out."""
-        colour = colour_from(request.color) if request.lit else None
-        self._stage.highlight(map(BodyId, request.ids), colour)
+        """Lights bodies up in any color, or puts them out."""
+        color = color_from_message(request.color) if request.lit else None
+        self._simulation.highlight(map(BodyId, request.ids), color)
         return wire.Highlight.Response(success=True)
 
     def highlights(self, _: wire.GetHighlights.Request) -> wire.GetHighlights.Response:
         """What is lit."""
-        lit = self._sight.frame().highlights
-        return wire.GetHighlights.Response(
-            success=True, ids=tuple(lit), colors=tuple(map(colour_message, lit.values()))
-        )
+        lit = self._state_reader.state().highlights
+        return wire.GetHighlights.Response(success=True, ids=tuple(lit), colors=tuple(map(color_message, lit.values())))
 
-    def push(self, request: wire.Push.Request) -> wire.Push.Response:
+    def apply_force(self, request: wire.Push.Request) -> wire.Push.Response:
         """Applies a force throughout the next step."""
-        force, at = vector_from(request.force), _point(request)
-        self._stage.call(lambda engine: engine.push(BodyId(request.id), force, at), what="push")
+        force, at = vector_from_message(request.force), _force_point(request)
+        self._simulation.run_on_engine(lambda engine: engine.apply_force(BodyId(request.id), force, at), label="push")
         return wire.Push.Response(success=True)
 
     # -- time and state ------------------------------------------------------------------------------------------------
 
     def step(self, request: wire.Step.Request) -> wire.Step.Response:
         """Lets time pass in one go, as the contract has it: what is pushed is pushed throughout."""
-        duration_s = _duration(request.duration_s)
-        forces = [(BodyId(each.id), vector_from(each.force), _point(each)) for each in request.forces]
+        duration_s = _valid_duration(request.duration_s)
+        forces = [(BodyId(each.id), vector_from_message(each.force), _force_point(each)) for each in request.forces]
 
         def step(engine: Engine) -> None:
             for id, force, at in forces:
-                engine.push(id, force, at)
+                engine.apply_force(id, force, at)
             engine.step(duration_s)
 
-        self._stage.call(step, what="step", timeout_s=self._stage.timeout_s * (1.0 + 6.0 * duration_s))
-        frame = self._stage.frame
+        self._simulation.run_on_engine(
+            step, label="step", timeout_s=self._simulation.timeout_s * (1.0 + 6.0 * duration_s)
+        )
+        frame = self._simulation.state
         told = wire.Step.Response(success=True, time_s=frame.time_s)
-        return msgspec.structs.replace(told, **self._packed(frame)) if request.packed else told
+        return msgspec.structs.replace(told, **self._pose_bytes(frame)) if request.packed else told
 
     def set_speed(self, request: wire.SetSpeed.Request) -> wire.SetSpeed.Response:
         """Lets time pass by itself, or only by steps, for whoever drives the engine."""
-        frame = self._stage.frame
+        frame = self._simulation.state
         before = frame.speed if frame.playing else 0.0
         if request.speed < 0.0:
-            raise MessageRefused("a speed", path="speed", cause=f"time does not pass backwards ({request.speed:g})")
+            raise MessageValidationError(
+                "a speed", path="speed", cause=f"time does not pass backwards ({request.speed:g})"
+            )
         if request.speed:
-            self._stage.play(speed=request.speed)
-            self._stage.ping()  # so that the frame tells of it when the reply is there
+            self._simulation.play(speed=request.speed)
+            self._simulation.ping()  # so that the frame tells of it when the reply is there
         else:
-            self._stage.pause()
+            self._simulation.pause()
         return wire.SetSpeed.Response(success=True, before=before)
 
     def poses(self, request: wire.GetPoses.Request) -> wire.GetPoses.Response:
         """Where everything is."""
-        frame = self._sight.frame()
+        frame = self._state_reader.state()
         revision = self._revision(frame)
         ids = () if request.known == revision else frame.ids
         told = wire.GetPoses.Response(success=True, time_s=frame.time_s, ids=ids, revision=revision)
         if request.packed:
-            return msgspec.structs.replace(told, **self._packed(frame))
-        return msgspec.structs.replace(told, poses=pose_messages(frame.poses))
+            return msgspec.structs.replace(told, **self._pose_bytes(frame))
+        return msgspec.structs.replace(told, poses=pose_array_messages(frame.poses))
 
     def joint_positions(self, _: wire.GetJointPositions.Request) -> wire.GetJointPositions.Response:
         """How far constraints have moved."""
-        if Ability.JOINTS not in self._stage.abilities:
-            raise EngineError(f"the engine {self._stage.engine_name!r} cannot tell where joints stand")
-        positions = self._stage.call(lambda engine: engine.joint_positions(), what="joint positions")
+        if Capability.JOINTS not in self._simulation.capabilities:
+            raise EngineError(f"the engine {self._simulation.engine_name!r} cannot tell where joints stand")
+        positions = self._simulation.run_on_engine(lambda engine: engine.joint_positions(), label="joint positions")
         return wire.GetJointPositions.Response(
-            success=True, joints=tuple(_joint(id, numbers) for id, numbers in positions.items())
+            success=True, joints=tuple(_joint_message(id, numbers) for id, numbers in positions.items())
         )
 
-    def save(self, _: wire.SaveState.Request) -> wire.SaveState.Response:
+    def save_state(self, _: wire.SaveState.Request) -> wire.SaveState.Response:
         """Keeps the state here."""
         return wire.SaveState.Response(success=True, handle=self._states.save())
 
-    def restore(self, request: wire.RestoreState.Request) -> wire.RestoreState.Response:
+    def restore_state(self, request: wire.RestoreState.Request) -> wire.RestoreState.Response:
         """Brings a state back."""
         reason = self._states.restore(request.handle)
         if reason:
             raise EngineError(reason)
         return wire.RestoreState.Response(success=True)
 
-    def forget(self, request: wire.ForgetState.Request) -> wire.ForgetState.Response:
+    def discard_state(self, request: wire.ForgetState.Request) -> wire.ForgetState.Response:
         """Throws a state away."""
-        self._states.forget(request.handle)
+        self._states.discard(request.handle)
         return wire.ForgetState.Response(success=True)
 
     # -- what takes time -----------------------------------------------------------------------------------------------
 
-    def spawn_map(self, goal: wire.SpawnMap.Goal, job: Job) -> wire.SpawnMap.Result:
+    def spawn_map(self, goal: wire.SpawnMap.Goal, context: GoalContext) -> wire.SpawnMap.Result:
         """Spawns a world; one that was given up meanwhile is taken away again."""
 
         def told(phase: str, done: int) -> wire.SpawnMap.Feedback:
             return wire.SpawnMap.Feedback(phase=phase, done=done, total=total)
 
         total = 0
-        job.proceed(lambda: told("reading", 0))
+        context.check(lambda: told("reading", 0))
         world = world_from_json(goal.world)
-        total = len(world.bodies) + len(world.constraints) + len(world.attachments)
-        before = set(self._sight.frame().ids)
-        with job.telling(lambda: told("spawning", 0)):
+        total = len(world.bodies) + len(world.joints) + len(world.attachments)
+        before = set(self._state_reader.state().ids)
+        with context.sending_feedback(lambda: told("spawning", 0)):
             report = self._spawn(world, goal.forms)
-        if job.cancelled:
-            there = set(self._sight.frame().ids)
+        if context.cancelled:
+            there = set(self._state_reader.state().ids)
             spawned = [body.id for body in world.bodies if body.id in there and body.id not in before]
             self._edit("delete", lambda engine: engine.delete(spawned))
-            raise GoalGivenUp
-        job.tell(told("spawned", report.bodies + report.constraints + report.attachments))
-        self._diagnostics.spawned("spawn_map", report)
+            raise GoalCanceled
+        context.send_feedback(told("spawned", report.bodies + report.joints + report.attachments))
+        self._diagnostics.report_spawn("spawn_map", report)
         return wire.SpawnMap.Result(success=report.ok, report=spawn_report(report))
 
-    def simulate(self, goal: wire.Simulate.Goal, job: Job) -> wire.Simulate.Result:
+    def simulate(self, goal: wire.Simulate.Goal, context: GoalContext) -> wire.Simulate.Result:
         """Lets time pass."""
-        duration_s = _duration(goal.duration_s)
+        duration_s = _valid_duration(goal.duration_s)
         elapsed_s = 0.0
 
         def told() -> wire.Simulate.Feedback:
             return wire.Simulate.Feedback(elapsed_s=elapsed_s, remaining_s=duration_s - elapsed_s)
 
         while elapsed_s < duration_s:
-            job.proceed(told)
-            piece_s = min(_STEP_S, duration_s - elapsed_s)
-            self._stage.step(piece_s)
-            elapsed_s = elapsed_s + piece_s if duration_s - elapsed_s > _STEP_S else duration_s
-        return wire.Simulate.Result(success=True, time_s=self._stage.frame.time_s)
+            context.check(told)
+            piece_s = min(_STEP_CHUNK_S, duration_s - elapsed_s)
+            self._simulation.step(piece_s)
+            elapsed_s = elapsed_s + piece_s if duration_s - elapsed_s > _STEP_CHUNK_S else duration_s
+        return wire.Simulate.Result(success=True, time_s=self._simulation.state.time_s)
 
-    def _spawn(self, world: World, forms: str) -> SpawnReport:
+    def _spawn(self, world: World, geometry: str) -> SpawnReport:
         """Spawns a world, of the forms that came with it, or else of those that are known here."""
-        return self._stage.spawn(world, forms=forms_from_json(forms)) if forms else self._stage.spawn(world)
+        return (
+            self._simulation.spawn(world, geometry=geometry_from_json(geometry))
+            if geometry
+            else self._simulation.spawn(world)
+        )
 
-    def _revision(self, frame: Frame) -> int:
+    def _revision(self, frame: StateSnapshot) -> int:
         """The number of the bodies in a frame: another one whenever some came or went."""
-        with self._counting:
-            ids, number = self._counted
+        with self._revision_lock:
+            ids, number = self._revision_state
             if ids is not frame.ids:
-                self._counted = frame.ids, number + 1
-            return self._counted[1]
+                self._revision_state = frame.ids, number + 1
+            return self._revision_state[1]
 
-    def _packed(self, frame: Frame) -> dict[str, Any]:
+    def _pose_bytes(self, frame: StateSnapshot) -> dict[str, Any]:
         return {"revision": self._revision(frame), "rows": frame.poses.astype("<f8").tobytes()}
 
-    def _edit(self, what: str, edit: Callable[[Engine], None]) -> None:
-        self._stage.call(edit, what=what, edits=True)
+    def _edit(self, label: str, edit: Callable[[Engine], None]) -> None:
+        self._simulation.run_on_engine(edit, label=label, edits=True)
 
 
 def spawn_report(report: SpawnReport) -> wire.SpawnReport:
@@ -298,24 +304,26 @@ def spawn_report(report: SpawnReport) -> wire.SpawnReport:
     return msgspec.convert(msgspec.to_builtins(report), wire.SpawnReport)
 
 
-def _offer(type: type[Service], answer: Callable[[Any], Any], **options: Any) -> ServiceOffer:
-    return ServiceOffer(type, answer, name=_below(type), **options)
+def _service_spec(type: type[Service], handler: Callable[[Any], Any], **options: Any) -> ServiceSpec:
+    return ServiceSpec(type, handler, name=_service_name(type), **options)
 
 
-def _below(type: type[Service] | type[Action]) -> str:
+def _service_name(type: type[Service] | type[Action]) -> str:
     return f"mindstage/{snake_case(type)}"
 
 
-def _joint(id: str, numbers: tuple[float, ...]) -> wire.JointPosition:
+def _joint_message(id: str, numbers: tuple[float, ...]) -> wire.JointPosition:
     x, y, z, twist, swing2, swing1 = numbers
     return wire.JointPosition(id=id, x=x, y=y, z=z, twist=twist, swing2=swing2, swing1=swing1)
 
 
-def _point(push: wire.Push.Request | wire.Force) -> Vector | None:
-    return point_from(push.point) if push.at_point else None
+def _force_point(push: wire.Push.Request | wire.Force) -> Vector | None:
+    return point_from_message(push.point) if push.at_point else None
 
 
-def _duration(duration_s: float) -> float:
+def _valid_duration(duration_s: float) -> float:
     if duration_s < 0.0:
-        raise MessageRefused("a step", path="duration_s", cause=f"time does not pass backwards ({duration_s:g} s)")
+        raise MessageValidationError(
+            "a step", path="duration_s", cause=f"time does not pass backwards ({duration_s:g} s)"
+        )
     return duration_s

@@ -7,7 +7,7 @@ from itertools import count
 
 from mindstage.world import BodyId, Iri
 
-__all__ = ["free_id", "map_iri", "namespace_of"]
+__all__ = ["free_id", "iri_namespace", "map_iri"]
 
 
 def map_iri(name: str) -> Iri:
@@ -15,7 +15,7 @@ def map_iri(name: str) -> Iri:
     return Iri(f"http://mindstage.org/maps/{name}.owl#map")
 
 
-def namespace_of(map: str) -> str:
+def iri_namespace(map: str) -> str:
     """What the IRIs of a map's things begin with."""
     return map.rpartition("#")[0] + "#" if "#" in map else f"{map}#"
 

@@ -9,39 +9,44 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from mindstage.bridge.description import error_text, refusal
-from mindstage.errors import BodyUnknown, EngineError, MindstageError, WorldError
+from mindstage.bridge.description import error_text, error_to_message
+from mindstage.errors import BodyNotFoundError, EngineError, MindstageError, WorldError
 from mindstage.msgs import Message, RosVersion, Service, decode_arguments, encode, simulation_interfaces
-from mindstage.ros.diagnostics import Diagnostics
+from mindstage.ros.diagnostics import DiagnosticsPublisher
 from mindstage.ros.results import ResultError
 
-__all__ = ["answering", "engine_text", "refused"]
+__all__ = ["engine_error_text", "refusal_response", "service_handler"]
 
 
-def answering(
-    name: str, service: type[Service], answer: Callable[[Any], Any], *, diagnostics: Diagnostics, ros: RosVersion
+def service_handler(
+    name: str,
+    service: type[Service],
+    handler: Callable[[Any], Any],
+    *,
+    diagnostics: DiagnosticsPublisher,
+    ros: RosVersion,
 ) -> Callable[[object], object]:
     """The handler of a service: messages in and out, and every end told as it has to be."""
 
     def handle(args: object) -> object:
         request = decode_arguments(service.Request, args)
         try:
-            reply = answer(request)
+            reply = handler(request)
         except WorldError as error:
-            diagnostics.refused(name, error)
-            reply = refused(service.Response, error)
+            diagnostics.report_refusal(name, error)
+            reply = refusal_response(service.Response, error)
         except ResultError as error:
-            diagnostics.failed(name, [(str(getattr(request, "entity", "")), str(error))])
+            diagnostics.report_failures(name, [(str(getattr(request, "entity", "")), str(error))])
             reply = service.Response(result=error.result)
         except EngineError as error:
-            diagnostics.broke(name, error)
+            diagnostics.report_error(name, error)
             raise MindstageError(error_text(error)) from error
         return encode(reply, ros=ros)
 
     return handle
 
 
-def refused(response: type[Message], error: WorldError) -> Message:
+def refusal_response(response: type[Message], error: WorldError) -> Message:
     """The reply that says no.
 
     Raises:
@@ -51,15 +56,15 @@ def refused(response: type[Message], error: WorldError) -> Message:
     if "result" in fields:
         code = (
             simulation_interfaces.ResultCode.RESULT_NOT_FOUND
-            if isinstance(error, BodyUnknown)
+            if isinstance(error, BodyNotFoundError)
             else simulation_interfaces.ResultCode.RESULT_OPERATION_FAILED
         )
         return response(result=simulation_interfaces.Result(result=code, error_message=str(error)))
     if "success" not in fields:
         raise error
-    return response(refusal=refusal(error)) if "refusal" in fields else response()
+    return response(refusal=error_to_message(error)) if "refusal" in fields else response()
 
 
-def engine_text(error: MindstageError) -> str:
+def engine_error_text(error: MindstageError) -> str:
     """What broke, as the text that ends a call or a goal."""
     return error_text(error) if isinstance(error, EngineError) else str(error)

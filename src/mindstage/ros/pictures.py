@@ -12,25 +12,25 @@ import numpy as np
 
 from mindstage.errors import EngineError
 from mindstage.msgs import RosVersion, builtin_interfaces, encode, sensor_msgs, std_msgs, visualization_msgs
-from mindstage.stage import Frame
-from mindstage.world import Body, BodyId, Colour, Constraint, Motion, ShapeKind
+from mindstage.stage import StateSnapshot
+from mindstage.world import AxisMotion, Body, BodyId, Color, Joint, PrimitiveType
 
-__all__ = ["joint_state", "transforms", "world_markers"]
+__all__ = ["joint_state_message", "tf_message", "world_marker_array"]
 
-_WORLD = "world"
+_WORLD_FRAME = "world"
 _NAMESPACE = "mindstage"
-_UNTOLD_M = 0.05
-_GREY: Colour = (0.7, 0.7, 0.7)
+_DEFAULT_SIZE_M = 0.05
+_GRAY: Color = (0.7, 0.7, 0.7)
 _AXES = ("x", "y", "z", "twist", "swing2", "swing1")
-_FORMS = {
-    ShapeKind.SPHERE: visualization_msgs.MarkerType.SPHERE,
-    ShapeKind.CYLINDER: visualization_msgs.MarkerType.CYLINDER,
+_MARKER_TYPES = {
+    PrimitiveType.SPHERE: visualization_msgs.MarkerType.SPHERE,
+    PrimitiveType.CYLINDER: visualization_msgs.MarkerType.CYLINDER,
 }
 
-Written = dict[str, Any]
+EncodedMessage = dict[str, Any]
 
 
-def transforms(frame: Frame, *, ros: RosVersion) -> Written:
+def tf_message(frame: StateSnapshot, *, ros: RosVersion) -> EncodedMessage:
     """Where every body is in the world, as a `tf2_msgs/TFMessage`.
 
     Raises:
@@ -47,39 +47,39 @@ def transforms(frame: Frame, *, ros: RosVersion) -> Written:
                     "rotation": {"x": i, "y": j, "z": k, "w": w},
                 },
             }
-            for id, (x, y, z, w, i, j, k) in zip(frame.ids, _numbers(frame), strict=True)
+            for id, (x, y, z, w, i, j, k) in zip(frame.ids, _header_stamp(frame), strict=True)
         ]
     }
 
 
-def joint_state(
-    frame: Frame, constraints: Iterable[Constraint], positions: Mapping[BodyId, tuple[float, ...]]
+def joint_state_message(
+    frame: StateSnapshot, joints: Iterable[Joint], positions: Mapping[BodyId, tuple[float, ...]]
 ) -> sensor_msgs.JointState:
     """How far every constraint has moved since it was spawned; one that moves in several ways has several names."""
     names: list[str] = []
     numbers: list[float] = []
-    for constraint in constraints:
+    for constraint in joints:
         if constraint.id not in positions:
             continue
-        axes = [at for at, axis in enumerate(_AXES) if _motion(constraint, axis) is not Motion.LOCKED]
+        axes = [at for at, axis in enumerate(_AXES) if _axis_motion(constraint, axis) is not AxisMotion.LOCKED]
         for at in axes:
             names.append(constraint.id if len(axes) == 1 else f"{constraint.id}/{_AXES[at]}")
             numbers.append(positions[constraint.id][at])
     return sensor_msgs.JointState(header=_header(frame), name=tuple(names), position=tuple(numbers))
 
 
-def world_markers(frame: Frame, bodies: Iterable[Body], *, ros: RosVersion) -> Written:
+def world_marker_array(frame: StateSnapshot, bodies: Iterable[Body], *, ros: RosVersion) -> EncodedMessage:
     """Every body as a form, as a `visualization_msgs/MarkerArray` that replaces the one before."""
     described = {body.id: body for body in bodies}
     header = _header(frame)
     blank = encode(visualization_msgs.Marker(header=header, ns=_NAMESPACE), ros=ros)
-    markers: list[Written] = [{**blank, "action": int(visualization_msgs.MarkerAction.DELETEALL)}]
-    for number, (id, (x, y, z, w, i, j, k)) in enumerate(zip(frame.ids, _numbers(frame), strict=True)):
+    markers: list[EncodedMessage] = [{**blank, "action": int(visualization_msgs.MarkerAction.DELETEALL)}]
+    for number, (id, (x, y, z, w, i, j, k)) in enumerate(zip(frame.ids, _header_stamp(frame), strict=True)):
         body = described.get(id)
-        width, depth, height = body.size if body and body.size else (_UNTOLD_M,) * 3
-        red, green, blue = frame.highlights.get(id) or _colour(body)
+        width, depth, height = body.size if body and body.size else (_DEFAULT_SIZE_M,) * 3
+        red, green, blue = frame.highlights.get(id) or _color(body)
         form = (
-            _FORMS.get(body.shape.kind, visualization_msgs.MarkerType.CUBE)
+            _MARKER_TYPES.get(body.shape.type, visualization_msgs.MarkerType.CUBE)
             if body and body.shape
             else visualization_msgs.MarkerType.CUBE
         )
@@ -98,22 +98,22 @@ def world_markers(frame: Frame, bodies: Iterable[Body], *, ros: RosVersion) -> W
     return {"markers": markers}
 
 
-def _header(frame: Frame) -> std_msgs.Header:
-    return std_msgs.Header(stamp=builtin_interfaces.Time.at(frame.time_s), frame_id=_WORLD)
+def _header(frame: StateSnapshot) -> std_msgs.Header:
+    return std_msgs.Header(stamp=builtin_interfaces.Time.at(frame.time_s), frame_id=_WORLD_FRAME)
 
 
-def _numbers(frame: Frame) -> list[list[float]]:
+def _header_stamp(frame: StateSnapshot) -> list[list[float]]:
     if not np.isfinite(frame.poses).all():
         raise EngineError("the engine tells of places that are no numbers")
     rows: list[list[float]] = frame.poses.tolist()
     return rows
 
 
-def _motion(constraint: Constraint, axis: str) -> Motion:
-    motion: Motion = getattr(constraint.linear if axis in {"x", "y", "z"} else constraint.angular, axis)
+def _axis_motion(joint: Joint, axis: str) -> AxisMotion:
+    motion: AxisMotion = getattr(joint.linear if axis in {"x", "y", "z"} else joint.angular, axis)
     return motion
 
 
-def _colour(body: Body | None) -> Colour:
-    colours = (material.colour for material in body.materials if material.colour) if body else ()
-    return next(iter(colours), _GREY)
+def _color(body: Body | None) -> Color:
+    colors = (material.color for material in body.materials if material.color) if body else ()
+    return next(iter(colors), _GRAY)

@@ -4,21 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from mindstage.bridge import GoalOutcome, ServedGoal
+from mindstage.bridge import GoalResult, ServerGoalHandle
 from mindstage.errors import EngineError, MindstageError, WorldError
 from mindstage.msgs import Message, RosVersion, decode_arguments, encode, simulation_interfaces
-from mindstage.ros.diagnostics import Diagnostics
-from mindstage.ros.job import GoalGivenUp, Job
-from mindstage.ros.offer import ActionOffer
-from mindstage.ros.outcomes import engine_text, refused
+from mindstage.ros.diagnostics import DiagnosticsPublisher
+from mindstage.ros.job import GoalCanceled, GoalContext
+from mindstage.ros.offer import ActionSpec
+from mindstage.ros.outcomes import engine_error_text, refusal_response
 from mindstage.ros.results import ResultError
 
-__all__ = ["reaching"]
+__all__ = ["action_handler"]
 
 
-def reaching(
-    name: str, offer: ActionOffer, *, diagnostics: Diagnostics, ros: RosVersion, timeout_s: float
-) -> Callable[[ServedGoal], GoalOutcome]:
+def action_handler(
+    name: str, spec: ActionSpec, *, diagnostics: DiagnosticsPublisher, ros: RosVersion, timeout_s: float
+) -> Callable[[ServerGoalHandle], GoalResult]:
     """The handler: messages in and out, and every end told as it has to be.
 
     Args:
@@ -29,34 +29,34 @@ def reaching(
         timeout_s: how long a goal may take [s].
     """
 
-    def handle(goal: ServedGoal) -> GoalOutcome:
-        wanted = decode_arguments(offer.type.Goal, goal.args)
-        job = Job(
+    def handle(goal: ServerGoalHandle) -> GoalResult:
+        wanted = decode_arguments(spec.type.Goal, goal.args)
+        job = GoalContext(
             name,
             timeout_s=timeout_s,
             is_cancelled=lambda: goal.cancel_requested,
-            tell=lambda feedback: goal.feedback(encode(feedback, ros=ros)),
+            send_feedback=lambda feedback: goal.feedback(encode(feedback, ros=ros)),
         )
         try:
-            result = offer.reach(wanted, job)
-        except GoalGivenUp:
-            return goal.canceled(encode(_given_up(offer.type.Result), ros=ros))
+            result = spec.handler(wanted, job)
+        except GoalCanceled:
+            return goal.canceled(encode(_canceled_result(spec.type.Result), ros=ros))
         except ResultError as error:
-            diagnostics.failed(name, [("", str(error))])
-            return goal.aborted(encode(offer.type.Result(result=error.result), ros=ros))
+            diagnostics.report_failures(name, [("", str(error))])
+            return goal.aborted(encode(spec.type.Result(result=error.result), ros=ros))
         except WorldError as error:
-            diagnostics.refused(name, error)
-            return goal.aborted(encode(refused(offer.type.Result, error), ros=ros))
+            diagnostics.report_refusal(name, error)
+            return goal.aborted(encode(refusal_response(spec.type.Result, error), ros=ros))
         except EngineError as error:
-            diagnostics.broke(name, error)
-            raise MindstageError(engine_text(error)) from error
+            diagnostics.report_error(name, error)
+            raise MindstageError(engine_error_text(error)) from error
         succeeded = getattr(result, "success", True)
         return (goal.succeeded if succeeded else goal.aborted)(encode(result, ros=ros))
 
     return handle
 
 
-def _given_up(result: type[Message]) -> Message:
+def _canceled_result(result: type[Message]) -> Message:
     if "result" not in result.__struct_fields__:
         return result()
     told = simulation_interfaces.Result(

@@ -16,30 +16,30 @@ from mindstage.knowledge import KnowledgeBase
 from mindstage.knowledge.names import local_name
 from mindstage.world import Body, World
 
-__all__ = ["FORMATS", "Resources", "Trouble", "TroubleKind"]
+__all__ = ["FORMATS", "ResourceError", "ResourceErrorType", "ResourceLoader"]
 
 FORMATS = {".owl": "owl", ".rdf": "rdf", ".ttl": "ttl", ".urdf": "urdf"}
 """What can be read, by the end of a file's name."""
-_MOST_FILES = 1000
+_MAX_FILES = 1000
 
 
-class TroubleKind(Enum):
+class ResourceErrorType(Enum):
     """Why a resource cannot be had."""
 
-    MISSING = auto()
-    FORMAT = auto()
-    BROKEN = auto()
+    NOT_FOUND = auto()
+    UNSUPPORTED_FORMAT = auto()
+    PARSE_ERROR = auto()
 
 
-class Trouble(Exception):
+class ResourceError(Exception):
     """A resource cannot be had."""
 
-    def __init__(self, kind: TroubleKind, text: str) -> None:
-        self.kind = kind
+    def __init__(self, type: ResourceErrorType, text: str) -> None:
+        self.type = type
         super().__init__(text)
 
 
-class Resources:
+class ResourceLoader:
     """Finds and reads."""
 
     def __init__(self, knowledge: KnowledgeBase, folder: Path | None) -> None:
@@ -57,17 +57,19 @@ class Resources:
         if self._folder is None:
             return
         found = (
-            path for path in sorted(self._folder.rglob("*")) if path.suffix.lower() in FORMATS and self._holds(path)
+            path
+            for path in sorted(self._folder.rglob("*"))
+            if path.suffix.lower() in FORMATS and self._is_inside_folder(path)
         )
-        for _, path in zip(range(_MOST_FILES), found, strict=False):
+        for _, path in zip(range(_MAX_FILES), found, strict=False):
             yield path.relative_to(self._folder).as_posix()
 
-    def bodies(self) -> Iterator[Body]:
+    def known_bodies(self) -> Iterator[Body]:
         """What stands in the known maps, each of which can be spawned once more."""
         for map in self.knowledge.maps():
             yield from self.knowledge.world(map).bodies
 
-    def body(self, name: str) -> tuple[World, Body] | None:
+    def find_body(self, name: str) -> tuple[World, Body] | None:
         """The body of that IRI or id, and the world of its map; None where no map has it."""
         for map in self.knowledge.maps():
             world = self.knowledge.world(map)
@@ -76,11 +78,11 @@ class Resources:
                     return world, body
         return None
 
-    def world(self, uri: str, text: str = "") -> World:
+    def load_world(self, uri: str, text: str = "") -> World:
         """The world that a name or a text means; a name goes before.
 
         Raises:
-            Trouble: it cannot be had.
+            ResourceError: it cannot be had.
         """
         if uri:
             maps = self.knowledge.maps()
@@ -88,11 +90,14 @@ class Resources:
                 return self._read(self.knowledge, uri)
             return self._read_file(self._path(uri))
         if not text.strip():
-            raise Trouble(TroubleKind.MISSING, "neither an address nor a text is given")
+            raise ResourceError(ResourceErrorType.NOT_FOUND, "neither an address nor a text is given")
         if "xacro" in text:
-            raise Trouble(TroubleKind.FORMAT, "a text that came from elsewhere may not have xacro read other files")
+            raise ResourceError(
+                ResourceErrorType.UNSUPPORTED_FORMAT,
+                "a text that came from elsewhere may not have xacro read other files",
+            )
         with TemporaryDirectory(prefix="mindstage-") as folder:
-            path = Path(folder, f"resource{_suffix(text)}")
+            path = Path(folder, f"resource{_guess_suffix(text)}")
             path.write_text(text, encoding="utf-8")
             return self._read_file(path, follow_imports=False)
 
@@ -100,15 +105,19 @@ class Resources:
         name = uri.removeprefix("file://")
         known = ", ".join([*map(local_name, self.knowledge.maps()), *self.files()][:10]) or "nothing"
         if self._folder is None:
-            raise Trouble(TroubleKind.MISSING, f"no map {uri!r} is known, and no folder is open; there is {known}")
+            raise ResourceError(
+                ResourceErrorType.NOT_FOUND, f"no map {uri!r} is known, and no folder is open; there is {known}"
+            )
         path = (self._folder / name).resolve()
-        if not self._holds(path):
-            raise Trouble(TroubleKind.MISSING, f"nothing is called {uri!r} here; there is {known}")
+        if not self._is_inside_folder(path):
+            raise ResourceError(ResourceErrorType.NOT_FOUND, f"nothing is called {uri!r} here; there is {known}")
         if path.suffix.lower() not in FORMATS:
-            raise Trouble(TroubleKind.FORMAT, f"{path.name} ends like none of {', '.join(FORMATS)}")
+            raise ResourceError(
+                ResourceErrorType.UNSUPPORTED_FORMAT, f"{path.name} ends like none of {', '.join(FORMATS)}"
+            )
         return path
 
-    def _holds(self, path: Path) -> bool:
+    def _is_inside_folder(self, path: Path) -> bool:
         """Whether it is a file that lies in the folder, and is no link out of it."""
         return self._folder is not None and path.is_file() and path.resolve().is_relative_to(self._folder)
 
@@ -117,7 +126,7 @@ class Resources:
             try:
                 knowledge.load(path, follow_imports=follow_imports)
             except KnowledgeError as error:
-                raise Trouble(TroubleKind.BROKEN, str(error)) from error
+                raise ResourceError(ResourceErrorType.PARSE_ERROR, str(error)) from error
             return self._read(knowledge, None)
 
     @staticmethod
@@ -125,10 +134,10 @@ class Resources:
         try:
             return knowledge.world(map)
         except KnowledgeError as error:
-            raise Trouble(TroubleKind.BROKEN, str(error)) from error
+            raise ResourceError(ResourceErrorType.PARSE_ERROR, str(error)) from error
 
 
-def _suffix(text: str) -> str:
+def _guess_suffix(text: str) -> str:
     """How the name of a file with that text would end."""
     if re.search(r"<robot[\s>]", text[:10_000]):
         return ".urdf"

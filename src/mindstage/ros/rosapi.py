@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from typing import Any
 
-from mindstage.bridge import Directory, Hub, TopicListing
-from mindstage.bridge.names import resolved, same_type
-from mindstage.errors import TypeUnknown
+from mindstage.bridge import GraphInfo, LocalNode, TopicInfo
+from mindstage.bridge.names import resolve_name, same_type
+from mindstage.errors import TypeNotFoundError
 from mindstage.msgs import (
     Message,
     RosVersion,
@@ -20,28 +20,28 @@ from mindstage.msgs import (
     type_definitions,
 )
 from mindstage.msgs import rosapi as wire
-from mindstage.ros.offer import ServiceOffer
-from mindstage.stage import Stage
+from mindstage.ros.offer import ServiceSpec
+from mindstage.stage import Simulation
 
-__all__ = ["Rosapi"]
+__all__ = ["RosapiServices"]
 
-_PLACE = "/rosapi"
+_NAMESPACE = "/rosapi"
 
 
-class Rosapi:
+class RosapiServices:
     """Tells who and what is at a hub."""
 
-    def __init__(self, hub: Hub, stage: Stage, *, ros: RosVersion) -> None:
-        self._hub = hub
-        self._stage = stage
+    def __init__(self, node: LocalNode, simulation: Simulation, *, ros: RosVersion) -> None:
+        self._node = node
+        self._simulation = simulation
         self._ros = ros
 
-    def offers(self) -> Iterator[ServiceOffer]:
+    def services(self) -> Iterator[ServiceSpec]:
         """All services, most of them one line."""
-        for name, type, answer in (*self._about_topics(), *self._about_services(), *self._about_others()):
-            yield ServiceOffer(type, answer, name=f"{_PLACE}/{name}")
+        for name, type, answer in (*self._topic_services(), *self._service_services(), *self._other_services()):
+            yield ServiceSpec(type, answer, name=f"{_NAMESPACE}/{name}")
 
-    def _about_topics(self) -> Iterator[tuple[str, Any, Callable[[Any], Message]]]:
+    def _topic_services(self) -> Iterator[tuple[str, Any, Callable[[Any], Message]]]:
         yield "topics", wire.Topics, lambda _: wire.Topics.Response(**self._topics())
         yield "topics_and_raw_types", wire.TopicsAndRawTypes, self._raw_types
         yield (
@@ -49,7 +49,9 @@ class Rosapi:
             wire.TopicsForType,
             lambda asked: wire.TopicsForType.Response(
                 topics=tuple(
-                    topic.name for topic in self._look().topics if topic.type and same_type(topic.type, asked.type)
+                    topic.name
+                    for topic in self._graph_info().topics
+                    if topic.type and same_type(topic.type, asked.type)
                 )
             ),
         )
@@ -65,17 +67,17 @@ class Rosapi:
             lambda asked: wire.Subscribers.Response(subscribers=self._topic(asked.topic).subscribers),
         )
 
-    def _about_services(self) -> Iterator[tuple[str, Any, Callable[[Any], Message]]]:
+    def _service_services(self) -> Iterator[tuple[str, Any, Callable[[Any], Message]]]:
         yield (
             "services",
             wire.Services,
-            lambda _: wire.Services.Response(services=tuple(each.name for each in self._look().services)),
+            lambda _: wire.Services.Response(services=tuple(each.name for each in self._graph_info().services)),
         )
         yield (
             "services_for_type",
             wire.ServicesForType,
             lambda asked: wire.ServicesForType.Response(
-                services=tuple(each.name for each in self._look().services if same_type(each.type, asked.type))
+                services=tuple(each.name for each in self._graph_info().services if same_type(each.type, asked.type))
             ),
         )
         yield (
@@ -93,31 +95,35 @@ class Rosapi:
             wire.ServiceProviders,
             lambda asked: wire.ServiceProviders.Response(
                 providers=tuple(
-                    {each.provider: 0 for each in self._look().services if same_type(each.type, asked.service)}
+                    {each.provider: 0 for each in self._graph_info().services if same_type(each.type, asked.service)}
                 )
             ),
         )
         yield (
             "action_servers",
             wire.GetActionServers,
-            lambda _: wire.GetActionServers.Response(action_servers=tuple(each.name for each in self._look().actions)),
+            lambda _: wire.GetActionServers.Response(
+                action_servers=tuple(each.name for each in self._graph_info().actions)
+            ),
         )
         yield (
             "action_type",
             wire.ActionType,
             lambda asked: wire.ActionType.Response(
-                type=next((each.type for each in self._look().actions if each.name == resolved(asked.action)), "")
+                type=next(
+                    (each.type for each in self._graph_info().actions if each.name == resolve_name(asked.action)), ""
+                )
             ),
         )
 
-    def _about_others(self) -> Iterator[tuple[str, Any, Callable[[Any], Message]]]:
-        yield "nodes", wire.Nodes, lambda _: wire.Nodes.Response(nodes=self._look().peers)
+    def _other_services(self) -> Iterator[tuple[str, Any, Callable[[Any], Message]]]:
+        yield "nodes", wire.Nodes, lambda _: wire.Nodes.Response(nodes=self._graph_info().peers)
         yield "node_details", wire.NodeDetails, self._node_details
         yield "interfaces", wire.Interfaces, lambda _: wire.Interfaces.Response(interfaces=tuple(message_types()))
         yield (
             "get_time",
             wire.GetTime,
-            lambda _: wire.GetTime.Response(time=builtin_interfaces.Time.at(self._stage.frame.time_s)),
+            lambda _: wire.GetTime.Response(time=builtin_interfaces.Time.at(self._simulation.state.time_s)),
         )
         yield (
             "get_ros_version",
@@ -147,19 +153,19 @@ class Rosapi:
 
     # -- looking -------------------------------------------------------------------------------------------------------
 
-    def _look(self) -> Directory:
-        return self._hub.directory()
+    def _graph_info(self) -> GraphInfo:
+        return self._node.graph_info()
 
     def _topics(self) -> dict[str, tuple[str, ...]]:
-        topics = self._look().topics
+        topics = self._graph_info().topics
         return {"topics": tuple(each.name for each in topics), "types": tuple(each.type for each in topics)}
 
-    def _topic(self, name: str) -> TopicListing:
-        found = (topic for topic in self._look().topics if topic.name == resolved(name))
-        return next(found, TopicListing(resolved(name), "", (), ()))
+    def _topic(self, name: str) -> TopicInfo:
+        found = (topic for topic in self._graph_info().topics if topic.name == resolve_name(name))
+        return next(found, TopicInfo(resolve_name(name), "", (), ()))
 
     def _of_service(self, name: str, field: str) -> str:
-        found = (str(getattr(each, field)) for each in self._look().services if each.name == resolved(name))
+        found = (str(getattr(each, field)) for each in self._graph_info().services if each.name == resolve_name(name))
         return next(found, "")
 
     def _raw_types(self, _: wire.TopicsAndRawTypes.Request) -> wire.TopicsAndRawTypes.Response:
@@ -171,11 +177,11 @@ class Rosapi:
         """What a type is made of; of one that others brought, nobody here knows it."""
         try:
             return definition_text(message_type(type), ros=self._ros)
-        except TypeUnknown:
+        except TypeNotFoundError:
             return ""
 
     def _node_details(self, asked: wire.NodeDetails.Request) -> wire.NodeDetails.Response:
-        seen, node = self._look(), resolved(asked.node)
+        seen, node = self._graph_info(), resolve_name(asked.node)
         return wire.NodeDetails.Response(
             subscribing=tuple(topic.name for topic in seen.topics if node in topic.subscribers),
             publishing=tuple(topic.name for topic in seen.topics if node in topic.publishers),

@@ -6,21 +6,21 @@ from collections.abc import Callable, Iterable
 
 from msgspec.structs import replace
 
-from mindstage.ros.names import namespace_of
-from mindstage.world import Attachment, Body, BodyId, Constraint, Iri, Pose, World
-from mindstage.world.geometry import Array, compose, invert, pose_from, unit_pose
+from mindstage.ros.names import iri_namespace
+from mindstage.world import Attachment, Body, BodyId, Iri, Joint, Pose, World
+from mindstage.world.geometry import Array, normalized_pose_array, pose_from_array, pose_inverse, pose_multiply
 
-__all__ = ["part_of", "placed", "root_of"]
+__all__ = ["clone_at", "root_body", "subtree"]
 
 
-def root_of(world: World) -> Body | None:
+def root_body(world: World) -> Body | None:
     """The body that all others of a description hang on: the first one that hangs on nothing; None of none."""
-    held = {hold.child for hold in world.attachments} | {joint.child for joint in world.constraints}
+    held = {hold.child for hold in world.attachments} | {joint.child for joint in world.joints}
     roots = [body for body in world.bodies if body.id not in held] or list(world.bodies)
     return roots[0] if roots else None
 
 
-def part_of(world: World, id: BodyId) -> World:
+def subtree(world: World, id: BodyId) -> World:
     """A body with all that hangs on it."""
     kept = {id}
     while more := {hold.child for hold in world.attachments if hold.parent in kept} - kept:
@@ -28,7 +28,7 @@ def part_of(world: World, id: BodyId) -> World:
     return replace(
         world,
         bodies=tuple(body for body in world.bodies if body.id in kept),
-        constraints=(),
+        joints=(),
         attachments=tuple(hold for hold in world.attachments if hold.parent in kept and hold.child in kept),
         lights=(),
         facts=(),
@@ -36,7 +36,7 @@ def part_of(world: World, id: BodyId) -> World:
     )
 
 
-def placed(template: World, root: Body, *, name: str, pose: Pose | None, map: str) -> World:
+def clone_at(template: World, root: Body, *, name: str, pose: Pose | None, map: str) -> World:
     """A new thing like another one.
 
     Args:
@@ -50,34 +50,36 @@ def placed(template: World, root: Body, *, name: str, pose: Pose | None, map: st
     def renamed(id: BodyId) -> BodyId:
         return BodyId(name if id == root.id else f"{name}/{id}")
 
-    move = _mover(root.pose, pose)
-    space = namespace_of(map)
+    move = _pose_transform(root.pose, pose)
+    space = iri_namespace(map)
     return World(
         iri=Iri(map),
-        bodies=tuple(_body(body, renamed(body.id), space, move) for body in template.bodies),
-        constraints=tuple(_constraint(joint, renamed, space, move) for joint in template.constraints),
+        bodies=tuple(_clone_body(body, renamed(body.id), space, move) for body in template.bodies),
+        joints=tuple(_clone_joint(joint, renamed, space, move) for joint in template.joints),
         attachments=_attachments(template.attachments, renamed),
     )
 
 
-def _mover(before: Pose, after: Pose | None) -> Callable[[Pose], Pose]:
+def _pose_transform(before: Pose, after: Pose | None) -> Callable[[Pose], Pose]:
     if after is None:
         return lambda pose: pose
-    after_from_before: Array = compose(unit_pose(after), invert(unit_pose(before)))
-    return lambda pose: after if pose == before else pose_from(compose(after_from_before, unit_pose(pose)))
+    after_from_before: Array = pose_multiply(normalized_pose_array(after), pose_inverse(normalized_pose_array(before)))
+    return lambda pose: (
+        after if pose == before else pose_from_array(pose_multiply(after_from_before, normalized_pose_array(pose)))
+    )
 
 
-def _body(body: Body, id: BodyId, space: str, move: Callable[[Pose], Pose]) -> Body:
-    return replace(body, id=id, iri=Iri(space + id), pose=move(body.pose))
+def _clone_body(body: Body, id: BodyId, namespace: str, transform: Callable[[Pose], Pose]) -> Body:
+    return replace(body, id=id, iri=Iri(namespace + id), pose=transform(body.pose))
 
 
-def _constraint(
-    joint: Constraint, renamed: Callable[[BodyId], BodyId], space: str, move: Callable[[Pose], Pose]
-) -> Constraint:
-    id = renamed(joint.id)
-    ends = {"parent": renamed(joint.parent), "child": renamed(joint.child)}
-    return replace(joint, id=id, iri=Iri(space + id), pose=move(joint.pose), **ends)
+def _clone_joint(
+    joint: Joint, new_ids: Callable[[BodyId], BodyId], namespace: str, transform: Callable[[Pose], Pose]
+) -> Joint:
+    id = new_ids(joint.id)
+    ends = {"parent": new_ids(joint.parent), "child": new_ids(joint.child)}
+    return replace(joint, id=id, iri=Iri(namespace + id), pose=transform(joint.pose), **ends)
 
 
-def _attachments(holds: Iterable[Attachment], renamed: Callable[[BodyId], BodyId]) -> tuple[Attachment, ...]:
-    return tuple(Attachment(parent=renamed(hold.parent), child=renamed(hold.child)) for hold in holds)
+def _attachments(attachments: Iterable[Attachment], new_ids: Callable[[BodyId], BodyId]) -> tuple[Attachment, ...]:
+    return tuple(Attachment(parent=new_ids(hold.parent), child=new_ids(hold.child)) for hold in attachments)

@@ -1,9 +1,18 @@
 """Shapes: what bodies are made of where no mesh file says it, built from few parameters to the exact size."""
 
-from mindstage.shapes.building import build, design_of
-from mindstage.shapes.design import Design
-from mindstage.shapes.fitting import Fitted, forms_for
-from mindstage.shapes.kinds import DESIGNS
-from mindstage.shapes.sides import Gap, Side
+from mindstage.shapes.building import build_geometry, template_by_name
+from mindstage.shapes.design import ShapeTemplate
+from mindstage.shapes.fitting import FittedGeometry, fit_geometry
+from mindstage.shapes.kinds import SHAPE_TEMPLATES
+from mindstage.shapes.sides import BodySide, Cutout
 
-__all__ = ["DESIGNS", "Design", "Fitted", "Gap", "Side", "build", "design_of", "forms_for"]
+__all__ = [
+    "SHAPE_TEMPLATES",
+    "BodySide",
+    "Cutout",
+    "FittedGeometry",
+    "ShapeTemplate",
+    "build_geometry",
+    "fit_geometry",
+    "template_by_name",
+]

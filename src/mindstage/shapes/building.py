@@ -14,62 +14,70 @@ from typing import Any
 
 import msgspec
 
-from mindstage.errors import ShapeRefused, ShapeUnknown, suggestion
-from mindstage.shapes.design import Design
-from mindstage.shapes.draft import Draft, Spot, TooSmall
-from mindstage.shapes.kinds import DESIGNS
-from mindstage.shapes.kinds.plain import Box
-from mindstage.shapes.sides import Side, Turn, turn_between
+from mindstage.errors import InvalidShapeError, ShapeNotFoundError, suggestion
+from mindstage.shapes.design import ShapeTemplate
+from mindstage.shapes.draft import GeometryBuilder, LocalSupportSurface, TemplateDoesNotFit
+from mindstage.shapes.kinds import SHAPE_TEMPLATES
+from mindstage.shapes.kinds.plain import BoxShape
+from mindstage.shapes.sides import AxisPermutation, BodySide, turn_between
 from mindstage.world import IDENTITY, Pose, Vector
-from mindstage.world.forms import Form, FormSource, Glow, Place, Skin, Solid, Surface
+from mindstage.world.forms import (
+    AttachedLight,
+    BodyGeometry,
+    CollisionShape,
+    GeometrySource,
+    PbrMaterial,
+    SupportSurface,
+    VisualMesh,
+)
 
-__all__ = ["build", "design_of"]
+__all__ = ["build_geometry", "template_by_name"]
 
-_SMALLEST_M = 1e-5
-_LARGEST_M = 1e5
-_KEPT = 8192
+_MIN_SIZE_M = 1e-5
+_MAX_SIZE_M = 1e5
+_CACHE_SIZE = 8192
 """Forms that are remembered."""
 
 
-def design_of(kind: str, parameters: Mapping[str, Any] | None = None) -> Design:
+def template_by_name(shape_name: str, parameters: Mapping[str, Any] | None = None) -> ShapeTemplate:
     """A design by its name and its parameters' names.
 
     Args:
-        kind: one of `DESIGNS`.
+        kind: one of `SHAPE_TEMPLATES`.
         parameters: values, or what can be read as one: "0.012" for a length, "+x" for a side.
 
     Raises:
-        ShapeUnknown: there is no such kind.
-        ShapeRefused: it has no such parameter, or the parameter cannot be that.
+        ShapeNotFoundError: there is no such kind.
+        InvalidShapeError: it has no such parameter, or the parameter cannot be that.
     """
-    design = DESIGNS.get(kind)
+    design = SHAPE_TEMPLATES.get(shape_name)
     if design is None:
-        raise ShapeUnknown(kind, known=DESIGNS)
+        raise ShapeNotFoundError(shape_name, known=SHAPE_TEMPLATES)
     given = dict(parameters or {})
     if strange := next((name for name in given if name not in design.__struct_fields__), None):
         fields = design.__struct_fields__
         hint = suggestion(strange, fields, none="it has none")
-        raise ShapeRefused(kind, reason=f"it has no parameter {strange!r}; {hint}")
+        raise InvalidShapeError(shape_name, reason=f"it has no parameter {strange!r}; {hint}")
     try:
         return msgspec.convert(given, design, strict=False)
     except msgspec.ValidationError as error:
-        raise ShapeRefused(kind, reason=str(error)) from error
+        raise InvalidShapeError(shape_name, reason=str(error)) from error
 
 
-def build(
-    design: Design,
+def build_geometry(
+    template: ShapeTemplate,
     size: Vector,
     *,
-    up: Side = Side.TOP,
-    front: Side = Side.FRONT,
-    surfaces: Mapping[str, Surface] | None = None,
-    glow: Glow | None = None,
+    up: BodySide = BodySide.TOP,
+    front: BodySide = BodySide.FRONT,
+    materials: Mapping[str, PbrMaterial] | None = None,
+    light: AttachedLight | None = None,
     friction: float | None = None,
     restitution: float | None = None,
     density: float | None = None,
-    source: FormSource = FormSource.KNOWLEDGE,
-    why: str = "",
-) -> Form:
+    source: GeometrySource = GeometrySource.ONTOLOGY,
+    reason: str = "",
+) -> BodyGeometry:
     """Makes a form of exactly a size.
 
     Args:
@@ -86,48 +94,48 @@ def build(
         why: in a line, for reports; what building had to decide is added to it.
 
     Raises:
-        ShapeRefused: the size or a parameter cannot be, or front and up lie on one axis.
+        InvalidShapeError: the size or a parameter cannot be, or front and up lie on one axis.
     """
-    given = tuple(sorted((surfaces or {}).items(), key=lambda item: item[0]))
+    given = tuple(sorted((materials or {}).items(), key=lambda item: item[0]))
     numbers = (friction, restitution, density)
     kept = (float(size[0]), float(size[1]), float(size[2]))
-    form = _built(design, kept, up, front, given, glow, numbers)
-    words = "; ".join(part for part in (why, form.why) if part)
-    return Form.deferred(
-        lambda: (form.key, form.skins),
-        solids=form.solids,
+    form = _build_cached(template, kept, up, front, given, light, numbers)
+    words = "; ".join(part for part in (reason, form.reason) if part)
+    return BodyGeometry.deferred(
+        lambda: (form.key, form.visuals),
+        solids=form.collision_shapes,
         source=source,
         why=words,
-        kind=form.kind,
+        kind=form.shape_name,
         friction=friction,
         restitution=restitution,
         density=density,
-        places=form.places,
-        glows=form.glows,
+        places=form.support_surfaces,
+        glows=form.lights,
     )
 
 
-@lru_cache(maxsize=_KEPT)
-def _built(
-    design: Design,
+@lru_cache(maxsize=_CACHE_SIZE)
+def _build_cached(
+    template: ShapeTemplate,
     size: Vector,
-    up: Side,
-    front: Side,
-    surfaces: tuple[tuple[str, Surface], ...],
-    glow: Glow | None,
+    up: BodySide,
+    front: BodySide,
+    materials: tuple[tuple[str, PbrMaterial], ...],
+    light: AttachedLight | None,
     numbers: tuple[float | None, ...],
-) -> Form:
-    _check(design, size)
+) -> BodyGeometry:
+    _check(template, size)
     turn = turn_between(front, up)
-    made, draft = _drafted(design, size, turn)
-    solids = tuple(solid for part in draft.touchables if (solid := part.solid(turn)) is not None)
-    places = tuple(_place(spot, turn) for spot in draft.spots)
-    glows = () if glow is None else (_lit(glow, draft, turn),)
-    drawing = _Drawing(made, draft, dict(surfaces), (made.kind(), solids, places, glows, numbers))
-    return Form.deferred(
+    made, draft = _build_or_box(template, size, turn)
+    solids = tuple(solid for part in draft.collision_parts if (solid := part.to_collision_shape(turn)) is not None)
+    places = tuple(_support_surface(spot, turn) for spot in draft.support_surfaces)
+    glows = () if light is None else (_placed_light(light, draft, turn),)
+    drawing = _Drawing(made, draft, dict(materials), (made.shape_name(), solids, places, glows, numbers))
+    return BodyGeometry.deferred(
         drawing.result,
         solids=solids,
-        kind=made.kind(),
+        kind=made.shape_name(),
         why="; ".join(draft.notes),
         places=places,
         glows=glows,
@@ -139,85 +147,93 @@ class _Drawing:
 
     def __init__(
         self,
-        design: Design,
-        draft: Draft,
-        surfaces: Mapping[str, Surface],
-        said: tuple[str, tuple[Solid, ...], tuple[Place, ...], tuple[Glow, ...], tuple[float | None, ...]],
+        design: ShapeTemplate,
+        draft: GeometryBuilder,
+        surfaces: Mapping[str, PbrMaterial],
+        said: tuple[
+            str,
+            tuple[CollisionShape, ...],
+            tuple[SupportSurface, ...],
+            tuple[AttachedLight, ...],
+            tuple[float | None, ...],
+        ],
     ) -> None:
-        self._drafted: tuple[Design, Draft] | None = (design, draft)
+        self._drafted: tuple[ShapeTemplate, GeometryBuilder] | None = (design, draft)
         self._surfaces, self._said = surfaces, said
-        self._result: tuple[str, tuple[Skin, ...]] = ("", ())
+        self._result: tuple[str, tuple[VisualMesh, ...]] = ("", ())
         self._lock = Lock()
 
-    def result(self) -> tuple[str, tuple[Skin, ...]]:
+    def result(self) -> tuple[str, tuple[VisualMesh, ...]]:
         """The same objects for each caller."""
         with self._lock:
             if self._drafted is not None:
                 design, draft = self._drafted
                 skins = tuple(
-                    Skin(
-                        points=draft.turn.points(mesh.points),
+                    VisualMesh(
+                        points=draft.turn.to_body(mesh.points),
                         faces=mesh.faces,
-                        normals=None if mesh.normals is None else draft.turn.points(mesh.normals),
-                        surface=design.surface(role, self._surfaces),
+                        normals=None if mesh.normals is None else draft.turn.to_body(mesh.normals),
+                        material=design.material_of(role, self._surfaces),
                     )
-                    for (role, _), mesh in draft.meshes().items()
+                    for (role, _), mesh in draft.merged_meshes().items()
                 )
                 self._result = (_digest(skins, self._said), skins)
                 self._drafted = None
             return self._result
 
 
-def _drafted(design: Design, size: Vector, turn: Turn) -> tuple[Design, Draft]:
+def _build_or_box(
+    template: ShapeTemplate, size: Vector, turn: AxisPermutation
+) -> tuple[ShapeTemplate, GeometryBuilder]:
     """What was drawn, and as what: the design, or a box where that has no room."""
-    draft = Draft(turn.drawn_size(size), turn)
+    draft = GeometryBuilder(turn.template_size(size), turn)
     try:
-        design.draw(draft)
+        template.build(draft)
         if draft.is_empty:
-            raise TooSmall("nothing is left of it")
-    except TooSmall as reason:
-        draft = Draft(turn.drawn_size(size), turn)
-        draft.note(f"{reason}, so a plain box")
-        design = Box()
-        design.draw(draft)
-    draft.fit()
-    return design, draft
+            raise TemplateDoesNotFit("nothing is left of it")
+    except TemplateDoesNotFit as reason:
+        draft = GeometryBuilder(turn.template_size(size), turn)
+        draft.add_note(f"{reason}, so a plain box")
+        template = BoxShape()
+        template.build(draft)
+    draft.fit_to_size()
+    return template, draft
 
 
-def _check(design: Design, size: Vector) -> None:
-    kind = design.kind()
-    if not all(_SMALLEST_M <= extent <= _LARGEST_M for extent in size):
+def _check(template: ShapeTemplate, size: Vector) -> None:
+    kind = template.shape_name()
+    if not all(_MIN_SIZE_M <= extent <= _MAX_SIZE_M for extent in size):
         told = " x ".join(f"{extent:g}" for extent in size)
-        raise ShapeRefused(kind, reason=f"its size is {told} m; each extent has to be from {_SMALLEST_M:g} m on")
-    design_of(kind, msgspec.structs.asdict(design))
+        raise InvalidShapeError(kind, reason=f"its size is {told} m; each extent has to be from {_MIN_SIZE_M:g} m on")
+    template_by_name(kind, msgspec.structs.asdict(template))
 
 
-def _place(spot: Spot, turn: Turn) -> Place:
-    low, high = spot.low, spot.high
+def _support_surface(surface: LocalSupportSurface, turn: AxisPermutation) -> SupportSurface:
+    low, high = surface.low, surface.high
     x, y = ((low + high) / 2).tolist()
-    extents = turn.size((float(high[0] - low[0]), float(high[1] - low[1]), 0.0))
-    up = turn.vector((0.0, 0.0, 1.0))
+    extents = turn.body_size((float(high[0] - low[0]), float(high[1] - low[1]), 0.0))
+    up = turn.vector_to_body((0.0, 0.0, 1.0))
     across, along = (extent for extent, share in zip(extents, up, strict=True) if share == 0.0)
-    return Place(
-        centre=turn.vector((x, y, spot.level)),
+    return SupportSurface(
+        center=turn.vector_to_body((x, y, surface.level)),
         size=(across, along),
-        height=spot.height,
-        inside=spot.inside,
-        up=up,
+        clearance=surface.clearance,
+        is_inside=surface.is_inside,
+        normal=up,
     )
 
 
-def _lit(glow: Glow, draft: Draft, turn: Turn) -> Glow:
-    if glow.pose != IDENTITY or draft.light is None:
-        return glow
-    x, y, z = draft.light.tolist()
-    return msgspec.structs.replace(glow, pose=Pose(turn.vector((x, y, z))))
+def _placed_light(light: AttachedLight, builder: GeometryBuilder, turn: AxisPermutation) -> AttachedLight:
+    if light.pose != IDENTITY or builder.light is None:
+        return light
+    x, y, z = builder.light.tolist()
+    return msgspec.structs.replace(light, pose=Pose(turn.vector_to_body((x, y, z))))
 
 
-def _digest(skins: tuple[Skin, ...], said: tuple[Any, ...]) -> str:
+def _digest(skins: tuple[VisualMesh, ...], said: tuple[Any, ...]) -> str:
     digest = blake2b(msgspec.msgpack.encode(said), digest_size=16)
     for skin in skins:
-        digest.update(msgspec.msgpack.encode((skin.surface, skin.points.shape, skin.faces.shape)))
+        digest.update(msgspec.msgpack.encode((skin.material, skin.points.shape, skin.faces.shape)))
         digest.update((skin.points + 0.0).tobytes())  # -0.0 and 0.0 are one place
         digest.update(skin.faces.tobytes())
         if skin.normals is not None:

@@ -1,6 +1,6 @@
 """Designs: the kinds of shape, each a class whose fields are its parameters and whose `draw` makes it.
 
-Lengths are metres and wishes: a wall of 15 mm is thinner where a fifth of the size is less. Names of fields are those
+Lengths are meters and wishes: a wall of 15 mm is thinner where a fifth of the size is less. Names of fields are those
 that an ontology uses (`ms:wall 0.012`).
 """
 
@@ -13,47 +13,47 @@ from typing import Annotated, ClassVar
 import msgspec
 
 from mindstage.shapes import finishes
-from mindstage.shapes.draft import Draft
-from mindstage.world.forms import Surface
-from mindstage.world.values import Value
+from mindstage.shapes.draft import GeometryBuilder
+from mindstage.world.forms import PbrMaterial
+from mindstage.world.values import FrozenStruct
 
-__all__ = ["Count", "Design", "Length", "Part", "Roles", "Share", "Thickness"]
+__all__ = ["Count", "Fraction", "Length", "MaterialRoles", "PositiveFraction", "ShapeTemplate", "Thickness"]
 
 Length = Annotated[float, msgspec.Meta(ge=0.0, le=1000.0)]
 """[m]."""
 Thickness = Annotated[float, msgspec.Meta(ge=1e-4, le=1000.0)]
 """[m]; of what cannot be left out."""
-Share = Annotated[float, msgspec.Meta(ge=0.0, le=1.0)]
-Part = Annotated[float, msgspec.Meta(ge=0.05, le=1.0)]
+Fraction = Annotated[float, msgspec.Meta(ge=0.0, le=1.0)]
+PositiveFraction = Annotated[float, msgspec.Meta(ge=0.05, le=1.0)]
 """A share of what cannot be left out."""
 Count = Annotated[int, msgspec.Meta(ge=0, le=64)]
 
-Roles = Mapping[str, Surface | str]
+MaterialRoles = Mapping[str, PbrMaterial | str]
 """The surfaces that a shape has: each with what it is unless somebody says, or the role whose surface it shares."""
 
 
-class Design(Value, frozen=True, kw_only=True):
+class ShapeTemplate(FrozenStruct, frozen=True, kw_only=True):
     """What all kinds of shape are."""
 
-    roles: ClassVar[Roles] = MappingProxyType({"body": finishes.PLAIN})
+    roles: ClassVar[MaterialRoles] = MappingProxyType({"body": finishes.PLAIN})
 
     @classmethod
-    def kind(cls) -> str:
+    def shape_name(cls) -> str:
         """The name of the shape."""
         return cls.__name__.lower()
 
-    def draw(self, draft: Draft) -> None:
-        """Draws the shape in the draft's size; raises `TooSmall` where that leaves no room for it."""
-        self._draw(draft)
+    def build(self, builder: GeometryBuilder) -> None:
+        """Draws the shape in the draft's size; raises `TemplateDoesNotFit` where that leaves no room for it."""
+        self._build(builder)
 
-    def _draw(self, draft: Draft) -> None:
+    def _build(self, builder: GeometryBuilder) -> None:
         raise NotImplementedError(f"{type(self).__name__} has to say how it is drawn")
 
-    def surface(self, role: str, given: Mapping[str, Surface]) -> Surface:
+    def material_of(self, role: str, materials: Mapping[str, PbrMaterial]) -> PbrMaterial:
         """What a role's surface is, by what was given."""
-        while role not in given:
+        while role not in materials:
             told = self.roles[role]
-            if isinstance(told, Surface):
+            if isinstance(told, PbrMaterial):
                 return told
             role = told
-        return given[role]
+        return materials[role]

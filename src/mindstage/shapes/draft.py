@@ -14,20 +14,20 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mindstage.shapes.holes import Hole, cells, without_slivers
-from mindstage.shapes.sides import Gap, Side, Turn, turn_between
-from mindstage.shapes.touchables import Touchable, ring, strips
+from mindstage.shapes.holes import Hole, grid_cells, merge_narrow_strips
+from mindstage.shapes.sides import AxisPermutation, BodySide, Cutout, turn_between
+from mindstage.shapes.touchables import CollisionPart, covering_rectangles, ring_parts
 from mindstage.world import Vector
-from mindstage.world.forms import SolidKind
+from mindstage.world.forms import CollisionShapeType
 from mindstage.world.geometry import Array
-from mindstage.world.meshes import TriangleMesh, boxes, joined, lathe, loft, pierced, stretched, sweep
+from mindstage.world.meshes import TriangleMesh, boxes, joined, lathe, loft, panel_with_cutouts, scaled, sweep
 
-__all__ = ["Draft", "Spot", "TooSmall"]
+__all__ = ["GeometryBuilder", "LocalSupportSurface", "TemplateDoesNotFit"]
 
 _BEVEL_M = 0.004
-_AROUND = ((0.03, 32), (0.012, 20), (0.0, 12))
+_SEGMENTS_BY_RADIUS = ((0.03, 32), (0.012, 20), (0.0, 12))
 """How many corners a circle has from which radius on [m]."""
-_TIP = 1e-9
+_EPSILON_M = 1e-9
 _EXACT = 1e-12
 
 _BLOCK_FACES = np.array(
@@ -42,16 +42,16 @@ Corner = Sequence[float] | Array
 Profile = Sequence[tuple[float, float]]
 
 
-class TooSmall(Exception):
+class TemplateDoesNotFit(Exception):
     """The size leaves no room for what the shape consists of."""
 
 
-class Spot:
+class LocalSupportSurface:
     """A level place in the drawing's frame."""
 
-    def __init__(self, low: Array, high: Array, level: float, height: float | None, *, inside: bool) -> None:
+    def __init__(self, low: Array, high: Array, level: float, clearance: float | None, *, is_inside: bool) -> None:
         self.low, self.high = low, high
-        self.level, self.height, self.inside = level, height, inside
+        self.level, self.clearance, self.is_inside = level, clearance, is_inside
 
 
 class _Part(NamedTuple):
@@ -63,15 +63,15 @@ class _Part(NamedTuple):
     make: Callable[[], TriangleMesh]
 
 
-class Draft:
+class GeometryBuilder:
     """What has been drawn so far."""
 
-    def __init__(self, size: Vector, turn: Turn) -> None:
+    def __init__(self, size: Vector, turn: AxisPermutation) -> None:
         self.size = np.array(size)
         self.low, self.high = -self.size / 2, self.size / 2
         self.turn = turn
-        self.touchables: list[Touchable] = []
-        self.spots: list[Spot] = []
+        self.collision_parts: list[CollisionPart] = []
+        self.support_surfaces: list[LocalSupportSurface] = []
         self.notes: list[str] = []
         self.light: Array | None = None
         self._boxes: dict[tuple[str, int], list[tuple[Array, Array, float]]] = {}
@@ -82,50 +82,50 @@ class Draft:
     @property
     def is_empty(self) -> bool:
         """Whether there is nothing to be seen, or nothing to be touched."""
-        return not (self.touchables and (self._boxes or self._parts))
+        return not (self.collision_parts and (self._boxes or self._parts))
 
     @property
-    def least(self) -> float:
+    def min_extent(self) -> float:
         """The smallest extent [m]."""
         return float(self.size.min())
 
-    def note(self, words: str) -> None:
+    def add_note(self, text: str) -> None:
         """Something that whoever asked for the shape should know."""
-        self.notes.append(words)
+        self.notes.append(text)
 
     # -- parts -------------------------------------------------------------------------------------------------------
 
-    def box(
+    def add_box(
         self,
         role: str,
         low: Corner,
         high: Corner,
         *,
         rounding: float = _BEVEL_M,
-        soft: bool = False,
-        solid: bool = True,
+        rounded: bool = False,
+        collides: bool = True,
     ) -> None:
         """A box between two corners, its edges bevelled, or rounded where it is soft; nothing if it has no volume."""
         lower, upper = np.asarray(low, dtype=np.float64), np.asarray(high, dtype=np.float64)
         extents = upper - lower
-        if extents.min() <= _TIP:
+        if extents.min() <= _EPSILON_M:
             return
-        radius = min(rounding, (0.5 if soft else 0.3) * float(extents.min()))
-        self._boxes.setdefault((role, 4 if soft else 1), []).append((lower, upper, radius))
-        if solid:
-            self.touch_box(lower, upper)
+        radius = min(rounding, (0.5 if rounded else 0.3) * float(extents.min()))
+        self._boxes.setdefault((role, 4 if rounded else 1), []).append((lower, upper, radius))
+        if collides:
+            self.add_collision_box(lower, upper)
 
-    def round(
+    def add_lathe(
         self,
         role: str,
         profile: Profile,
         low: Corner,
         high: Corner,
         *,
-        along: Side = Side.TOP,
+        along: BodySide = BodySide.TOP,
         bevel: float = _BEVEL_M,
         closed: bool = False,
-        around: int | None = None,
+        segments: int | None = None,
     ) -> None:
         """Something turned round an axis, in a box; it is seen only.
 
@@ -140,66 +140,66 @@ class Draft:
             around: corners of a circle; the smaller, the fewer, unless told.
         """
         lower, upper = np.asarray(low, dtype=np.float64), np.asarray(high, dtype=np.float64)
-        if (upper - lower).min() <= _TIP:
+        if (upper - lower).min() <= _EPSILON_M:
             return
-        turn = turn_between(Side.FRONT if along.axis == 2 else Side.TOP, along)
-        extents = np.array(turn.drawn_size(tuple((upper - lower).tolist())))
+        turn = turn_between(BodySide.FRONT if along.axis == 2 else BodySide.TOP, along)
+        extents = np.array(turn.template_size(tuple((upper - lower).tolist())))
         radius, length = float(extents[:2].min()) / 2, float(extents[2])
         shares = np.array(profile)
-        corners = around or next(corners for least, corners in _AROUND if radius >= least)
+        corners = segments or next(corners for least, corners in _SEGMENTS_BY_RADIUS if radius >= least)
         middle, across = (lower + upper) / 2, extents[:2] / (2 * radius)
 
         def turned() -> TriangleMesh:
             profile = shares * (radius, length)
-            mesh = lathe(profile, bevel=bevel, around=corners, closed=closed)  # type: ignore[arg-type]
-            mesh = stretched(mesh, np.array([*across, 1.0]), np.array([0.0, 0.0, -length / 2]))
-            normals = None if mesh.normals is None else turn.points(mesh.normals)
-            return TriangleMesh(turn.points(mesh.points) + middle, mesh.faces, normals)
+            mesh = lathe(profile, bevel=bevel, segments=corners, closed=closed)  # type: ignore[arg-type]
+            mesh = scaled(mesh, np.array([*across, 1.0]), np.array([0.0, 0.0, -length / 2]))
+            normals = None if mesh.normals is None else turn.to_body(mesh.normals)
+            return TriangleMesh(turn.to_body(mesh.points) + middle, mesh.faces, normals)
 
         # A circle has corners on both axes, so the surface fills the box of its outermost radius and its heights.
         widest, heights = float(shares[:, 0].max()), shares[:, 1]
         reach = [*(extents[:2] / 2 * widest), (float(heights.max()) - 0.5) * length]
         depth = [*(extents[:2] / -2 * widest), (float(heights.min()) - 0.5) * length]
-        ends = turn.points(np.array([depth, reach])) + middle
+        ends = turn.to_body(np.array([depth, reach])) + middle
         self._add(role, _Part(ends.min(axis=0), ends.max(axis=0), turned), smooth=True)
 
-    def disc(
+    def add_cylinder(
         self,
         role: str,
         low: Corner,
         high: Corner,
         *,
-        along: Side = Side.TOP,
+        along: BodySide = BodySide.TOP,
         bevel: float = _BEVEL_M,
-        around: int | None = None,
+        segments: int | None = None,
     ) -> None:
         """A cylinder that fills a box; it is seen only."""
         profile = ((0, 0), (1, 0), (1, 1), (0, 1))
-        self.round(role, profile, low, high, along=along, bevel=bevel, around=around)
+        self.add_lathe(role, profile, low, high, along=along, bevel=bevel, segments=segments)
 
-    def bar(self, role: str, path: Sequence[Corner], radius: float, *, around: int = 12) -> None:
+    def add_tube(self, role: str, path: Sequence[Corner], radius: float, *, segments: int = 12) -> None:
         """A round bar along a path; it is seen only."""
-        if radius > _TIP:
-            self.mesh(
-                role, sweep(np.array([np.asarray(spot, dtype=np.float64) for spot in path]), radius, around=around)
+        if radius > _EPSILON_M:
+            self.add_mesh(
+                role, sweep(np.array([np.asarray(spot, dtype=np.float64) for spot in path]), radius, segments=segments)
             )
 
-    def skin(self, role: str, rings: Array) -> None:
+    def add_loft(self, role: str, rings: Array) -> None:
         """A skin over rings of points; it is seen only."""
         points = rings.reshape(-1, 3)
         self._add(role, _Part(points.min(axis=0), points.max(axis=0), partial(loft, rings)), smooth=True)
 
-    def plate(
+    def add_plate(
         self,
         role: str,
         low: Corner,
         high: Corner,
-        gaps: Iterable[Gap] = (),
+        cutouts: Iterable[Cutout] = (),
         *,
-        thin: int,
+        thin_axis: int,
         rounding: float = _BEVEL_M,
-        solid: bool = True,
-        least: float = 0.0,
+        collides: bool = True,
+        min_strip_width: float = 0.0,
     ) -> list[tuple[Array, Array]]:
         """A box with holes along its thin axis (0, 1, 2), where gaps take up half of its thickness or more.
 
@@ -207,30 +207,32 @@ class Draft:
         `least` are left out.
         """
         lower, upper = np.asarray(low, dtype=np.float64), np.asarray(high, dtype=np.float64)
-        if (upper - lower).min() <= _TIP:
+        if (upper - lower).min() <= _EPSILON_M:
             return []
-        holes = [hole for gap in gaps if (hole := self._hole(gap, lower, upper, thin)) is not None]
+        holes = [hole for gap in cutouts if (hole := self._hole_of(gap, lower, upper, thin_axis)) is not None]
         if not holes:
-            self.box(role, lower, upper, rounding=rounding, solid=solid)
+            self.add_box(role, lower, upper, rounding=rounding, collides=collides)
             return [(lower, upper)]
-        axes = [(thin + 1) % 3, (thin + 2) % 3]
-        if least:
-            holes = without_slivers(lower[axes], upper[axes], holes, least)
-        cuts, kept = cells(lower[axes], upper[axes], holes)
+        axes = [(thin_axis + 1) % 3, (thin_axis + 2) % 3]
+        if min_strip_width:
+            holes = merge_narrow_strips(lower[axes], upper[axes], holes, min_strip_width)
+        cuts, kept = grid_cells(lower[axes], upper[axes], holes)
         if not kept.any():
             return []
-        return self.sheet(role, cuts, kept, (float(lower[thin]), float(upper[thin])), thin=thin, solid=solid)
+        return self.add_sheet(
+            role, cuts, kept, (float(lower[thin_axis]), float(upper[thin_axis])), thin_axis=thin_axis, collides=collides
+        )
 
-    def sheet(
+    def add_sheet(
         self,
         role: str,
         cuts: tuple[Array, Array],
         kept: NDArray[np.bool_],
         thickness: tuple[float, float],
         *,
-        thin: int = 2,
-        solid: bool = True,
-        down_to: float | None = None,
+        thin_axis: int = 2,
+        collides: bool = True,
+        collision_bottom: float | None = None,
     ) -> list[tuple[Array, Array]]:
         """A plate of cells, some of which may be missing; it gives back the boxes that it consists of.
 
@@ -243,10 +245,10 @@ class Draft:
             solid: whether it can be touched.
             down_to: how far down what can be touched goes, if farther than what is seen [m].
         """
-        axes = [(thin + 1) % 3, (thin + 2) % 3, thin]
+        axes = [(thin_axis + 1) % 3, (thin_axis + 2) % 3, thin_axis]
 
         def standing() -> TriangleMesh:
-            lying = pierced(cuts, kept, thickness)
+            lying = panel_with_cutouts(cuts, kept, thickness)
             return TriangleMesh(lying.points[:, np.argsort(axes)], lying.faces, None)
 
         if kept.any():
@@ -254,33 +256,33 @@ class Draft:
             for axis, cut, there in zip(axes, cuts, (kept.any(axis=1), kept.any(axis=0)), strict=False):
                 cells_there = np.flatnonzero(there)
                 lower[axis], upper[axis] = cut[cells_there[0]], cut[cells_there[-1] + 1]
-            lower[thin], upper[thin] = min(thickness), max(thickness)
+            lower[thin_axis], upper[thin_axis] = min(thickness), max(thickness)
             self._add(role, _Part(lower, upper, standing), smooth=False)
-        start = thickness[0] if down_to is None else down_to
+        start = thickness[0] if collision_bottom is None else collision_bottom
         parts = []
-        for first, last in strips(cuts, kept):
+        for first, last in covering_rectangles(cuts, kept):
             low, high = np.empty(3), np.empty(3)
             low[axes], high[axes] = [*first, start], [*last, thickness[1]]
             parts.append((low, high))
-            if solid:
-                self.touch_box(low, high)
+            if collides:
+                self.add_collision_box(low, high)
         return parts
 
-    def frustum(self, role: str, below: tuple[Corner, Corner], above: tuple[Corner, Corner]) -> None:
+    def add_frustum(self, role: str, below: tuple[Corner, Corner], above: tuple[Corner, Corner]) -> None:
         """A block between two level rectangles, each by two corners of one height."""
         rings = []
         for first, last in (below, above):
             (x0, y0, z), (x1, y1, _) = first, last
             rings += [(x0, y0, z), (x1, y0, z), (x1, y1, z), (x0, y1, z)]
-        self.block(role, np.array(rings, dtype=np.float64))
+        self.add_hexahedron(role, np.array(rings, dtype=np.float64))
 
-    def block(self, role: str, corners: Array, *, solid: bool = True) -> None:
+    def add_hexahedron(self, role: str, corners: Array, *, collides: bool = True) -> None:
         """A convex block of six flat sides: four corners, and the four above them, each counterclockwise from above."""
-        self.mesh(role, TriangleMesh(corners, _BLOCK_FACES, None))
-        if solid:
-            self.touch_hull(corners)
+        self.add_mesh(role, TriangleMesh(corners, _BLOCK_FACES, None))
+        if collides:
+            self.add_collision_hull(corners)
 
-    def mesh(self, role: str, mesh: TriangleMesh) -> None:
+    def add_mesh(self, role: str, mesh: TriangleMesh) -> None:
         """Any other closed surface; it is seen only."""
         part = _Part(mesh.points.min(axis=0), mesh.points.max(axis=0), lambda: mesh)
         self._add(role, part, smooth=mesh.normals is not None)
@@ -290,23 +292,25 @@ class Draft:
 
     # -- what can be touched -----------------------------------------------------------------------------------------
 
-    def touch_box(self, low: Corner, high: Corner) -> None:
+    def add_collision_box(self, low: Corner, high: Corner) -> None:
         """A box that is not seen."""
-        self.touchables.append(Touchable(SolidKind.BOX, np.array([low, high], dtype=np.float64)))
+        self.collision_parts.append(CollisionPart(CollisionShapeType.BOX, np.array([low, high], dtype=np.float64)))
 
-    def touch_round(self, low: Corner, high: Corner, *, along: Side = Side.TOP) -> None:
+    def add_collision_cylinder(self, low: Corner, high: Corner, *, along: BodySide = BodySide.TOP) -> None:
         """A cylinder that fills a box and is not seen."""
-        self.touchables.append(Touchable(SolidKind.CYLINDER, np.array([low, high], dtype=np.float64), axis=along.axis))
+        self.collision_parts.append(
+            CollisionPart(CollisionShapeType.CYLINDER, np.array([low, high], dtype=np.float64), axis=along.axis)
+        )
 
-    def touch_ball(self, low: Corner, high: Corner) -> None:
+    def add_collision_sphere(self, low: Corner, high: Corner) -> None:
         """An ellipsoid that fills a box and is not seen."""
-        self.touchables.append(Touchable(SolidKind.SPHERE, np.array([low, high], dtype=np.float64)))
+        self.collision_parts.append(CollisionPart(CollisionShapeType.SPHERE, np.array([low, high], dtype=np.float64)))
 
-    def touch_hull(self, points: Sequence[Corner] | Array) -> None:
+    def add_collision_hull(self, points: Sequence[Corner] | Array) -> None:
         """A convex body round points that is not seen."""
-        self.touchables.append(Touchable(SolidKind.HULL, np.asarray(points, dtype=np.float64)))
+        self.collision_parts.append(CollisionPart(CollisionShapeType.HULL, np.asarray(points, dtype=np.float64)))
 
-    def touch_ring(
+    def add_collision_ring(
         self, low: Corner, high: Corner, *, outer: tuple[float, float], inner: tuple[float, float], pieces: int = 8
     ) -> None:
         """The wall of an upright round vessel, in pieces.
@@ -319,20 +323,20 @@ class Draft:
             pieces: how many.
         """
         lower, upper = np.asarray(low, dtype=np.float64), np.asarray(high, dtype=np.float64)
-        self.touchables += ring(lower, upper, outer, inner, pieces)
+        self.collision_parts += ring_parts(lower, upper, outer, inner, pieces)
 
-    def place(
-        self, low: Corner, high: Corner, level: float, *, height: float | None = None, inside: bool = False
+    def add_support_surface(
+        self, low: Corner, high: Corner, level: float, *, clearance: float | None = None, is_inside: bool = False
     ) -> None:
         """Something can be put on a level rectangle between two corners (x, y)."""
         lower = np.maximum(np.asarray(low, dtype=np.float64)[:2], self.low[:2])
         upper = np.minimum(np.asarray(high, dtype=np.float64)[:2], self.high[:2])
-        if (upper - lower).min() > _TIP and (height is None or height > _TIP):
-            self.spots.append(Spot(lower, upper, level, height, inside=inside))
+        if (upper - lower).min() > _EPSILON_M and (clearance is None or clearance > _EPSILON_M):
+            self.support_surfaces.append(LocalSupportSurface(lower, upper, level, clearance, is_inside=is_inside))
 
     # -- the end -----------------------------------------------------------------------------------------------------
 
-    def fit(self) -> float:
+    def fit_to_size(self) -> float:
         """Stretches all that was drawn to the size; by how much at most, as a share."""
         parts = [part for parts in self._parts.values() for part in parts]
         blocks = [block for blocks in self._boxes.values() for block in blocks]
@@ -343,17 +347,17 @@ class Draft:
         scale = self.size / (high - low)
         shift = self.low - low * scale
         self._stretch = (scale, shift)
-        self.touchables = [part.stretched(scale, shift).within(self.low, self.high) for part in self.touchables]
-        for spot in self.spots:
+        self.collision_parts = [part.scaled(scale, shift).clipped(self.low, self.high) for part in self.collision_parts]
+        for spot in self.support_surfaces:
             spot.low, spot.high = spot.low * scale[:2] + shift[:2], spot.high * scale[:2] + shift[:2]
             spot.level = float(spot.level * scale[2] + shift[2])
-            spot.height = None if spot.height is None else float(spot.height * scale[2])
+            spot.clearance = None if spot.clearance is None else float(spot.clearance * scale[2])
             spot.low, spot.high = np.maximum(spot.low, self.low[:2]), np.minimum(spot.high, self.high[:2])
         if self.light is not None:
             self.light = self.light * scale + shift
         return float(np.abs(scale - 1.0).max())
 
-    def meshes(self) -> dict[tuple[str, bool], TriangleMesh]:
+    def merged_meshes(self) -> dict[tuple[str, bool], TriangleMesh]:
         """One a role, and one more for its parts whose faces have their own normals."""
         found = {key: [part.make() for part in parts] for key, parts in self._parts.items()}
         for (role, steps), parts in self._boxes.items():
@@ -362,13 +366,15 @@ class Draft:
         whole = {key: joined(meshes) for key, meshes in sorted(found.items())}
         if self._stretch is None:
             return whole
-        return {key: stretched(mesh, *self._stretch) for key, mesh in whole.items()}
+        return {key: scaled(mesh, *self._stretch) for key, mesh in whole.items()}
 
-    def _hole(self, gap: Gap, low: Array, high: Array, thin: int) -> Hole | None:
+    def _hole_of(self, cutout: Cutout, low: Array, high: Array, thin_axis: int) -> Hole | None:
         """Where a gap is in a plate, across it; None where it takes up less than half of its thickness."""
-        start, end = self.turn.drawn_gap(gap)
-        if min(end[thin], high[thin]) - max(start[thin], low[thin]) < 0.5 * (high[thin] - low[thin]):
+        start, end = self.turn.template_cutout(cutout)
+        if min(end[thin_axis], high[thin_axis]) - max(start[thin_axis], low[thin_axis]) < 0.5 * (
+            high[thin_axis] - low[thin_axis]
+        ):
             return None
-        axes = [(thin + 1) % 3, (thin + 2) % 3]
+        axes = [(thin_axis + 1) % 3, (thin_axis + 2) % 3]
         start, end = np.maximum(start, low)[axes], np.minimum(end, high)[axes]
         return (start, end) if (end - start).min() > 1e-4 else None

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from mindstage.world.colours import rgb
-from mindstage.world.forms import Surface
+from mindstage.world.colors import rgb_from_hex
+from mindstage.world.forms import PbrMaterial
 
 __all__ = [
     "BAMBOO",
@@ -37,31 +37,31 @@ __all__ = [
 ]
 
 
-PLAIN = Surface(colour=rgb("b9bcc0"))
-LACQUER = Surface(material="lacquered wood", colour=rgb("ece4d6"), roughness=0.45)
-OAK = Surface(material="wood", colour=rgb("b8946c"), roughness=0.6)
-BAMBOO = Surface(material="wood", colour=rgb("cfb083"), roughness=0.6)
-WICKER = Surface(material="wicker", colour=rgb("b58a55"), roughness=0.9)
-STONE = Surface(material="stone", colour=rgb("6d6a68"), roughness=0.4)
-STEEL = Surface(material="steel", colour=rgb("c0c6ca"), metalness=0.9, roughness=0.35)
-CHROME = Surface(material="chrome", colour=rgb("d9dee2"), metalness=1.0, roughness=0.15)
-IRON = Surface(material="iron", colour=rgb("3a3f45"), metalness=0.6, roughness=0.5)
-BRASS = Surface(material="brass", colour=rgb("c8a253"), metalness=0.9, roughness=0.3)
-CERAMIC = Surface(material="ceramic", colour=rgb("f5f1e8"), roughness=0.25)
-TERRACOTTA = Surface(material="terracotta", colour=rgb("b8684a"), roughness=0.9)
-CLEAR_GLASS = Surface(material="glass", colour=rgb("cfe4ea"), roughness=0.05, opacity=0.3)
-SKY_GLASS = Surface(material="glass", colour=rgb("a9cbd8"), roughness=0.05, opacity=0.35)
-BLACK_GLASS = Surface(material="glass", colour=rgb("22262b"), roughness=0.08)
-SCREEN = Surface(material="glass", colour=rgb("1d2733"), roughness=0.1)
-DARK_PLASTIC = Surface(material="plastic", colour=rgb("33373c"), roughness=0.5)
-CREAM = Surface(material="plastic", colour=rgb("efe9dd"), roughness=0.5)
-RED = Surface(material="plastic", colour=rgb("b7463a"), roughness=0.45)
-LABEL = Surface(material="paper", colour=rgb("f0e7d2"), roughness=0.8)
-PAPER = Surface(material="paper", colour=rgb("f6f3ea"), roughness=0.9)
-PICTURE = Surface(material="paper", colour=rgb("8fa9b5"), roughness=0.8)
-LINEN = Surface(material="textile", colour=rgb("e6dfd1"), roughness=0.95)
-LEAF = Surface(material="plant", colour=rgb("5f8a4a"), roughness=0.8)
-SOIL = Surface(material="soil", colour=rgb("4a3728"), roughness=1.0)
-FOOD = Surface(material="food", colour=rgb("c9854a"), roughness=0.8)
-PLASTER = Surface(material="plaster", colour=rgb("ece8e0"), roughness=0.95)
-GLOWING = Surface(material="glass", colour=rgb("fff1cc"), roughness=0.4, glow=0.9)
+PLAIN = PbrMaterial(color=rgb_from_hex("b9bcc0"))
+LACQUER = PbrMaterial(name="lacquered wood", color=rgb_from_hex("ece4d6"), roughness=0.45)
+OAK = PbrMaterial(name="wood", color=rgb_from_hex("b8946c"), roughness=0.6)
+BAMBOO = PbrMaterial(name="wood", color=rgb_from_hex("cfb083"), roughness=0.6)
+WICKER = PbrMaterial(name="wicker", color=rgb_from_hex("b58a55"), roughness=0.9)
+STONE = PbrMaterial(name="stone", color=rgb_from_hex("6d6a68"), roughness=0.4)
+STEEL = PbrMaterial(name="steel", color=rgb_from_hex("c0c6ca"), metalness=0.9, roughness=0.35)
+CHROME = PbrMaterial(name="chrome", color=rgb_from_hex("d9dee2"), metalness=1.0, roughness=0.15)
+IRON = PbrMaterial(name="iron", color=rgb_from_hex("3a3f45"), metalness=0.6, roughness=0.5)
+BRASS = PbrMaterial(name="brass", color=rgb_from_hex("c8a253"), metalness=0.9, roughness=0.3)
+CERAMIC = PbrMaterial(name="ceramic", color=rgb_from_hex("f5f1e8"), roughness=0.25)
+TERRACOTTA = PbrMaterial(name="terracotta", color=rgb_from_hex("b8684a"), roughness=0.9)
+CLEAR_GLASS = PbrMaterial(name="glass", color=rgb_from_hex("cfe4ea"), roughness=0.05, opacity=0.3)
+SKY_GLASS = PbrMaterial(name="glass", color=rgb_from_hex("a9cbd8"), roughness=0.05, opacity=0.35)
+BLACK_GLASS = PbrMaterial(name="glass", color=rgb_from_hex("22262b"), roughness=0.08)
+SCREEN = PbrMaterial(name="glass", color=rgb_from_hex("1d2733"), roughness=0.1)
+DARK_PLASTIC = PbrMaterial(name="plastic", color=rgb_from_hex("33373c"), roughness=0.5)
+CREAM = PbrMaterial(name="plastic", color=rgb_from_hex("efe9dd"), roughness=0.5)
+RED = PbrMaterial(name="plastic", color=rgb_from_hex("b7463a"), roughness=0.45)
+LABEL = PbrMaterial(name="paper", color=rgb_from_hex("f0e7d2"), roughness=0.8)
+PAPER = PbrMaterial(name="paper", color=rgb_from_hex("f6f3ea"), roughness=0.9)
+PICTURE = PbrMaterial(name="paper", color=rgb_from_hex("8fa9b5"), roughness=0.8)
+LINEN = PbrMaterial(name="textile", color=rgb_from_hex("e6dfd1"), roughness=0.95)
+LEAF = PbrMaterial(name="plant", color=rgb_from_hex("5f8a4a"), roughness=0.8)
+SOIL = PbrMaterial(name="soil", color=rgb_from_hex("4a3728"), roughness=1.0)
+FOOD = PbrMaterial(name="food", color=rgb_from_hex("c9854a"), roughness=0.8)
+PLASTER = PbrMaterial(name="plaster", color=rgb_from_hex("ece8e0"), roughness=0.95)
+GLOWING = PbrMaterial(name="glass", color=rgb_from_hex("fff1cc"), roughness=0.4, emission=0.9)

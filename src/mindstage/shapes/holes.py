@@ -10,16 +10,16 @@ from numpy.typing import NDArray
 
 from mindstage.world.geometry import Array
 
-__all__ = ["Hole", "cells", "without_slivers"]
+__all__ = ["Hole", "grid_cells", "merge_narrow_strips"]
 
 Hole = tuple[Array, Array]
 """Its lower and its upper corner, across the plate."""
 
-_FILLS = 0.6
+_MIN_FILL = 0.6
 """So much of the rectangle round two holes that meet they must fill to become one."""
 
 
-def cells(low: Array, high: Array, holes: Sequence[Hole]) -> tuple[tuple[Array, Array], NDArray[np.bool_]]:
+def grid_cells(low: Array, high: Array, holes: Sequence[Hole]) -> tuple[tuple[Array, Array], NDArray[np.bool_]]:
     """A plate divided where its holes begin and end, and which cells are left of it."""
     cuts = []
     for axis in range(2):
@@ -34,7 +34,7 @@ def cells(low: Array, high: Array, holes: Sequence[Hole]) -> tuple[tuple[Array, 
     return (cuts[0], cuts[1]), kept
 
 
-def without_slivers(low: Array, high: Array, holes: Sequence[Hole], least: float) -> list[Hole]:
+def merge_narrow_strips(low: Array, high: Array, holes: Sequence[Hole], min_width: float) -> list[Hole]:
     """Holes that are widened so that hardly any strip between their edges is narrower than asked.
 
     Nothing can stand on such strips, none is worth a look, and every one costs an engine a part to look at.
@@ -48,10 +48,10 @@ def without_slivers(low: Array, high: Array, holes: Sequence[Hole], least: float
     starts, ends = (np.array([hole[end] for hole in holes]).reshape(-1, 2) for end in (0, 1))
     for axis in range(2):
         marks = _each_once([low[axis], high[axis], *starts[:, axis], *ends[:, axis]])
-        first, last = _groups(marks, least)
+        first, last = _merge_marks(marks, min_width)
         starts[:, axis] = first[np.searchsorted(marks, starts[:, axis])]
         ends[:, axis] = last[np.searchsorted(marks, ends[:, axis])]
-    return _joined(list(zip(starts, ends, strict=True)))
+    return _merge_holes(list(zip(starts, ends, strict=True)))
 
 
 def _each_once(marks: Sequence[float]) -> Array:
@@ -59,25 +59,25 @@ def _each_once(marks: Sequence[float]) -> Array:
     return np.array(sorted(set(marks)))
 
 
-def _groups(marks: Array, least: float) -> tuple[Array, Array]:
+def _merge_marks(marks: Array, min_width: float) -> tuple[Array, Array]:
     """For each mark the first and the last of those so near each other that they are taken as one."""
     first, last = marks.copy(), marks.copy()
     begin = 0
     for index in range(1, len(marks) + 1):
-        if index == len(marks) or marks[index] - marks[begin] >= least:
+        if index == len(marks) or marks[index] - marks[begin] >= min_width:
             first[begin:index], last[begin:index] = marks[begin], marks[index - 1]
             begin = index
     return first, last
 
 
-def _joined(holes: list[Hole]) -> list[Hole]:
+def _merge_holes(holes: list[Hole]) -> list[Hole]:
     """The same holes, those that meet as one where they fill most of the rectangle round them."""
     for one, other in combinations(range(len(holes)), 2):
         (low_a, high_a), (low_b, high_b) = holes[one], holes[other]
         common = np.minimum(high_a, high_b) - np.maximum(low_a, low_b)
         low, high = np.minimum(low_a, low_b), np.maximum(high_a, high_b)
         fills = np.prod(high_a - low_a) + np.prod(high_b - low_b) - np.prod(np.maximum(common, 0.0))
-        if common.min() >= 0.0 and fills >= _FILLS * np.prod(high - low):
+        if common.min() >= 0.0 and fills >= _MIN_FILL * np.prod(high - low):
             rest = [hole for number, hole in enumerate(holes) if number not in (one, other)]
-            return _joined([*rest, (low, high)])
+            return _merge_holes([*rest, (low, high)])
     return holes

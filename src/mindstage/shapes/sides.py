@@ -11,15 +11,15 @@ from functools import cache
 
 import numpy as np
 
-from mindstage.errors import ShapeRefused
+from mindstage.errors import InvalidShapeError
 from mindstage.world import Quaternion, Vector
 from mindstage.world.geometry import Array, quaternion_from_matrix
-from mindstage.world.values import Value
+from mindstage.world.values import FrozenStruct
 
-__all__ = ["Gap", "Side", "Turn", "turn_between"]
+__all__ = ["AxisPermutation", "BodySide", "Cutout", "turn_between"]
 
 
-class Side(StrEnum):
+class BodySide(StrEnum):
     """One of the six sides of a body, by its own axes."""
 
     FRONT = "+x"
@@ -30,7 +30,7 @@ class Side(StrEnum):
     BOTTOM = "-z"
 
     @classmethod
-    def of(cls, axis: int, sign: int) -> Side:
+    def from_axis(cls, axis: int, sign: int) -> BodySide:
         """The side at one end of an axis (0, 1, 2 for x, y, z)."""
         return cls(f"{'+' if sign > 0 else '-'}{'xyz'[axis]}")
 
@@ -45,9 +45,9 @@ class Side(StrEnum):
         return 1 if self.value[0] == "+" else -1
 
     @property
-    def opposite(self) -> Side:
+    def opposite(self) -> BodySide:
         """The side across."""
-        return Side.of(self.axis, -self.sign)
+        return BodySide.from_axis(self.axis, -self.sign)
 
     @property
     def vector(self) -> Vector:
@@ -56,7 +56,7 @@ class Side(StrEnum):
         return (x, y, z)
 
 
-class Gap(Value, frozen=True, kw_only=True):
+class Cutout(FrozenStruct, frozen=True, kw_only=True):
     """A box that must stay free: a door's opening in a wall, a sink's in a worktop."""
 
     low: Vector
@@ -64,52 +64,52 @@ class Gap(Value, frozen=True, kw_only=True):
     high: Vector
 
 
-class Turn:
+class AxisPermutation:
     """From the frame in which shapes are drawn into a body's own."""
 
-    def __init__(self, front: Side, up: Side) -> None:
+    def __init__(self, front: BodySide, up: BodySide) -> None:
         if front.axis == up.axis:
-            raise ShapeRefused("any", reason=f"its front {front.value} and its top {up.value} lie on one axis")
+            raise InvalidShapeError("any", reason=f"its front {front.value} and its top {up.value} lie on one axis")
         left = np.cross(up.vector, front.vector)
         self.matrix: Array = np.stack([front.vector, left, up.vector], axis=1)
         w, x, y, z = quaternion_from_matrix(self.matrix).tolist()
         self.quaternion: Quaternion = (w, x, y, z)
         self._axes = [int(np.flatnonzero(row)[0]) for row in self.matrix]
-        self.is_none = bool(np.array_equal(self.matrix, np.eye(3)))
+        self.is_identity = bool(np.array_equal(self.matrix, np.eye(3)))
         """Whether both frames are the same."""
 
-    def drawn_size(self, size: Vector) -> Vector:
+    def template_size(self, size: Vector) -> Vector:
         """A body's extents along the drawn axes."""
         x, y, z = (float(value) for value in np.abs(self.matrix.T) @ np.array(size))
         return (x, y, z)
 
-    def size(self, drawn: Vector) -> Vector:
+    def body_size(self, template_size: Vector) -> Vector:
         """Drawn extents along the body's axes."""
-        x, y, z = (drawn[axis] for axis in self._axes)
+        x, y, z = (template_size[axis] for axis in self._axes)
         return (x, y, z)
 
-    def points(self, drawn: Array) -> Array:
+    def to_body(self, template_points: Array) -> Array:
         """Points or directions, n x 3, in the body's frame."""
-        return drawn if self.is_none else drawn @ self.matrix.T
+        return template_points if self.is_identity else template_points @ self.matrix.T
 
-    def vector(self, drawn: Vector) -> Vector:
+    def vector_to_body(self, template_vector: Vector) -> Vector:
         """One point or direction in the body's frame."""
-        x, y, z = (self.matrix @ np.array(drawn)).tolist()
+        x, y, z = (self.matrix @ np.array(template_vector)).tolist()
         return (x, y, z)
 
-    def drawn_side(self, side: Side) -> Side:
+    def template_side(self, side: BodySide) -> BodySide:
         """A side of the body as the drawing calls it."""
         drawn = self.matrix.T @ np.array(side.vector)
         axis = int(np.flatnonzero(drawn)[0])
-        return Side.of(axis, int(drawn[axis]))
+        return BodySide.from_axis(axis, int(drawn[axis]))
 
-    def drawn_gap(self, gap: Gap) -> tuple[Array, Array]:
+    def template_cutout(self, cutout: Cutout) -> tuple[Array, Array]:
         """The two corners of a gap in the drawing."""
-        corners = np.array([gap.low, gap.high]) @ self.matrix
+        corners = np.array([cutout.low, cutout.high]) @ self.matrix
         return corners.min(axis=0), corners.max(axis=0)
 
 
 @cache
-def turn_between(front: Side, up: Side) -> Turn:
+def turn_between(front: BodySide, up: BodySide) -> AxisPermutation:
     """The turn of these two sides; there are only 24, so each is computed once. Its arrays must not be written to."""
-    return Turn(front, up)
+    return AxisPermutation(front, up)

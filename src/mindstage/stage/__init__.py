@@ -1,33 +1,33 @@
 """Stage: one knowledge base and one engine, brought together in one loop."""
 
-from mindstage.engines.contract import NoteKind, Statistics
-from mindstage.stage.company import Company, Guest
-from mindstage.stage.editing import Editing, History
-from mindstage.stage.frame import Frame
+from mindstage.engines.contract import EngineStats, SpawnNoteKind
+from mindstage.stage.company import ClientDirectory, ConnectedClient
+from mindstage.stage.editing import UndoHistory, UndoStack
+from mindstage.stage.frame import StateSnapshot
 from mindstage.stage.joint_motion import JointMotion, SimulationJoint
-from mindstage.stage.joints import Joint, JointAxis
-from mindstage.stage.lights import Lit, NotLit, Shown
-from mindstage.stage.markers import Marker, MarkerForm
-from mindstage.stage.removal import Spawned
-from mindstage.stage.stage import Stage
+from mindstage.stage.joints import JointAxisState, JointHandle
+from mindstage.stage.lights import HighlightGroup, HighlightResult, UnhighlightedItem
+from mindstage.stage.markers import Marker, MarkerType
+from mindstage.stage.removal import SpawnRecord
+from mindstage.stage.stage import Simulation
 
 __all__ = [
-    "Company",
-    "Editing",
-    "Frame",
-    "Guest",
-    "History",
-    "Joint",
-    "JointAxis",
+    "ClientDirectory",
+    "ConnectedClient",
+    "EngineStats",
+    "HighlightGroup",
+    "HighlightResult",
+    "JointAxisState",
+    "JointHandle",
     "JointMotion",
-    "Lit",
     "Marker",
-    "MarkerForm",
-    "NotLit",
-    "NoteKind",
-    "Shown",
+    "MarkerType",
+    "Simulation",
     "SimulationJoint",
-    "Spawned",
-    "Stage",
-    "Statistics",
+    "SpawnNoteKind",
+    "SpawnRecord",
+    "StateSnapshot",
+    "UndoHistory",
+    "UndoStack",
+    "UnhighlightedItem",
 ]

@@ -9,10 +9,10 @@ from collections.abc import Callable, Iterable
 
 import msgspec
 
-__all__ = ["Company", "Guest"]
+__all__ = ["ClientDirectory", "ConnectedClient"]
 
 
-class Guest(msgspec.Struct, frozen=True, kw_only=True):
+class ConnectedClient(msgspec.Struct, frozen=True, kw_only=True):
     """One who is connected."""
 
     name: str
@@ -22,39 +22,39 @@ class Guest(msgspec.Struct, frozen=True, kw_only=True):
     """What it does here, in a few words."""
 
 
-class Company:
+class ClientDirectory:
     """All who are there; calls may come from any thread."""
 
     def __init__(self) -> None:
-        self._tellers: tuple[Callable[[], Iterable[Guest]], ...] = ()
-        self._watchers: tuple[Callable[[], None], ...] = ()
+        self._sources: tuple[Callable[[], Iterable[ConnectedClient]], ...] = ()
+        self._edit_callbacks: tuple[Callable[[], None], ...] = ()
 
-    def introduce(self, who: Callable[[], Iterable[Guest]]) -> Callable[[], None]:
+    def add_client_source(self, source: Callable[[], Iterable[ConnectedClient]]) -> Callable[[], None]:
         """Lets a function tell who is there, from any thread; returns what takes it away again."""
-        self._tellers = (*self._tellers, who)
+        self._sources = (*self._sources, source)
 
         def farewell() -> None:
-            self._tellers = tuple(each for each in self._tellers if each is not who)
+            self._sources = tuple(each for each in self._sources if each is not source)
 
         return farewell
 
-    def guests(self) -> tuple[Guest, ...]:
+    def clients(self) -> tuple[ConnectedClient, ...]:
         """Who is there now."""
-        return tuple(guest for tell in self._tellers for guest in tell())
+        return tuple(guest for tell in self._sources for guest in tell())
 
-    def watch(self, react: Callable[[], None]) -> Callable[[], None]:
+    def on_edit(self, callback: Callable[[], None]) -> Callable[[], None]:
         """Calls a function after each edit, when the frame tells of it; returns what ends that.
 
         It is called in the stage's thread, and must return at once.
         """
-        self._watchers = (*self._watchers, react)
+        self._edit_callbacks = (*self._edit_callbacks, callback)
 
         def farewell() -> None:
-            self._watchers = tuple(each for each in self._watchers if each is not react)
+            self._edit_callbacks = tuple(each for each in self._edit_callbacks if each is not callback)
 
         return farewell
 
-    def tell_of_edit(self) -> None:
+    def notify_edit(self) -> None:
         """Tells all who watch that bodies, materials or lights came, went or changed."""
-        for react in self._watchers:
+        for react in self._edit_callbacks:
             react()

@@ -11,22 +11,31 @@ from typing import Protocol
 
 import msgspec
 
-from mindstage.engines.contract import Engine, State
-from mindstage.errors import BodyUnknown
-from mindstage.world import BodyId, Material, Physics, Pose
-from mindstage.world.geometry import compose, invert, pose_from, unit_pose
+from mindstage.engines.contract import Engine, SavedState
+from mindstage.errors import BodyNotFoundError
+from mindstage.world import BodyId, BodyPhysics, Material, Pose
+from mindstage.world.geometry import normalized_pose_array, pose_from_array, pose_inverse, pose_multiply
 
-__all__ = ["Attach", "Detach", "Dress", "Edit", "Hang", "Move", "Reform", "Return"]
+__all__ = [
+    "AttachAt",
+    "AttachBodies",
+    "DetachBody",
+    "EditCommand",
+    "MoveBody",
+    "RestoreState",
+    "SetMaterials",
+    "SetPhysics",
+]
 
 
-class Edit(Protocol):
+class EditCommand(Protocol):
     """One change; the world is as before if it raises."""
 
     @property
-    def what(self) -> str:
+    def label(self) -> str:
         """It in a few words, such as "mass of Mug"."""
 
-    def apply(self, engine: Engine) -> Edit:
+    def apply(self, engine: Engine) -> EditCommand:
         """Does it, in the thread that owns the engine, and gives what takes it back.
 
         Raises:
@@ -34,137 +43,143 @@ class Edit(Protocol):
         """
 
 
-class Move(msgspec.Struct, frozen=True):
+class MoveBody(msgspec.Struct, frozen=True):
     """Puts a body somewhere else, with all that hangs on it."""
 
     id: BodyId
     pose: Pose
-    what: str
+    label: str
 
-    def apply(self, engine: Engine) -> Move:
-        """See `Edit`."""
-        before = pose_of(engine, self.id)
+    def apply(self, engine: Engine) -> MoveBody:
+        """See `EditCommand`."""
+        before = current_pose(engine, self.id)
         engine.set_pose(self.id, self.pose)
-        return Move(self.id, before, self.what)
+        return MoveBody(self.id, before, self.label)
 
 
-class Reform(msgspec.Struct, frozen=True):
+class SetPhysics(msgspec.Struct, frozen=True):
     """Changes mobility, gravity or mass."""
 
     id: BodyId
-    physics: Physics
-    what: str
+    physics: BodyPhysics
+    label: str
 
-    def apply(self, engine: Engine) -> Reform:
-        """See `Edit`."""
-        before = engine.log().body(self.id).physics
+    def apply(self, engine: Engine) -> SetPhysics:
+        """See `EditCommand`."""
+        before = engine.snapshot().body(self.id).physics
         engine.set_physics(self.id, self.physics)
-        return Reform(self.id, before, self.what)
+        return SetPhysics(self.id, before, self.label)
 
 
-class Dress(msgspec.Struct, frozen=True):
+class SetMaterials(msgspec.Struct, frozen=True):
     """Changes the surface."""
 
     id: BodyId
     materials: tuple[Material, ...]
-    what: str
+    label: str
 
-    def apply(self, engine: Engine) -> Dress:
-        """See `Edit`."""
-        before = engine.log().body(self.id).materials
+    def apply(self, engine: Engine) -> SetMaterials:
+        """See `EditCommand`."""
+        before = engine.snapshot().body(self.id).materials
         engine.set_materials(self.id, self.materials)
-        return Dress(self.id, before, self.what)
+        return SetMaterials(self.id, before, self.label)
 
 
-class Attach(msgspec.Struct, frozen=True):
+class AttachBodies(msgspec.Struct, frozen=True):
     """Lets a body hang on another from now on, where both are."""
 
     parent: BodyId
     child: BodyId
-    what: str
+    label: str
 
-    def apply(self, engine: Engine) -> Edit:
-        """See `Edit`."""
-        before = holder_of(engine, self.child)
-        back = Detach(self.child, self.what) if before is None else _hanging(engine, before, self.child, self.what)
+    def apply(self, engine: Engine) -> EditCommand:
+        """See `EditCommand`."""
+        before = parent_of(engine, self.child)
+        back = (
+            DetachBody(self.child, self.label) if before is None else _attach_at(engine, before, self.child, self.label)
+        )
         engine.attach(self.parent, self.child)
         return back
 
 
-class Detach(msgspec.Struct, frozen=True):
+class DetachBody(msgspec.Struct, frozen=True):
     """Lets go of a body where it is."""
 
     child: BodyId
-    what: str
+    label: str
 
-    def apply(self, engine: Engine) -> Edit:
-        """See `Edit`."""
-        before = holder_of(engine, self.child)
-        back = Detach(self.child, self.what) if before is None else _hanging(engine, before, self.child, self.what)
+    def apply(self, engine: Engine) -> EditCommand:
+        """See `EditCommand`."""
+        before = parent_of(engine, self.child)
+        back = (
+            DetachBody(self.child, self.label) if before is None else _attach_at(engine, before, self.child, self.label)
+        )
         engine.detach(self.child)
         return back
 
 
-class Hang(msgspec.Struct, frozen=True):
+class AttachAt(msgspec.Struct, frozen=True):
     """Hangs a body where it hung before, although it may have fallen since."""
 
     parent: BodyId
     child: BodyId
     parent_from_child: Pose
-    what: str
+    label: str
 
-    def apply(self, engine: Engine) -> Edit:
-        """See `Edit`."""
-        holder, place = holder_of(engine, self.child), pose_of(engine, self.child)
-        parent = unit_pose(pose_of(engine, self.parent))
-        engine.set_pose(self.child, pose_from(compose(parent, unit_pose(self.parent_from_child))))
+    def apply(self, engine: Engine) -> EditCommand:
+        """See `EditCommand`."""
+        holder, place = parent_of(engine, self.child), current_pose(engine, self.child)
+        parent = normalized_pose_array(current_pose(engine, self.parent))
+        engine.set_pose(
+            self.child, pose_from_array(pose_multiply(parent, normalized_pose_array(self.parent_from_child)))
+        )
         try:
             engine.attach(self.parent, self.child)
         except Exception:
             engine.set_pose(self.child, place)
             raise
         if holder is None:
-            return Detach(self.child, self.what)
-        return Hang(holder, self.child, self.parent_from_child, self.what)
+            return DetachBody(self.child, self.label)
+        return AttachAt(holder, self.child, self.parent_from_child, self.label)
 
 
-class Return(msgspec.Struct, frozen=True):
+class RestoreState(msgspec.Struct, frozen=True):
     """Brings back a saved state of everything."""
 
-    state: State
-    what: str
+    state: SavedState
+    label: str
 
-    def apply(self, engine: Engine) -> Return:
-        """See `Edit`."""
-        before = engine.save()
-        engine.restore(self.state)
-        return Return(before, self.what)
+    def apply(self, engine: Engine) -> RestoreState:
+        """See `EditCommand`."""
+        before = engine.save_state()
+        engine.restore_state(self.state)
+        return RestoreState(before, self.label)
 
 
-def pose_of(engine: Engine, id: BodyId) -> Pose:
+def current_pose(engine: Engine, id: BodyId) -> Pose:
     """Where a body is now.
 
     Raises:
-        BodyUnknown: there is none of that id.
+        BodyNotFoundError: there is none of that id.
     """
-    return poses_of(engine)[id] if id in engine.poses()[0] else _unknown(engine, id)
+    return current_poses(engine)[id] if id in engine.poses()[0] else _raise_not_found(engine, id)
 
 
-def poses_of(engine: Engine) -> Mapping[BodyId, Pose]:
+def current_poses(engine: Engine) -> Mapping[BodyId, Pose]:
     """Where all bodies are now; what nobody moved is exactly where it was described."""
-    return {body.id: body.pose for body in engine.log().bodies}
+    return {body.id: body.pose for body in engine.snapshot().bodies}
 
 
-def holder_of(engine: Engine, id: BodyId) -> BodyId | None:
+def parent_of(engine: Engine, id: BodyId) -> BodyId | None:
     """What a body hangs on."""
-    return next((hold.parent for hold in engine.log().attachments if hold.child == id), None)
+    return next((hold.parent for hold in engine.snapshot().attachments if hold.child == id), None)
 
 
-def _hanging(engine: Engine, parent: BodyId, child: BodyId, what: str) -> Hang:
-    poses = poses_of(engine)
-    relative = compose(invert(unit_pose(poses[parent])), unit_pose(poses[child]))
-    return Hang(parent, child, pose_from(relative), what)
+def _attach_at(engine: Engine, parent: BodyId, child: BodyId, label: str) -> AttachAt:
+    poses = current_poses(engine)
+    relative = pose_multiply(pose_inverse(normalized_pose_array(poses[parent])), normalized_pose_array(poses[child]))
+    return AttachAt(parent, child, pose_from_array(relative), label)
 
 
-def _unknown(engine: Engine, id: BodyId) -> Pose:
-    raise BodyUnknown(id, known=engine.poses()[0])
+def _raise_not_found(engine: Engine, id: BodyId) -> Pose:
+    raise BodyNotFoundError(id, known=engine.poses()[0])

@@ -10,27 +10,27 @@ from typing import TYPE_CHECKING
 
 from msgspec.structs import replace
 
-from mindstage.engines.contract import Failure, Note, NoteKind, SpawnReport
-from mindstage.world import NO_FORMS, BodyId, Form, Forms, FormSource, World
+from mindstage.engines.contract import SpawnFailure, SpawnNote, SpawnNoteKind, SpawnReport
+from mindstage.world import NO_GEOMETRY, BodyGeometry, BodyId, GeometryMap, GeometrySource, World
 
 if TYPE_CHECKING:
     from mindstage.knowledge import KnowledgeBase
-    from mindstage.shapes.fitting import Fitted, MeshSource
+    from mindstage.shapes.fitting import FittedGeometry, MeshProvider
 
-__all__ = ["Embodiment", "told_of"]
+__all__ = ["GeometryProvider", "with_geometry_notes"]
 
-_SOURCES = {
-    FormSource.MESH: "from meshes",
-    FormSource.KNOWLEDGE: "from what is known of their classes",
-    FormSource.NAME: "guessed by the names of their classes",
-    FormSource.MAP: "plain, since nobody knows better",
+_SOURCE_TEXTS = {
+    GeometrySource.MESH: "from meshes",
+    GeometrySource.ONTOLOGY: "from what is known of their classes",
+    GeometrySource.CLASS_NAME: "guessed by the names of their classes",
+    GeometrySource.MAP: "plain, since nobody knows better",
 }
 
 
-class Embodiment:
+class GeometryProvider:
     """Works forms out, and keeps them as long as somebody may bring their bodies back."""
 
-    def __init__(self, knowledge: KnowledgeBase, *, shapes: bool, meshes: MeshSource | None) -> None:
+    def __init__(self, knowledge: KnowledgeBase, *, shapes: bool, meshes: MeshProvider | None) -> None:
         """Has none yet.
 
         Args:
@@ -40,59 +40,59 @@ class Embodiment:
         """
         self._knowledge = knowledge
         self._shapes, self._meshes = shapes, meshes
-        self._all: dict[BodyId, Form] = {}
-        self._there: tuple[tuple[BodyId, ...], Forms] = ((), NO_FORMS)
-        self._keeping = Lock()
+        self._geometry: dict[BodyId, BodyGeometry] = {}
+        self._cached: tuple[tuple[BodyId, ...], GeometryMap] = ((), NO_GEOMETRY)
+        self._lock = Lock()
 
-    def learn(self, knowledge: KnowledgeBase) -> None:
+    def set_knowledge(self, knowledge: KnowledgeBase) -> None:
         """Asks somebody else from now on."""
         self._knowledge = knowledge
 
-    def fit(self, world: World, *, given: Forms | None = None) -> Fitted:
+    def fit(self, world: World, *, geometry: GeometryMap | None = None) -> FittedGeometry:
         """The forms of a world that is about to be spawned, unless they are given; a large one takes a while."""
-        from mindstage.shapes.fitting import Fitted, Remark, forms_for
+        from mindstage.shapes.fitting import FitNote, FittedGeometry, fit_geometry
 
-        if given is not None:
-            return Fitted(given)
+        if geometry is not None:
+            return FittedGeometry(geometry)
         if self._shapes:
-            return forms_for(world, self._knowledge, meshes=self._meshes)
+            return fit_geometry(world, self._knowledge, meshes=self._meshes)
         if self._meshes is None:
-            return Fitted(NO_FORMS)
-        found = self._meshes.forms(world.bodies)
-        return Fitted(found.forms, tuple(Remark((), text) for text in found.notes))
+            return FittedGeometry(NO_GEOMETRY)
+        found = self._meshes.geometry_for(world.bodies)
+        return FittedGeometry(found.geometry, tuple(FitNote((), text) for text in found.notes))
 
-    def add(self, forms: Forms, *, failed: Iterable[Failure] = ()) -> None:
+    def add(self, geometry: GeometryMap, *, failed: Iterable[SpawnFailure] = ()) -> None:
         """Keeps the forms of what was spawned; what failed may be called like something that is there already."""
         without = {failure.id for failure in failed}
-        with self._keeping:
-            self._all = {**self._all, **{id: form for id, form in forms.items() if id not in without}}
-            self._there = ((), NO_FORMS)
+        with self._lock:
+            self._geometry = {**self._geometry, **{id: form for id, form in geometry.items() if id not in without}}
+            self._cached = ((), NO_GEOMETRY)
 
-    def all_of(self, world: World) -> Forms:
+    def for_world(self, world: World) -> GeometryMap:
         """The forms with which a world was spawned."""
-        return {body.id: self._all[body.id] for body in world.bodies if body.id in self._all}
+        return {body.id: self._geometry[body.id] for body in world.bodies if body.id in self._geometry}
 
     def clear(self) -> None:
         """Forgets all of them."""
-        with self._keeping:
-            self._all, self._there = {}, ((), NO_FORMS)
+        with self._lock:
+            self._geometry, self._cached = {}, ((), NO_GEOMETRY)
 
-    def of(self, ids: tuple[BodyId, ...]) -> Forms:
+    def for_ids(self, ids: tuple[BodyId, ...]) -> GeometryMap:
         """The forms of bodies that are there; the same object for the same tuple."""
-        with self._keeping:
-            known, forms = self._there
+        with self._lock:
+            known, forms = self._cached
             if known is not ids:
-                forms = MappingProxyType({id: self._all[id] for id in ids if id in self._all})
-                self._there = (ids, forms)
+                forms = MappingProxyType({id: self._geometry[id] for id in ids if id in self._geometry})
+                self._cached = (ids, forms)
             return forms
 
 
-def told_of(report: SpawnReport, fitted: Fitted, ids: Iterable[BodyId]) -> SpawnReport:
+def with_geometry_notes(report: SpawnReport, fitted: FittedGeometry, ids: Iterable[BodyId]) -> SpawnReport:
     """The same report with what was decided about the forms of these bodies."""
     there = set(ids) - {failure.id for failure in report.failed_bodies}
-    count = Counter(form.source for id, form in fitted.forms.items() if id in there)
-    notes = [Note(NoteKind.SHAPE, remark.ids, remark.text) for remark in fitted.notes]
+    count = Counter(form.source for id, form in fitted.geometry.items() if id in there)
+    notes = [SpawnNote(SpawnNoteKind.SHAPE, remark.ids, remark.text) for remark in fitted.notes]
     if count:
-        words = ", ".join(f"{count[source]} {text}" for source, text in _SOURCES.items() if count[source])
-        notes.insert(0, Note(NoteKind.SHAPE, (), f"forms: {words}"))
+        words = ", ".join(f"{count[source]} {text}" for source, text in _SOURCE_TEXTS.items() if count[source])
+        notes.insert(0, SpawnNote(SpawnNoteKind.SHAPE, (), f"forms: {words}"))
     return replace(report, notes=(*report.notes, *notes)) if notes else report

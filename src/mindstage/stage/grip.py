@@ -11,20 +11,20 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mindstage.engines.contract import Engine, Poses
+from mindstage.engines.contract import Engine, PoseArray
 from mindstage.world import BodyId, Vector, World
-from mindstage.world.geometry import Array, rotate, unit
+from mindstage.world.geometry import Array, normalize, quat_rotate
 
-__all__ = ["Grip", "Grips"]
+__all__ = ["Perturbations", "SpringPerturbation"]
 
-_PIECE_S = 0.004
+_SUBSTEP_S = 0.004
 """The force is computed anew this often [s]; spring and damper below are stable at this pace."""
-_STIFFEST = 400.0  # [N/m]
+_MAX_STIFFNESS = 400.0  # [N/m]
 _STIFFNESS_PER_KG = 1500.0  # [N/(m kg)], by which gravity makes a held thing sag 7 mm
 
 
 @dataclass(slots=True, kw_only=True)
-class Grip:
+class SpringPerturbation:
     """One hold on one body."""
 
     id: BodyId
@@ -34,41 +34,43 @@ class Grip:
     """Where that point shall go, in the world [m]."""
     mass_kg: float = 1.0
     """Of what is pulled."""
-    strongest: float = 150.0
+    max_force: float = 150.0
     """[N]: about what one arm can pull."""
-    _before: Array | None = None
+    _previous_position: Array | None = None
 
-    def force(self, pose: Poses, duration_s: float) -> tuple[Vector, Vector]:
+    def force(self, pose: PoseArray, duration_s: float) -> tuple[Vector, Vector]:
         """The force [N] and where it acts [m], both in the world.
 
         Args:
             pose: the body's present pose, seven numbers.
             duration_s: time since the last call, to know the point's speed.
         """
-        held = pose[:3] + rotate(unit(pose[3:]), np.asarray(self.point))
-        velocity = np.zeros(3) if self._before is None else (held - self._before) / max(duration_s, 1e-6)
-        self._before = held
-        stiffness = min(_STIFFEST, _STIFFNESS_PER_KG * self.mass_kg)
+        held = pose[:3] + quat_rotate(normalize(pose[3:]), np.asarray(self.point))
+        velocity = (
+            np.zeros(3) if self._previous_position is None else (held - self._previous_position) / max(duration_s, 1e-6)
+        )
+        self._previous_position = held
+        stiffness = min(_MAX_STIFFNESS, _STIFFNESS_PER_KG * self.mass_kg)
         damping = 1.4 * (stiffness * self.mass_kg) ** 0.5
         force = stiffness * (np.asarray(self.target) - held) - damping * velocity
         size = float(np.linalg.norm(force))
-        if size > self.strongest:
-            force *= self.strongest / size
+        if size > self.max_force:
+            force *= self.max_force / size
         return _vector(force), _vector(held)
 
 
-class Grips(dict[BodyId, Grip]):
+class Perturbations(dict[BodyId, SpringPerturbation]):
     """All holds, by body."""
 
-    def hold(self, id: BodyId, *, point: Vector, target: Vector, worlds: Iterable[World]) -> None:
+    def pull(self, id: BodyId, *, point: Vector, target: Vector, worlds: Iterable[World]) -> None:
         """Takes hold of a body, or moves the hand that holds it there already."""
         held = self.get(id)
         if held is None or held.point != point:
-            self[id] = Grip(id=id, point=point, target=target, mass_kg=_mass_moved_with(id, worlds))
+            self[id] = SpringPerturbation(id=id, point=point, target=target, mass_kg=_effective_mass(id, worlds))
         else:
             held.target = target
 
-    def let_go(self, id: BodyId | None = None) -> None:
+    def release(self, id: BodyId | None = None) -> None:
         """Lets go of one body, or of all."""
         if id is None:
             self.clear()
@@ -78,21 +80,21 @@ class Grips(dict[BodyId, Grip]):
     def step(self, engine: Engine, duration_s: float) -> None:
         """Lets time pass [s], and pulls meanwhile."""
         left_s = duration_s
-        while self and left_s > _PIECE_S:
-            self._pull(engine, _PIECE_S)
-            engine.step(_PIECE_S)
-            left_s -= _PIECE_S
+        while self and left_s > _SUBSTEP_S:
+            self._apply_forces(engine, _SUBSTEP_S)
+            engine.step(_SUBSTEP_S)
+            left_s -= _SUBSTEP_S
         engine.step(left_s)
 
-    def _pull(self, engine: Engine, duration_s: float) -> None:
+    def _apply_forces(self, engine: Engine, duration_s: float) -> None:
         ids, poses = engine.poses()
         rows = {id: row for row, id in enumerate(ids) if id in self}
         for id, grip in list(self.items()):
             if id in rows:
-                engine.push(id, *grip.force(poses[rows[id]], duration_s))
+                engine.apply_force(id, *grip.force(poses[rows[id]], duration_s))
 
 
-def _mass_moved_with(id: BodyId, worlds: Iterable[World]) -> float:
+def _effective_mass(id: BodyId, worlds: Iterable[World]) -> float:
     """What one pulls when one pulls that body: its own mass and that of all it hangs on [kg]."""
     masses: dict[BodyId, float] = {}
     parents: dict[BodyId, BodyId] = {}

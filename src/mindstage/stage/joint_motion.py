@@ -14,13 +14,13 @@ from typing import Protocol, TypeVar
 import msgspec
 import numpy as np
 
-from mindstage.engines.contract import Ability, Engine
-from mindstage.errors import ArgumentRefused, BodyUnknown, NameAmbiguous, NameUnknown
-from mindstage.stage.frame import Frame
-from mindstage.stage.joints import Joint, JointAxis, poses_in
-from mindstage.stage.removal import Spawned
+from mindstage.engines.contract import Capability, Engine
+from mindstage.errors import AmbiguousNameError, BodyNotFoundError, InvalidArgumentError, NameNotFoundError
+from mindstage.stage.frame import StateSnapshot
+from mindstage.stage.joints import JointAxisState, JointHandle, poses_in
+from mindstage.stage.removal import SpawnRecord
 from mindstage.world import BodyId, Vector, World
-from mindstage.world.geometry import Array, compose, invert, unit_pose
+from mindstage.world.geometry import Array, normalized_pose_array, pose_inverse, pose_multiply
 
 __all__ = ["JointMotion", "SimulationJoint", "find_joint"]
 
@@ -62,15 +62,15 @@ class _Simulation(Protocol):
     @property
     def worlds(self) -> tuple[World, ...]: ...
     @property
-    def frame(self) -> Frame: ...
+    def state(self) -> StateSnapshot: ...
     @property
-    def abilities(self) -> frozenset[Ability]: ...
-    def log(self) -> World: ...
+    def capabilities(self) -> frozenset[Capability]: ...
+    def snapshot(self) -> World: ...
     def step(self, duration_s: float) -> None: ...
-    def grip(self, id: BodyId, *, point: Vector, target: Vector) -> None: ...
+    def pull(self, id: BodyId, *, point: Vector, target: Vector) -> None: ...
     def release(self, id: BodyId | None = None) -> None: ...
-    def call(
-        self, function: Callable[[Engine], T], *, what: str = "", timeout_s: float | None = None, edits: bool = False
+    def run_on_engine(
+        self, function: Callable[[Engine], T], *, label: str = "", timeout_s: float | None = None, edits: bool = False
     ) -> T: ...
 
 
@@ -81,7 +81,7 @@ class SimulationJoint:
     joint, which is closed, in meters for a slide and in radians for a hinge.
     """
 
-    def __init__(self, simulation: _Simulation, joint: Joint, world: World) -> None:
+    def __init__(self, simulation: _Simulation, joint: JointHandle, world: World) -> None:
         """See `find_joint`.
 
         Args:
@@ -91,40 +91,43 @@ class SimulationJoint:
         """
         self._simulation = simulation
         self._joint = joint
-        self._axis: JointAxis = joint.axes[0]
-        self._simulates = world.body(joint.moving).physics.simulates
-        self._held = [BodyId(joint.moving), *(hold.child for hold in world.attachments if hold.parent == joint.moving)]
+        self._axis: JointAxisState = joint.axes[0]
+        self._simulates = world.body(joint.moving_body).physics.is_dynamic
+        self._held = [
+            BodyId(joint.moving_body),
+            *(hold.child for hold in world.attachments if hold.parent == joint.moving_body),
+        ]
         self._zero = self._zero_offset()
 
     @property
     def id(self) -> BodyId:
         """The id of the joint itself."""
-        return self._joint.constraint.id
+        return self._joint.joint.id
 
     @property
     def body(self) -> BodyId:
         """The id of the body that it moves, such as a door."""
-        return self._joint.moving
+        return self._joint.moving_body
 
     @property
     def slides(self) -> bool:
         """Whether positions are meters, as a drawer's; else they are radians."""
-        return self._axis.slides
+        return self._axis.is_prismatic
 
     @property
     def position(self) -> float:
         """Where it is now, from where the map has it [m or rad].
 
         Raises:
-            BodyUnknown: one of its bodies was deleted.
+            BodyNotFoundError: one of its bodies was deleted.
         """
         return self._joint.positions(self._poses())[self._axis.name] + self._zero
 
     @property
     def range(self) -> tuple[float, float]:
         """The lowest and highest position [m or rad]; infinite where the map sets no limit."""
-        low = -math.inf if self._axis.low is None else self._axis.low
-        high = math.inf if self._axis.high is None else self._axis.high
+        low = -math.inf if self._axis.lower is None else self._axis.lower
+        high = math.inf if self._axis.upper is None else self._axis.upper
         return low, high
 
     @property
@@ -132,12 +135,12 @@ class SimulationJoint:
         """The end of the range that is away from what the joint hangs on, where `open` goes [m or rad].
 
         Raises:
-            ArgumentRefused: the range has no end.
+            InvalidArgumentError: the range has no end.
         """
         low, high = self.range
         ends = [end for end in (low, high) if math.isfinite(end) and abs(end - self.closed_position) > _LEAST]
         if not ends:
-            raise ArgumentRefused(self.id, cause="its range has no end", remedy="use move_to")
+            raise InvalidArgumentError(self.id, cause="its range has no end", remedy="use move_to")
         return max(ends, key=lambda end: (round(self._distance_at(end), 6), abs(end), end))
 
     @property
@@ -151,7 +154,7 @@ class SimulationJoint:
         """How far it is open, from 0 (closed) to 1.
 
         Raises:
-            ArgumentRefused: the range has no end.
+            InvalidArgumentError: the range has no end.
         """
         low, high = self.range
         gone = self.position - self.closed_position
@@ -168,10 +171,10 @@ class SimulationJoint:
             timeout_s: see `move_to`.
 
         Raises:
-            ArgumentRefused: there is no such fraction, or the range has no end.
+            InvalidArgumentError: there is no such fraction, or the range has no end.
         """
         if not 0.0 <= fraction <= 1.0:
-            raise ArgumentRefused(self.id, cause=f"it cannot be open by {fraction}", remedy="give 0 to 1")
+            raise InvalidArgumentError(self.id, cause=f"it cannot be open by {fraction}", remedy="give 0 to 1")
         closed = self.closed_position
         return self.move_to(closed + fraction * (self.open_position - closed), timeout_s=timeout_s)
 
@@ -191,20 +194,22 @@ class SimulationJoint:
             tolerance: how near is there [m or rad]; by default 1 cm or 0.02 rad (1.1 degrees).
 
         Raises:
-            ArgumentRefused: the position is out of range.
-            BodyUnknown: one of the joint's bodies was deleted.
-            PoseUnreachable: the body cannot be put there.
+            InvalidArgumentError: the position is out of range.
+            BodyNotFoundError: one of the joint's bodies was deleted.
+            PoseUnreachableError: the body cannot be put there.
         """
         low, high = self.range
         if not low - _LEAST <= position <= high + _LEAST:
             cause = f"{position:g} is out of its range"
-            raise ArgumentRefused(self.id, cause=cause, remedy=f"give {low:g} to {high:g} {self._unit}")
+            raise InvalidArgumentError(self.id, cause=cause, remedy=f"give {low:g} to {high:g} {self._unit}")
         near = _TOLERANCES[self.slides] if tolerance is None else tolerance
-        if Ability.JOINTS in self._simulation.abilities and self._simulates:
+        if Capability.JOINTS in self._simulation.capabilities and self._simulates:
             duration_s = self._pull(position, timeout_s, near)
         else:
-            pose = self._joint.pose_at(self._axis.name, position - self._zero, self._poses())
-            self._simulation.call(lambda engine: engine.set_pose(self.body, pose), what="move joint", edits=True)
+            pose = self._joint.pose_for(self._axis.name, position - self._zero, self._poses())
+            self._simulation.run_on_engine(
+                lambda engine: engine.set_pose(self.body, pose), label="move joint", edits=True
+            )
             duration_s = 0.0
         now = self.position
         return JointMotion(arrived=abs(now - position) <= near, position=now, target=position, duration_s=duration_s)
@@ -233,8 +238,8 @@ class SimulationJoint:
                 if aim == target:
                     extra += _GAIN * (target - before)
                     extra = max(-whole, min(whole, extra))
-                hold = self._joint.pull_to(self._axis.name, aim + extra - self._zero, self._poses())
-                self._simulation.grip(hold.id, point=hold.point, target=hold.target)
+                hold = self._joint.pull_target(self._axis.name, aim + extra - self._zero, self._poses())
+                self._simulation.pull(hold.id, point=hold.point, target=hold.target)
                 self._simulation.step(_PIECE_S)
                 now = self.position
                 is_there = abs(now - target) <= near and abs(now - before) <= near * _PIECE_S * 4
@@ -244,31 +249,33 @@ class SimulationJoint:
         return passed_s
 
     def _poses(self) -> Mapping[BodyId, Array]:
-        constraint = self._joint.constraint
-        frame = self._simulation.frame
+        constraint = self._joint.joint
+        frame = self._simulation.state
         poses = poses_in(frame, {constraint.parent, constraint.child})
         for id in (constraint.parent, constraint.child):
             if id not in poses:
-                raise BodyUnknown(id, known=frame.ids)
+                raise BodyNotFoundError(id, known=frame.ids)
         return poses
 
     def _distance_at(self, position: float) -> float:
         """How far the moving body, or its handle, is from the middle of the other body at a position [m]."""
-        constraint, poses = self._joint.constraint, self._poses()
+        constraint, poses = self._joint.joint, self._poses()
         other = constraint.parent if self.body == constraint.child else constraint.child
-        there = unit_pose(self._joint.pose_at(self._axis.name, position - self._zero, poses))
-        now = poses_in(self._simulation.frame, set(self._held))
+        there = normalized_pose_array(self._joint.pose_for(self._axis.name, position - self._zero, poses))
+        now = poses_in(self._simulation.state, set(self._held))
         held = now.get(self._held[-1], poses[self.body])
-        moved = compose(there, compose(invert(poses[self.body]), held))
+        moved = pose_multiply(there, pose_multiply(pose_inverse(poses[self.body]), held))
         return float(np.linalg.norm(moved[:3] - poses[other][:3]))
 
     def _zero_offset(self) -> float:
         """What to add where the joint was not spawned from here: its engine counts from somewhere else."""
         name = self._axis.name
-        known = {joint.id for world in self._simulation.worlds for joint in world.constraints}
-        if self.id in known or Ability.JOINTS not in self._simulation.abilities:
+        known = {joint.id for world in self._simulation.worlds for joint in world.joints}
+        if self.id in known or Capability.JOINTS not in self._simulation.capabilities:
             return 0.0
-        told = self._simulation.call(lambda engine: engine.joint_positions(), what="joint positions").get(self.id)
+        told = self._simulation.run_on_engine(lambda engine: engine.joint_positions(), label="joint positions").get(
+            self.id
+        )
         if told is None:
             return 0.0
         axes = ("x", "y", "z", "twist", "swing2", "swing1")
@@ -279,25 +286,25 @@ def find_joint(simulation: _Simulation, name: str) -> SimulationJoint:
     """The joint of that id or IRI, or the only one that moves the body of that id or IRI.
 
     Raises:
-        NameUnknown: nothing movable has that name.
-        NameAmbiguous: several joints move that body.
+        NameNotFoundError: nothing movable has that name.
+        AmbiguousNameError: several joints move that body.
     """
-    world, spawned = simulation.log(), Spawned.of(simulation.worlds)
+    world, spawned = simulation.snapshot(), SpawnRecord.from_worlds(simulation.worlds)
     bodies = {body.id: body for body in world.bodies}
 
-    def movable() -> Iterator[Joint]:
-        for constraint in world.constraints:
+    def movable() -> Iterator[JointHandle]:
+        for constraint in world.joints:
             if constraint.parent in bodies and constraint.child in bodies:
-                joint = Joint(constraint, bodies, spawned)
+                joint = JointHandle(constraint, bodies, spawned)
                 if joint.axes:
                     yield joint
 
     joints = list(movable())
-    found = [joint for joint in joints if name in {joint.constraint.id, joint.constraint.iri}]
-    found = found or [joint for joint in joints if name in {joint.moving, bodies[joint.moving].iri}]
+    found = [joint for joint in joints if name in {joint.joint.id, joint.joint.iri}]
+    found = found or [joint for joint in joints if name in {joint.moving_body, bodies[joint.moving_body].iri}]
     if len(found) > 1:
-        raise NameAmbiguous(name, kind="joint", known=[joint.constraint.id for joint in found])
+        raise AmbiguousNameError(name, entity_type="joint", candidates=[joint.joint.id for joint in found])
     if not found:
-        known = [id for joint in joints for id in (joint.constraint.id, joint.moving)]
-        raise NameUnknown(name, kind="joint, door or drawer", known=known)
+        known = [id for joint in joints for id in (joint.joint.id, joint.moving_body)]
+        raise NameNotFoundError(name, entity_type="joint, door or drawer", known=known)
     return SimulationJoint(simulation, found[0], world)

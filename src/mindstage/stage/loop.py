@@ -14,16 +14,16 @@ from concurrent.futures import CancelledError, Future
 from queue import Empty, SimpleQueue
 from typing import TypeVar
 
-from mindstage.errors import StageTimedOut
+from mindstage.errors import SimulationTimeoutError
 
-__all__ = ["Loop"]
+__all__ = ["EngineThread"]
 
 T = TypeVar("T")
 
 _Call = tuple["Future[object]", Callable[[], object]]
 
 
-class Loop:
+class EngineThread:
     """Runs `tick` again and again while it asks for it, and queued calls in between."""
 
     def __init__(self, tick: Callable[[], float | None], *, name: str = "mindstage-stage") -> None:
@@ -40,16 +40,16 @@ class Loop:
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
         self._thread.start()
 
-    def call(self, function: Callable[[], T], *, what: str, timeout_s: float) -> T:
+    def run(self, function: Callable[[], T], *, label: str, timeout_s: float) -> T:
         """Runs a function in the thread and gives back what it returns or raises.
 
         Raises:
-            StageTimedOut: it did not finish in time, or the loop has stopped.
+            SimulationTimeoutError: it did not finish in time, or the loop has stopped.
         """
         if threading.current_thread() is self._thread:
             return function()
         if self._stopping:
-            raise StageTimedOut(what, timeout_s=0.0)
+            raise SimulationTimeoutError(label, timeout_s=0.0)
         future: Future[T] = Future()
         self._calls.put((future, function))  # type: ignore[arg-type]  # Future is invariant
         try:
@@ -58,7 +58,7 @@ class Loop:
             if future.done() and not future.cancelled():
                 return future.result()  # the function itself raised TimeoutError, or finished just now
             future.cancel()
-            raise StageTimedOut(what, timeout_s=timeout_s) from None
+            raise SimulationTimeoutError(label, timeout_s=timeout_s) from None
 
     def stop(self, *, timeout_s: float = 10.0) -> None:
         """Ends the thread after the call it is in; any number of times."""
@@ -77,15 +77,15 @@ class Loop:
             except Empty:
                 entry = (Future(), lambda: None)
             if entry is None:
-                self._refuse_the_rest()
+                self._cancel_pending()
                 return
-            self._answer(*entry)
+            self._execute(*entry)
             if self._calls.empty() or (due is not None and time.monotonic() >= due):
                 delay = self._tick()
                 due = None if delay is None else time.monotonic() + delay
 
     @staticmethod
-    def _answer(future: Future[object], function: Callable[[], object]) -> None:
+    def _execute(future: Future[object], function: Callable[[], object]) -> None:
         if not future.set_running_or_notify_cancel():
             return
         try:
@@ -95,7 +95,7 @@ class Loop:
         else:
             future.set_result(result)
 
-    def _refuse_the_rest(self) -> None:
+    def _cancel_pending(self) -> None:
         while True:
             try:
                 entry = self._calls.get_nowait()

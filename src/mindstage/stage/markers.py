@@ -11,12 +11,12 @@ from enum import StrEnum
 
 import msgspec
 
-from mindstage.world import IDENTITY, Colour, Pose, Vector
+from mindstage.world import IDENTITY, Color, Pose, Vector
 
-__all__ = ["Marker", "MarkerForm", "Markers"]
+__all__ = ["Marker", "MarkerStore", "MarkerType"]
 
 
-class MarkerForm(StrEnum):
+class MarkerType(StrEnum):
     """What a marker looks like."""
 
     CUBE = "cube"
@@ -27,15 +27,15 @@ class MarkerForm(StrEnum):
     """Upright, the tip at the top."""
     ARROW = "arrow"
     """From its place along x, as long as its size says."""
-    LINE = "line"
+    LINE_STRIP = "line"
     """From each of its points to the next."""
-    LINES = "lines"
+    LINE_LIST = "lines"
     """From its first point to the second, from the third to the fourth."""
     POINTS = "points"
     """A dot at each of its points."""
     TEXT = "text"
-    GHOST = "ghost"
-    """A body a second time, as it looks, in the marker's colour; where that body is not there, nothing."""
+    BODY_COPY = "ghost"
+    """A body a second time, as it looks, in the marker's color; where that body is not there, nothing."""
 
 
 class Marker(msgspec.Struct, frozen=True, kw_only=True):
@@ -43,22 +43,22 @@ class Marker(msgspec.Struct, frozen=True, kw_only=True):
 
     id: str
     """Another one of that id replaces it."""
-    form: MarkerForm
+    type: MarkerType
     pose: Pose = IDENTITY
     """In the world; the points are seen from it."""
     size: Vector = (0.1, 0.1, 0.1)
     """Extents along its own axes [m]; of lines, the first is how wide they are."""
-    colour: Colour = (1.0, 1.0, 1.0)
+    color: Color = (1.0, 1.0, 1.0)
     opacity: float = 1.0
     points: tuple[Vector, ...] = ()
-    colours: tuple[Colour, ...] = ()
+    colors: tuple[Color, ...] = ()
     """One for each point, or none; along a line they run into one another."""
     text: str = ""
     body: str = ""
     """Of a ghost: the id of the body."""
 
 
-class Markers:
+class MarkerStore:
     """All of them; only the thread that owns the engine may call it."""
 
     def __init__(self, now: Callable[[], float] = time.monotonic) -> None:
@@ -67,35 +67,35 @@ class Markers:
         Args:
             now: the clock by which they go [s].
         """
-        self.all: tuple[Marker, ...] = ()
+        self.markers: tuple[Marker, ...] = ()
         """In the order in which they came."""
-        self._shown: dict[str, Marker] = {}
-        self._until: dict[str, float] = {}
+        self._by_id: dict[str, Marker] = {}
+        self._expiry_times: dict[str, float] = {}
         self._now = now
 
-    def show(self, markers: Iterable[Marker], *, lifetime_s: float | None = None) -> None:
+    def add(self, markers: Iterable[Marker], *, lifetime_s: float | None = None) -> None:
         """Shows them, in the place of those that have the same ids."""
         for marker in markers:
-            self._shown[marker.id] = marker
-            self._until.pop(marker.id, None)
+            self._by_id[marker.id] = marker
+            self._expiry_times.pop(marker.id, None)
             if lifetime_s is not None:
-                self._until[marker.id] = self._now() + lifetime_s
-        self.all = tuple(self._shown.values())
+                self._expiry_times[marker.id] = self._now() + lifetime_s
+        self.markers = tuple(self._by_id.values())
 
     def remove(self, ids: Iterable[str]) -> tuple[str, ...]:
         """Takes them away; gives those that were there."""
-        gone = tuple(id for id in ids if self._shown.pop(id, None) is not None)
+        gone = tuple(id for id in ids if self._by_id.pop(id, None) is not None)
         for id in gone:
-            self._until.pop(id, None)
+            self._expiry_times.pop(id, None)
         if gone:
-            self.all = tuple(self._shown.values())
+            self.markers = tuple(self._by_id.values())
         return gone
 
     def expire(self) -> bool:
         """Takes away those whose time is up; tells whether there were any."""
         now = self._now()
-        return bool(self.remove([id for id, until in self._until.items() if until <= now]))
+        return bool(self.remove([id for id, until in self._expiry_times.items() if until <= now]))
 
-    def due_s(self) -> float | None:
+    def next_expiry_s(self) -> float | None:
         """When the next one goes [s from now]; None where none goes by itself."""
-        return max(0.0, min(self._until.values()) - self._now()) if self._until else None
+        return max(0.0, min(self._expiry_times.values()) - self._now()) if self._expiry_times else None

@@ -9,34 +9,34 @@ from typing import Any, TypeVar, overload
 
 from mindstage.engines.contract import Engine
 from mindstage.knowledge import KnowledgeBase
-from mindstage.knowledge.moment import Moment, Present
-from mindstage.knowledge.questions import Answers, Question, Row, question_named
-from mindstage.stage.lights import Lights, Shown, wish_of
-from mindstage.stage.markers import Marker, Markers
-from mindstage.world import Colour
-from mindstage.world.colours import color_from
+from mindstage.knowledge.moment import StateAccess, WorldState
+from mindstage.knowledge.questions import AnswerRow, Answers, Question, get_question
+from mindstage.stage.lights import HighlightResult, Highlights, highlight_request
+from mindstage.stage.markers import Marker, MarkerStore
+from mindstage.world import Color
+from mindstage.world.colors import color_from
 
 __all__ = ["Showing"]
 
 T = TypeVar("T")
-R = TypeVar("R", bound=Row)
+R = TypeVar("R", bound=AnswerRow)
 
 
 class Showing(ABC):
     """The part of a stage that asks, lights up and marks."""
 
     knowledge: KnowledgeBase
-    _lights: Lights
-    _markers: Markers
+    _highlights: Highlights
+    _markers: MarkerStore
 
     @abstractmethod
-    def call(
-        self, function: Callable[[Engine], T], *, what: str = "", timeout_s: float | None = None, edits: bool = False
+    def run_on_engine(
+        self, function: Callable[[Engine], T], *, label: str = "", timeout_s: float | None = None, edits: bool = False
     ) -> T:
         """Runs any function on the engine in the stage's thread."""
 
     @abstractmethod
-    def moment(self) -> Moment:
+    def current_state(self) -> WorldState:
         """The place as it is now."""
 
     # -- questions -----------------------------------------------------------------------------------------
@@ -50,18 +50,18 @@ class Showing(ABC):
 
         The engine is only asked by questions that look at the present, and once by each.
         """
-        asked = question_named(question) if isinstance(question, str) else question
-        return asked.ask(self.knowledge, args, present=Present(self.knowledge, self.moment))
+        asked = get_question(question) if isinstance(question, str) else question
+        return asked.ask(self.knowledge, args, present=StateAccess(self.knowledge, self.current_state))
 
     def highlight(
         self,
-        shown: str | Row | Answers[Any] | Iterable[str | Row],
-        color: Colour | str | None,
+        shown: str | AnswerRow | Answers[Any] | Iterable[str | AnswerRow],
+        color: Color | str | None,
         *,
         label: str = "",
         replace: bool = False,
         missing_ok: bool = False,
-    ) -> Shown:
+    ) -> HighlightResult:
         """Highlights bodies in a color, or removes their highlight.
 
         Highlights add up; a body that is highlighted twice has the later color, and highlighting something again with
@@ -81,24 +81,26 @@ class Showing(ABC):
             What is highlighted, and what has no body, with the reason.
 
         Raises:
-            BodyUnknown: for the first id that is not there, unless `missing_ok`; nothing changes then.
-            ColourUnknown: the color is none.
+            BodyNotFoundError: for the first id that is not there, unless `missing_ok`; nothing changes then.
+            InvalidColorError: the color is none.
         """
-        wish = wish_of(shown, label)
+        wish = highlight_request(shown, label)
         rgb = color_from(color)
-        light = partial(self._lights.show, wish=wish, colour=rgb, replace=replace, strict=not missing_ok)
-        return self.call(light, what="highlight", edits=True)
+        light = partial(self._highlights.apply, request=wish, color=rgb, replace=replace, strict=not missing_ok)
+        return self.run_on_engine(light, label="highlight", edits=True)
 
-    def put_out(self) -> None:
+    def clear_highlights(self) -> None:
         """Puts out everything that is lit."""
-        self.call(lambda engine: engine.highlight(tuple(engine.highlights()), None), what="put out", edits=True)
+        self.run_on_engine(
+            lambda engine: engine.highlight(tuple(engine.highlights()), None), label="put out", edits=True
+        )
 
-    def mark(self, markers: Iterable[Marker], *, lifetime_s: float | None = None) -> None:
+    def add_markers(self, markers: Iterable[Marker], *, lifetime_s: float | None = None) -> None:
         """Shows markers, in the place of those of the same ids, for so long [s] or until they are taken away."""
         shown = tuple(markers)
-        self.call(lambda _: self._markers.show(shown, lifetime_s=lifetime_s), what="mark")
+        self.run_on_engine(lambda _: self._markers.add(shown, lifetime_s=lifetime_s), label="mark")
 
-    def unmark(self, ids: Iterable[str]) -> tuple[str, ...]:
+    def remove_markers(self, ids: Iterable[str]) -> tuple[str, ...]:
         """Takes markers away; gives the ids of those that were there."""
         wanted = tuple(ids)
-        return self.call(lambda _: self._markers.remove(wanted), what="unmark")
+        return self.run_on_engine(lambda _: self._markers.remove(wanted), label="unmark")

@@ -11,38 +11,40 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mindstage.engines.parts import Parts
-from mindstage.engines.solids import Prepared, plain_solid, prepare
-from mindstage.world import Body, BodyId, Form, Forms, Place, Pose, Solid, Vector
-from mindstage.world.boxes import Boxes
-from mindstage.world.geometry import Array, compose, multiply, pose_from, rotate, unit
+from mindstage.engines.parts import CollisionShapeBatch
+from mindstage.engines.solids import CompiledGeometry, compile_geometry, fallback_collision_shape
+from mindstage.world import Body, BodyGeometry, BodyId, CollisionShape, GeometryMap, Pose, SupportSurface, Vector
+from mindstage.world.boxes import OrientedBoxes
+from mindstage.world.geometry import Array, normalize, pose_from_array, pose_multiply, quat_multiply, quat_rotate
 
-__all__ = ["Crowd", "Holder", "places_of"]
+__all__ = ["PlacementSampler", "PlacementSurface", "support_surfaces"]
 
-_LEVEL = 0.985
+_MIN_UP_COSINE = 0.985
 """Cosine of the steepest slope on which things are put: ten degrees."""
-_GAP_M = 0.001
+_DROP_HEIGHT_M = 0.001
 """Between what is put down and what it is put on; it falls the rest."""
 _MARGIN_M = 0.004
 """Between what is put down and the edge of its place."""
-_FINEST_M = 0.02
-_MOST = 625
+_MIN_GRID_STEP_M = 0.02
+_MAX_CANDIDATES = 625
 """So many candidates for each way round on one place."""
-_ASSUMED_M: Vector = (0.1, 0.1, 0.1)
+_ASSUMED_SIZE_M: Vector = (0.1, 0.1, 0.1)
 
 
 @dataclass(frozen=True, slots=True)
-class Holder:
+class PlacementSurface:
     """A place as it is now."""
 
-    body: BodyId
-    place: Place
-    frame: Array
+    body_id: BodyId
+    surface: SupportSurface
+    pose: Array
     """The pose of its middle in the world, z looking up; x and y along the place's own sides."""
     size: tuple[float, float]
 
 
-def places_of(body: Body, form: Form | None, pose: Array, *, inside: bool) -> Iterator[Holder]:
+def support_surfaces(
+    body: Body, geometry: BodyGeometry | None, pose: Array, *, inside: bool
+) -> Iterator[PlacementSurface]:
     """The places of a body that look up now.
 
     Args:
@@ -51,42 +53,47 @@ def places_of(body: Body, form: Form | None, pose: Array, *, inside: bool) -> It
         pose: where it is, seven numbers.
         inside: whether places in it are wanted, or places on it.
     """
-    here = np.concatenate([pose[:3], unit(pose[3:])])
-    known = form.places if form is not None else ()
-    places = [place for place in known if place.inside is inside]
+    here = np.concatenate([pose[:3], normalize(pose[3:])])
+    known = geometry.support_surfaces if geometry is not None else ()
+    places = [place for place in known if place.is_inside is inside]
     if not inside and not known:
-        places = list(_faces(body))
+        places = list(_box_surfaces(body))
     for place in places:
-        if rotate(here[3:], place.up)[2] >= _LEVEL:
-            yield _holder(body.id, place, here)
+        if quat_rotate(here[3:], place.normal)[2] >= _MIN_UP_COSINE:
+            yield _placement_surface(body.id, place, here)
 
 
-def _faces(body: Body) -> Iterator[Place]:
+def _box_surfaces(body: Body) -> Iterator[SupportSurface]:
     """The six sides of a box."""
-    size = body.size or _ASSUMED_M
+    size = body.size or _ASSUMED_SIZE_M
     for axis in range(3):
         across = [other for other in range(3) if other != axis]
         for sign in (1.0, -1.0):
-            up, centre = [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]
-            up[axis], centre[axis] = sign, sign * size[axis] / 2
+            up, center = [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]
+            up[axis], center[axis] = sign, sign * size[axis] / 2
             extent = (size[across[0]], size[across[1]])
-            yield Place(centre=(centre[0], centre[1], centre[2]), size=extent, up=(up[0], up[1], up[2]))
+            yield SupportSurface(center=(center[0], center[1], center[2]), size=extent, normal=(up[0], up[1], up[2]))
 
 
-def _holder(id: BodyId, place: Place, here: Array) -> Holder:
-    along = np.eye(3)[next(axis for axis in range(3) if axis != np.argmax(np.abs(place.up)))]
-    x = rotate(here[3:], along)
+def _placement_surface(id: BodyId, surface: SupportSurface, body_pose: Array) -> PlacementSurface:
+    along = np.eye(3)[next(axis for axis in range(3) if axis != np.argmax(np.abs(surface.normal)))]
+    x = quat_rotate(body_pose[3:], along)
     yaw = float(np.arctan2(x[1], x[0]))
-    middle = here[:3] + rotate(here[3:], place.centre)
+    middle = body_pose[:3] + quat_rotate(body_pose[3:], surface.center)
     frame = np.array([*middle, np.cos(yaw / 2), 0.0, 0.0, np.sin(yaw / 2)])
-    return Holder(id, place, frame, place.size)
+    return PlacementSurface(id, surface, frame, surface.size)
 
 
-class Crowd:
+class PlacementSampler:
     """All that stands somewhere now, to be held against what shall join it."""
 
     def __init__(
-        self, bodies: Mapping[BodyId, Body], forms: Forms, ids: Sequence[BodyId], poses: Array, ghosts: frozenset[str]
+        self,
+        bodies: Mapping[BodyId, Body],
+        geometry: GeometryMap,
+        ids: Sequence[BodyId],
+        poses: Array,
+        ignored_ids: frozenset[str],
     ) -> None:
         """Makes ready what can be in the way.
 
@@ -97,77 +104,87 @@ class Crowd:
             poses: theirs, n x 7.
             ghosts: those that collide with nothing.
         """
-        rows = [row for row, id in enumerate(ids) if id in bodies and id not in ghosts]
-        self._poses = np.concatenate([poses[rows, :3], unit(poses[rows, 3:])], axis=1) if rows else np.zeros((0, 7))
-        made: dict[object, Prepared] = {}
-        self._prepared = [_prepared(bodies[ids[row]], forms.get(ids[row]), made) for row in rows]
-        corners = [each.bounds for each in self._prepared]
+        rows = [row for row, id in enumerate(ids) if id in bodies and id not in ignored_ids]
+        self._poses = (
+            np.concatenate([poses[rows, :3], normalize(poses[rows, 3:])], axis=1) if rows else np.zeros((0, 7))
+        )
+        made: dict[object, CompiledGeometry] = {}
+        self._compiled = [_compiled_geometry(bodies[ids[row]], geometry.get(ids[row]), made) for row in rows]
+        corners = [each.bounds for each in self._compiled]
         low, high = (np.array([pair[end] for pair in corners]).reshape(-1, 3) for end in (0, 1))
         middles = self._poses.copy()
         if rows:
-            middles[:, :3] += rotate(self._poses[:, 3:], (low + high) / 2)
-        self._low, self._high = Boxes.of(middles, high - low).bounds()
+            middles[:, :3] += quat_rotate(self._poses[:, 3:], (low + high) / 2)
+        self._low, self._high = OrientedBoxes.from_poses(middles, high - low).bounds()
 
-    def spots(self, body: Body, form: Form | None, holder: Holder) -> tuple[list[Pose], str]:
+    def candidate_poses(
+        self, body: Body, geometry: BodyGeometry | None, surface: PlacementSurface
+    ) -> tuple[list[Pose], str]:
         """Where on a place a body can stand, best first; none, and why, where it cannot."""
-        low, high = _prepared(body, form, {}).bounds
-        if holder.place.height is not None and high[2] - low[2] > holder.place.height:
-            return [], f"it is {high[2] - low[2]:.2f} m high, and there is room for {holder.place.height:.2f} m"
-        candidates = np.concatenate([_strewn(holder, low, high, quarter) for quarter in (0, 1)])
+        low, high = _compiled_geometry(body, geometry, {}).bounds
+        if surface.surface.clearance is not None and high[2] - low[2] > surface.surface.clearance:
+            return [], f"it is {high[2] - low[2]:.2f} m high, and there is room for {surface.surface.clearance:.2f} m"
+        candidates = np.concatenate([_grid_poses(surface, low, high, quarter) for quarter in (0, 1)])
         if not len(candidates):
             return [], "it is larger than the place"
-        order = np.argsort(np.linalg.norm(candidates[:, :3] - holder.frame[:3], axis=1), kind="stable")
+        order = np.argsort(np.linalg.norm(candidates[:, :3] - surface.pose[:3], axis=1), kind="stable")
         candidates = candidates[order]
-        free = self._free(_box_round(low, high), candidates)
+        free = self._is_free(_bounding_geometry(low, high), candidates)
         why = "" if free.any() else "something stands there already"
-        return [pose_from(row) for row in candidates[free]], why
+        return [pose_from_array(row) for row in candidates[free]], why
 
-    def _free(self, prepared: Prepared, candidates: Array) -> Array:
-        reach = float(np.linalg.norm(np.maximum(np.abs(prepared.bounds[0]), np.abs(prepared.bounds[1]))))
+    def _is_free(self, compiled: CompiledGeometry, candidates: Array) -> Array:
+        reach = float(np.linalg.norm(np.maximum(np.abs(compiled.bounds[0]), np.abs(compiled.bounds[1]))))
         low, high = candidates[:, :3].min(axis=0) - reach, candidates[:, :3].max(axis=0) + reach
         near = np.flatnonzero(np.all((self._low <= high) & (self._high >= low), axis=1))
         count = len(candidates)
         if not len(near):
             return np.ones(count, dtype=bool)
-        parts = Parts.of(
-            np.concatenate([candidates, self._poses[near]]), [prepared] * count + [self._prepared[row] for row in near]
+        parts = CollisionShapeBatch.from_compiled(
+            np.concatenate([candidates, self._poses[near]]), [compiled] * count + [self._compiled[row] for row in near]
         )
-        centre = candidates[:, None, :3]
-        meet = np.all((centre - reach <= self._high[near]) & (self._low[near] <= centre + reach), axis=2)
+        center = candidates[:, None, :3]
+        meet = np.all((center - reach <= self._high[near]) & (self._low[near] <= center + reach), axis=2)
         a, b = np.nonzero(meet)
-        deep = parts.depths(a, b + count, np.full(len(a), np.inf)) > 0.0
+        deep = parts.penetration_depths(a, b + count, np.full(len(a), np.inf)) > 0.0
         return np.asarray(np.bincount(a[deep], minlength=count) == 0)
 
 
-def _prepared(body: Body, form: Form | None, made: dict[object, Prepared]) -> Prepared:
-    key: object = form.key if form is not None else (body.shape, body.size)
-    if key not in made:
-        made[key] = prepare(form.solids if form is not None else (plain_solid(body, body.size or _ASSUMED_M),))
-    return made[key]
+def _compiled_geometry(
+    body: Body, geometry: BodyGeometry | None, cache: dict[object, CompiledGeometry]
+) -> CompiledGeometry:
+    key: object = geometry.key if geometry is not None else (body.shape, body.size)
+    if key not in cache:
+        cache[key] = compile_geometry(
+            geometry.collision_shapes
+            if geometry is not None
+            else (fallback_collision_shape(body, body.size or _ASSUMED_SIZE_M),)
+        )
+    return cache[key]
 
 
-def _box_round(low: Array, high: Array) -> Prepared:
+def _bounding_geometry(low: Array, high: Array) -> CompiledGeometry:
     """What a thing takes up: it may as well have the room between its handle and its foot for itself."""
     (x, y, z), (a, b, c) = ((low + high) / 2).tolist(), (high - low).tolist()
-    return prepare((Solid(size=(a, b, c), pose=Pose((x, y, z))),))
+    return compile_geometry((CollisionShape(size=(a, b, c), pose=Pose((x, y, z))),))
 
 
-def _strewn(holder: Holder, low: Array, high: Array, quarter: int) -> Array:
+def _grid_poses(surface: PlacementSurface, low: Array, high: Array, quarter: int) -> Array:
     """Poses all over a place, so many quarters of a turn round, for a body that reaches from low to high."""
     turn = np.array([np.cos(quarter * np.pi / 4), 0.0, 0.0, np.sin(quarter * np.pi / 4)])
-    corners = rotate(turn, np.array([low, high]))
+    corners = quat_rotate(turn, np.array([low, high]))
     least, most = corners.min(axis=0), corners.max(axis=0)
-    room = np.array(holder.size) - (most - least)[:2] - 2 * _MARGIN_M
+    room = np.array(surface.size) - (most - least)[:2] - 2 * _MARGIN_M
     if (room < 0.0).any():
         return np.zeros((0, 7))
-    finest = max(_FINEST_M, float(np.sqrt(room.prod() / _MOST)))
+    finest = max(_MIN_GRID_STEP_M, float(np.sqrt(room.prod() / _MAX_CANDIDATES)))
     steps = [np.linspace(-extent / 2, extent / 2, 2 * int(extent / finest / 2) + 1) for extent in room]
     x, y = np.meshgrid(*steps, indexing="ij")
     offset = -(least + most)[:2] / 2
     local = np.zeros((x.size, 7))
     local[:, 0], local[:, 1] = x.reshape(-1) + offset[0], y.reshape(-1) + offset[1]
-    local[:, 2] = _GAP_M - least[2]
+    local[:, 2] = _DROP_HEIGHT_M - least[2]
     local[:, 3:] = turn
-    placed = compose(np.tile(holder.frame, (len(local), 1)), local)
-    placed[:, 3:] = unit(multiply(holder.frame[3:], local[:, 3:]))
+    placed = pose_multiply(np.tile(surface.pose, (len(local), 1)), local)
+    placed[:, 3:] = normalize(quat_multiply(surface.pose[3:], local[:, 3:]))
     return placed

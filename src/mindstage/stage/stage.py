@@ -2,7 +2,7 @@
 
 Everything that touches the engine goes through here and runs in the stage's own thread. Any thread may call; a call
 takes its turn, has a timeout, and raises what the engine raised. What many watch (poses, lights, time) is published
-as a `Frame` after each tick, which costs the watchers nothing and the world next to nothing.
+as a `StateSnapshot` after each tick, which costs the watchers nothing and the world next to nothing.
 """
 
 from __future__ import annotations
@@ -16,34 +16,34 @@ from typing import TYPE_CHECKING, TypeVar
 
 import msgspec
 
-from mindstage.engines.contract import Ability, Engine, SpawnReport, State
-from mindstage.errors import ArgumentRefused, EngineClosed, EngineError, StageError
+from mindstage.engines.contract import Capability, Engine, SavedState, SpawnReport
+from mindstage.errors import EngineClosedError, EngineError, InvalidArgumentError, SimulationError
 from mindstage.knowledge import KnowledgeBase
-from mindstage.knowledge.moment import Moment
-from mindstage.knowledge.questions import Row
-from mindstage.stage.clock import Clock
-from mindstage.stage.company import Company
-from mindstage.stage.editing import Editing
-from mindstage.stage.embodiment import Embodiment, told_of
-from mindstage.stage.frame import Frame
-from mindstage.stage.grip import Grips
+from mindstage.knowledge.moment import WorldState
+from mindstage.knowledge.questions import AnswerRow
+from mindstage.stage.clock import RealTimeClock
+from mindstage.stage.company import ClientDirectory
+from mindstage.stage.editing import UndoStack
+from mindstage.stage.embodiment import GeometryProvider, with_geometry_notes
+from mindstage.stage.frame import StateSnapshot
+from mindstage.stage.grip import Perturbations
 from mindstage.stage.joint_motion import SimulationJoint, find_joint
-from mindstage.stage.lights import Lights
-from mindstage.stage.loop import Loop
-from mindstage.stage.markers import Markers
-from mindstage.stage.putting import Put, put, thing_of
+from mindstage.stage.lights import Highlights
+from mindstage.stage.loop import EngineThread
+from mindstage.stage.markers import MarkerStore
+from mindstage.stage.putting import PlacementResult, make_body, place_body
 from mindstage.stage.showing import Showing
-from mindstage.world import Body, BodyId, Forms, Vector, World
+from mindstage.world import Body, BodyId, GeometryMap, Vector, World
 from mindstage.world.display import counted, short_name
 
 if TYPE_CHECKING:
     from mindstage.saving import FileDialect, FileFormat
-    from mindstage.shapes.fitting import MeshSource
+    from mindstage.shapes.fitting import MeshProvider
 
-__all__ = ["Frame", "Stage"]
+__all__ = ["Simulation", "StateSnapshot"]
 
 T = TypeVar("T")
-R = TypeVar("R", bound=Row)
+R = TypeVar("R", bound=AnswerRow)
 
 _TICK_S = 1 / 60
 """How often a playing world is brought up to date; a drag feels smooth at this rate."""
@@ -51,7 +51,7 @@ _STEP_CHUNK_S = 0.1
 """Long steps are cut into pieces of this simulated length, so that other calls get their turn."""
 
 
-class Stage(Showing):
+class Simulation(Showing):
     """Spawns what the knowledge base knows into an engine, and lets it live."""
 
     def __init__(
@@ -61,38 +61,38 @@ class Stage(Showing):
         *,
         timeout_s: float = 10.0,
         shapes: bool = True,
-        meshes: MeshSource | None = None,
+        meshes: MeshProvider | None = None,
     ) -> None:
         """Takes over the engine; from now on only the stage may call it.
 
         Args:
             knowledge: what is known.
             engine: who runs it; closed together with the stage.
-            timeout_s: how long a call may take before `StageTimedOut`.
+            timeout_s: how long a call may take before `SimulationTimeoutError`.
             shapes: whether bodies get the forms that are known of their classes; else they are plain.
             meshes: who finds the mesh files of bodies, which come before what is known.
         """
         self.knowledge = knowledge
         self.timeout_s = timeout_s
-        self.company = Company()
-        self.editing = Editing(self)
+        self.clients = ClientDirectory()
+        self.editing = UndoStack(self)
         self._engine = engine
-        self._embodiment = Embodiment(knowledge, shapes=shapes, meshes=meshes)
-        self._edition = 0
+        self._geometry_provider = GeometryProvider(knowledge, shapes=shapes, meshes=meshes)
+        self._revision = 0
         self._worlds: tuple[World, ...] = ()
-        self._passing: tuple[World, ...] = ()
+        self._temporary_worlds: tuple[World, ...] = ()
         self._reports: tuple[SpawnReport, ...] = ()
-        self._spawned: State | None = None
-        self._clock: Clock | None = None
-        self._grips = Grips()
-        self._lights = Lights()
-        self._markers = Markers()
-        self._fault = ""
-        self._lost: EngineError | None = None
+        self._initial_state: SavedState | None = None
+        self._clock: RealTimeClock | None = None
+        self._perturbations = Perturbations()
+        self._highlights = Highlights()
+        self._markers = MarkerStore()
+        self._error = ""
+        self._engine_error: EngineError | None = None
         self._closed = False
         self._at_close = ExitStack()
-        self._frame = self._take_frame()
-        self._loop = Loop(self._tick)
+        self._state = self._read_state()
+        self._thread = EngineThread(self._tick)
 
     # -- the world -----------------------------------------------------------------------------------------
 
@@ -102,14 +102,14 @@ class Stage(Showing):
         return self._engine.name
 
     @property
-    def abilities(self) -> frozenset[Ability]:
+    def capabilities(self) -> frozenset[Capability]:
         """What the engine can do beyond the contract."""
-        return self._engine.abilities
+        return self._engine.capabilities
 
     @property
     def worlds(self) -> tuple[World, ...]:
         """What was spawned, as it was given."""
-        return (*self._worlds, *self._passing)
+        return (*self._worlds, *self._temporary_worlds)
 
     @property
     def reports(self) -> tuple[SpawnReport, ...]:
@@ -117,21 +117,21 @@ class Stage(Showing):
         return self._reports
 
     @property
-    def frame(self) -> Frame:
+    def state(self) -> StateSnapshot:
         """The world as last published; reading it never waits."""
-        return self._frame
+        return self._state
 
     @property
-    def forms(self) -> Forms:
+    def geometry(self) -> GeometryMap:
         """What the bodies that are there are made of."""
-        return self._embodiment.of(self._frame.ids)
+        return self._geometry_provider.for_ids(self._state.ids)
 
     def spawn(
         self,
         world: World | str | None = None,
         *,
-        forms: Forms | None = None,
-        lasting: bool = True,
+        geometry: GeometryMap | None = None,
+        persistent: bool = True,
         timeout_s: float | None = None,
     ) -> SpawnReport:
         """Spawns a world, or the map of that name, or the only map that is known.
@@ -143,88 +143,90 @@ class Stage(Showing):
             timeout_s: for the engine; by default the stage's own and 20 ms a body.
         """
         described = world if isinstance(world, World) else self.knowledge.world(world)
-        fitted = self._embodiment.fit(described, given=forms)
+        fitted = self._geometry_provider.fit(described, geometry=geometry)
 
         def spawn(engine: Engine) -> SpawnReport:
-            spawned = engine.spawn(described, forms=fitted.forms)
-            report = told_of(spawned, fitted, engine.poses()[0])
-            self._embodiment.add(fitted.forms, failed=spawned.failed_bodies)
+            spawned = engine.spawn(described, geometry=fitted.geometry)
+            report = with_geometry_notes(spawned, fitted, engine.poses()[0])
+            self._geometry_provider.add(fitted.geometry, failed=spawned.failed_bodies)
             self._reports = (*self._reports, report)
-            if lasting:
+            if persistent:
                 self._worlds = (*self._worlds, described)
-                self._remember(engine)
+                self._save_initial_state(engine)
             else:
-                self._passing = (*self._passing, described)
+                self._temporary_worlds = (*self._temporary_worlds, described)
             return report
 
-        patience = self.timeout_s + 0.02 * (len(described.bodies) + len(described.constraints))
-        return self.call(spawn, what="spawn", timeout_s=patience if timeout_s is None else timeout_s, edits=True)
+        patience = self.timeout_s + 0.02 * (len(described.bodies) + len(described.joints))
+        return self.run_on_engine(
+            spawn, label="spawn", timeout_s=patience if timeout_s is None else timeout_s, edits=True
+        )
 
-    def log(self) -> World:
+    def snapshot(self) -> World:
         """The world as it is now, as a description."""
-        return self.call(lambda engine: engine.log(), what="log")
+        return self.run_on_engine(lambda engine: engine.snapshot(), label="log")
 
-    def moment(self) -> Moment:
+    def current_state(self) -> WorldState:
         """The place as it is now, for questions that look at it."""
 
-        def take(engine: Engine) -> Moment:
-            joints = engine.joint_positions() if Ability.JOINTS in engine.abilities else None
-            return Moment(world=engine.log(), told=self.worlds, joints=joints, source=engine.name)
+        def take(engine: Engine) -> WorldState:
+            joints = engine.joint_positions() if Capability.JOINTS in engine.capabilities else None
+            return WorldState(world=engine.snapshot(), spawned=self.worlds, joint_positions=joints, source=engine.name)
 
-        return self.call(take, what="moment")
+        return self.run_on_engine(take, label="moment")
 
     def reset(self) -> None:
         """Brings back the world as it was right after it was spawned; what is lit stays lit."""
 
         def reset(engine: Engine) -> None:
-            self._grips.clear()
-            self._fault = ""
-            if self._spawned is not None:
-                engine.restore(self._spawned)
+            self._perturbations.clear()
+            self._error = ""
+            if self._initial_state is not None:
+                engine.restore_state(self._initial_state)
             else:
                 engine.clear()
                 for world in self._worlds:
-                    engine.spawn(world, forms=self._embodiment.all_of(world))
-            self._lights.renew(engine)
+                    engine.spawn(world, geometry=self._geometry_provider.for_world(world))
+            self._highlights.reapply(engine)
 
-        self.call(reset, what="reset", edits=True, timeout_s=self.timeout_s * 3)
+        self.run_on_engine(reset, label="reset", edits=True, timeout_s=self.timeout_s * 3)
 
     def clear(self) -> None:
         """Removes everything."""
 
         def clear(engine: Engine) -> None:
             engine.clear()
-            self._worlds, self._passing, self._reports, self._spawned = (), (), (), None
-            self._embodiment.clear()
-            self._grips.clear()
+            self._worlds, self._temporary_worlds, self._reports, self._initial_state = (), (), (), None
+            self._geometry_provider.clear()
+            self._perturbations.clear()
 
-        self.call(clear, what="clear", edits=True)
-        self.editing.forget()
+        self.run_on_engine(clear, label="clear", edits=True)
+        self.editing.clear()
 
-    def learn(self, knowledge: KnowledgeBase) -> None:
+    def set_knowledge(self, knowledge: KnowledgeBase) -> None:
         """Removes everything; from now on the stage knows something else."""
         self.clear()
         self.knowledge = knowledge
-        self._embodiment.learn(knowledge)
+        self._geometry_provider.set_knowledge(knowledge)
 
     @property
-    def lost(self) -> EngineError | None:
+    def engine_error(self) -> EngineError | None:
         """Why the engine could not be asked when it last was; None while it answers."""
-        return self._lost
+        return self._engine_error
 
     def ping(self, *, timeout_s: float | None = None) -> float:
         """Asks the engine for a sign of life, and gives how long that took [s].
 
         Raises:
             EngineError: it is lost.
-            StageTimedOut: it is at something else that long, or hangs.
+            SimulationTimeoutError: it is at something else that long, or hangs.
         """
         start = time.perf_counter()
-        self.call(lambda engine: engine.time_s, what="ping", timeout_s=timeout_s)
+        self.run_on_engine(lambda engine: engine.time_s, label="ping", timeout_s=timeout_s)
         return time.perf_counter() - start
 
-    def call(
-        self, function: Callable[[Engine], T], *, what: str = "", timeout_s: float | None = None, edits: bool = False
+    def run_on_engine(
+        self, function: Callable[[Engine], T], *, label: str = "", timeout_s: float | None = None, edits: bool = False
     ) -> T:
         """Runs any function on the engine in the stage's thread: `stage.call(lambda engine: engine.save())`.
 
@@ -235,11 +237,11 @@ class Stage(Showing):
             edits: whether bodies, materials or lights may have changed, so that watchers look again.
 
         Raises:
-            StageTimedOut: the call did not finish in time.
-            StageError: the stage is closed.
+            SimulationTimeoutError: the call did not finish in time.
+            SimulationError: the stage is closed.
         """
         if self._closed:
-            raise StageError("the stage is closed; make a new one")
+            raise SimulationError("the stage is closed; make a new one")
 
         def run() -> T:
             try:
@@ -247,8 +249,8 @@ class Stage(Showing):
             finally:
                 self._publish(edits=edits)
 
-        name = what or getattr(function, "__name__", "the call")
-        return self._loop.call(run, what=name, timeout_s=self.timeout_s if timeout_s is None else timeout_s)
+        name = label or getattr(function, "__name__", "the call")
+        return self._thread.run(run, label=name, timeout_s=self.timeout_s if timeout_s is None else timeout_s)
 
     # -- time ----------------------------------------------------------------------------------------------
 
@@ -262,7 +264,7 @@ class Stage(Showing):
         done = 0.0
         while done < duration_s:
             piece = min(_STEP_CHUNK_S, duration_s - done)
-            self.call(partial(self._advance, piece), what="step", timeout_s=self.timeout_s * 6)
+            self.run_on_engine(partial(self._advance, piece), label="step", timeout_s=self.timeout_s * 6)
             done = done + piece if duration_s - done > _STEP_CHUNK_S else duration_s
             if progress is not None:
                 progress(done)
@@ -271,26 +273,26 @@ class Stage(Showing):
         """Lets time pass by itself, at a multiple of real time."""
         if not speed > 0:
             raise ValueError(f"speed must be above 0, not {speed}")
-        self._fault, self._clock = "", Clock(speed)
-        self.call(lambda engine: None, what="play")
+        self._error, self._clock = "", RealTimeClock(speed)
+        self.run_on_engine(lambda engine: None, label="play")
 
     def pause(self) -> None:
         """Stops time; edits and single steps go on working."""
         self._clock = None
-        self.call(lambda engine: None, what="pause")
+        self.run_on_engine(lambda engine: None, label="pause")
 
     # -- things ----------------------------------------------------------------------------------------------
 
-    def thing(self, cls: str, *, id: str | None = None, size: Vector | None = None) -> Body:
+    def make_body(self, cls: str, *, id: str | None = None, size: Vector | None = None) -> Body:
         """A thing of a class that could be put somewhere; of its usual size, unless another is given [m].
 
         Raises:
-            NameUnknown: there is no such class.
-            ArgumentRefused: nobody knows how large things of that class are.
+            NameNotFoundError: there is no such class.
+            InvalidArgumentError: nobody knows how large things of that class are.
         """
-        return thing_of(self, cls, id=id, size=size)
+        return make_body(self, cls, id=id, size=size)
 
-    def put(self, thing: Body | str, *, on: str | None = None, into: str | None = None) -> Put:
+    def place(self, item: Body | str, *, on: str | None = None, into: str | None = None) -> PlacementResult:
         """Puts a new thing on something, or into it, on a free spot on which it stays.
 
         Args:
@@ -299,15 +301,15 @@ class Stage(Showing):
             into: the id of what it shall be in, or in a part or drawer of.
 
         Raises:
-            BodyUnknown: there is no such holder.
-            SpotMissing: nothing there is free, large enough and level, or the thing does not stay.
-            NameUnknown, ArgumentRefused: as for `thing`; or it is not told where it goes.
+            BodyNotFoundError: there is no such holder.
+            NoFreePlacementError: nothing there is free, large enough and level, or the thing does not stay.
+            NameNotFoundError, InvalidArgumentError: as for `thing`; or it is not told where it goes.
         """
         if (on is None) is (into is None):
-            raise ArgumentRefused("put", cause="it goes on something or into it", remedy="give one of on and into")
-        body = thing if isinstance(thing, Body) else self.thing(thing)
-        form = self._embodiment.fit(World(iri=body.iri, bodies=(body,))).forms.get(body.id)
-        return put(self, body, form, where=on or into or "", inside=into is not None)
+            raise InvalidArgumentError("put", cause="it goes on something or into it", remedy="give one of on and into")
+        body = item if isinstance(item, Body) else self.make_body(item)
+        form = self._geometry_provider.fit(World(iri=body.iri, bodies=(body,))).geometry.get(body.id)
+        return place_body(self, body, form, support_id=on or into or "", inside=into is not None)
 
     def joint(self, id: str) -> SimulationJoint:
         """A joint that can be opened, closed and moved: `sim.joint("fridge_door").open()`.
@@ -316,8 +318,8 @@ class Stage(Showing):
             id: the id or IRI of a joint, or of the door, drawer or other body that it moves.
 
         Raises:
-            NameUnknown: nothing movable has that name.
-            NameAmbiguous: several joints move that body.
+            NameNotFoundError: nothing movable has that name.
+            AmbiguousNameError: several joints move that body.
         """
         return find_joint(self, id)
 
@@ -336,13 +338,13 @@ class Stage(Showing):
             Notes, one sentence each, on what the file cannot hold.
 
         Raises:
-            MapUnwritable: no format has this suffix, the world holds something that the format cannot, or the file
+            MapWriteError: no format has this suffix, the world holds something that the format cannot, or the file
                 cannot be written.
         """
         from mindstage.saving import save_world
 
         return save_world(
-            self.log(),
+            self.snapshot(),
             path,
             knowledge=self.knowledge,
             format=format,
@@ -353,7 +355,7 @@ class Stage(Showing):
 
     # -- hands ---------------------------------------------------------------------------------------------
 
-    def grip(self, id: BodyId, *, point: Vector, target: Vector) -> None:
+    def pull(self, id: BodyId, *, point: Vector, target: Vector) -> None:
         """Pulls a point of a body towards a place until `release`; call again to move the place.
 
         Args:
@@ -361,11 +363,11 @@ class Stage(Showing):
             point: where it is held, in the body's frame [m].
             target: where that point shall go, in the world [m].
         """
-        self._grips.hold(id, point=point, target=target, worlds=self.worlds)
+        self._perturbations.pull(id, point=point, target=target, worlds=self.worlds)
 
     def release(self, id: BodyId | None = None) -> None:
         """Lets go of one body, or of all."""
-        self._grips.let_go(id)
+        self._perturbations.release(id)
 
     # -- the end -------------------------------------------------------------------------------------------
 
@@ -387,18 +389,18 @@ class Stage(Showing):
         finally:
             self._closed = True
             self._clock = None
-            self._loop.stop()
+            self._thread.stop()
             self._engine.close()
-            self._lost = EngineClosed(self._engine.name)
+            self._engine_error = EngineClosedError(self._engine.name)
 
     def __repr__(self) -> str:
-        frame = self._frame
+        frame = self._state
         maps = "".join(f" {world.name or short_name(world.iri)}" for world in self.worlds)
         state = "closed" if self._closed else "playing" if frame.playing else "paused"
         bodies = counted(len(frame.ids), "body")
         return f"<{type(self).__name__}{maps}: {bodies}, {self.engine_name}, {state} at {frame.time_s:.2f} s>"
 
-    def __enter__(self) -> Stage:
+    def __enter__(self) -> Simulation:
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -410,57 +412,57 @@ class Stage(Showing):
         clock = self._clock
         if clock is None:
             return self._expire_markers()
-        owed = clock.owed_s()
+        owed = clock.due_s()
         if owed > 0.0:
             self._markers.expire()
             try:
                 self._advance(owed)
             except EngineError as error:
-                self._fault, self._clock = str(error), None
-            clock.paid(owed)
+                self._error, self._clock = str(error), None
+            clock.advance(owed)
             self._publish_if_possible()
         return _TICK_S if self._clock is not None else None
 
     def _expire_markers(self) -> float | None:
         if self._markers.expire():
             self._publish_if_possible()
-        return self._markers.due_s()
+        return self._markers.next_expiry_s()
 
     def _advance(self, duration_s: float, _: Engine | None = None) -> None:
-        self._grips.step(self._engine, duration_s)
+        self._perturbations.step(self._engine, duration_s)
 
-    def _remember(self, engine: Engine) -> None:
-        self._spawned = engine.save() if Ability.SAVE in engine.abilities else None
+    def _save_initial_state(self, engine: Engine) -> None:
+        self._initial_state = engine.save_state() if Capability.SAVE in engine.capabilities else None
 
     def _publish(self, *, edits: bool = False) -> None:
-        self._edition += edits
+        self._revision += edits
         try:
-            self._frame, self._lost = self._take_frame(), None
+            self._state, self._engine_error = self._read_state(), None
         except EngineError as error:
-            self._lost, self._clock, self._fault = error, None, str(error)
-            self._frame = msgspec.structs.replace(self._frame, playing=False, fault=self._fault)
+            self._engine_error, self._clock, self._error = error, None, str(error)
+            self._state = msgspec.structs.replace(self._state, playing=False, error=self._error)
             raise
         if edits:
-            self.company.tell_of_edit()
+            self.clients.notify_edit()
 
     def _publish_if_possible(self) -> None:
         with suppress(EngineError):  # the frame and `lost` tell of it
             self._publish()
 
-    def _take_frame(self) -> Frame:
+    def _read_state(self) -> StateSnapshot:
         ids, poses = self._engine.poses()
         clock, highlights = self._clock, self._engine.highlights()
-        return Frame(
+        return StateSnapshot(
             time_s=self._engine.time_s,
             ids=ids,
             poses=poses,
             highlights=highlights,
-            lit=self._lights.follow(highlights),
-            markers=self._markers.all,
-            edition=self._edition,
+            highlight_groups=self._highlights.sync(highlights),
+            markers=self._markers.markers,
+            revision=self._revision,
             playing=clock is not None,
             speed=clock.speed if clock else 1.0,
             real_time_factor=clock.real_time_factor if clock else 0.0,
-            statistics=self._engine.statistics() if Ability.STATISTICS in self._engine.abilities else None,
-            fault=self._fault,
+            stats=self._engine.stats() if Capability.STATISTICS in self._engine.capabilities else None,
+            error=self._error,
         )

@@ -7,21 +7,31 @@ from typing import Any
 
 import msgspec
 
-from mindstage.knowledge import KnowledgeBase, Table, Term
+from mindstage.knowledge import KnowledgeBase, RdfTerm, SparqlResult
 from mindstage.knowledge.names import local_name
-from mindstage.knowledge.questions import Answers, Question, about_column, cell_text
-from mindstage.knowledge.reasoning import NameKind
-from mindstage.knowledge.reasoning.namebook import shortened
+from mindstage.knowledge.questions import Answers, Question, cell_text, subject_column
+from mindstage.knowledge.reasoning import EntityType
+from mindstage.knowledge.reasoning.namebook import compact_iri
 from mindstage.world import BodyId
 
-__all__ = ["MOST_ROWS", "AnswerTable", "Cell", "Declared", "Lack", "declared", "line_table", "query_table", "table_of"]
+__all__ = [
+    "MAX_ROWS",
+    "AnswerTable",
+    "MissingFact",
+    "QuestionForm",
+    "TableCell",
+    "answer_table",
+    "prolog_table",
+    "question_form",
+    "sparql_table",
+]
 
-MOST_ROWS = 500
+MAX_ROWS = 500
 """So many rows a page gets at once; how many there are it is told besides."""
-_ABOUT = "class of {}"
+_CLASS_COLUMN_TITLE = "class of {}"
 
 
-class Cell(msgspec.Struct, frozen=True, omit_defaults=True):
+class TableCell(msgspec.Struct, frozen=True, omit_defaults=True):
     """One value as people read it."""
 
     text: str | int | float | None
@@ -31,7 +41,7 @@ class Cell(msgspec.Struct, frozen=True, omit_defaults=True):
     """The body that it is in the world."""
 
 
-class Lack(msgspec.Struct, frozen=True, kw_only=True):
+class MissingFact(msgspec.Struct, frozen=True, kw_only=True):
     """What nobody has told yet, as a statement that waits for its other end."""
 
     subject: str
@@ -47,11 +57,11 @@ class AnswerTable(msgspec.Struct, frozen=True, kw_only=True):
     """Names these answers in what is asked about them."""
     title: str
     columns: tuple[str, ...]
-    rows: tuple[tuple[Cell, ...], ...]
+    rows: tuple[tuple[TableCell, ...], ...]
     ids: tuple[str, ...]
     """Of each row, the body that it is about; empty where it has none."""
     total: int
-    missing: tuple[Lack, ...] = ()
+    missing: tuple[MissingFact, ...] = ()
     explainable: bool = False
     """Whether it can be asked why."""
     boolean: bool | None = None
@@ -66,7 +76,7 @@ class _Parameter(msgspec.Struct, frozen=True):
     """The kind of name that can be completed; empty where it is none."""
 
 
-class Declared(msgspec.Struct, frozen=True, kw_only=True):
+class QuestionForm(msgspec.Struct, frozen=True, kw_only=True):
     """A question as a form is made from it."""
 
     name: str
@@ -76,16 +86,23 @@ class Declared(msgspec.Struct, frozen=True, kw_only=True):
     """Whether it is about how things are just now."""
 
 
-def declared(question: Question[Any]) -> Declared:
+def question_form(question: Question[Any]) -> QuestionForm:
     """A question, for a form."""
     arguments = (
-        _Parameter(each.name, each.kind_text, each.choices, each.kind.name if isinstance(each.kind, NameKind) else "")
+        _Parameter(
+            each.name,
+            each.type_text,
+            each.choices,
+            each.value_type.name if isinstance(each.value_type, EntityType) else "",
+        )
         for each in question.arguments
     )
-    return Declared(name=question.name, text=question.text, arguments=tuple(arguments), live=question.is_live)
+    return QuestionForm(
+        name=question.name, text=question.text, arguments=tuple(arguments), live=question.uses_current_state
+    )
 
 
-def table_of(kb: KnowledgeBase, answers: Answers[Any], bodies: Mapping[str, BodyId], *, title: str) -> AnswerTable:
+def answer_table(kb: KnowledgeBase, answers: Answers[Any], bodies: Mapping[str, BodyId], *, title: str) -> AnswerTable:
     """Answers as a table.
 
     Args:
@@ -94,14 +111,14 @@ def table_of(kb: KnowledgeBase, answers: Answers[Any], bodies: Mapping[str, Body
         bodies: of individuals, by IRI.
         title: what was asked.
     """
-    about = about_column(answers)
+    about = subject_column(answers)
     columns = _columns(kb, answers, about)
-    shown = answers[:MOST_ROWS]
+    shown = answers[:MAX_ROWS]
     rows = [[_cell(getattr(row, name), bodies) for name in columns] for row in shown]
-    if about and answers.question.columns[about] is NameKind.INDIVIDUAL and not {"cls", "classes"} & {*columns}:
+    if about and answers.question.columns[about] is EntityType.INDIVIDUAL and not {"cls", "classes"} & {*columns}:
         for cells, row in zip(rows, shown, strict=True):
-            cells.insert(1, _cell(kb.index.class_of(getattr(row, about)), {}))
-        columns.insert(1, _ABOUT.format(about))
+            cells.insert(1, _cell(kb.reasoner.class_of(getattr(row, about)), {}))
+        columns.insert(1, _CLASS_COLUMN_TITLE.format(about))
     return AnswerTable(
         title=title,
         columns=tuple(columns),
@@ -109,19 +126,19 @@ def table_of(kb: KnowledgeBase, answers: Answers[Any], bodies: Mapping[str, Body
         ids=tuple(map(_row_id, rows)),
         total=len(answers),
         missing=tuple(
-            Lack(
-                subject="" if lack.as_value else shortened(lack.cls),
-                property=shortened(lack.property),
-                value=shortened(lack.cls) if lack.as_value else "",
-                reason=lack.why,
+            MissingFact(
+                subject="" if lack.is_filler else compact_iri(lack.cls),
+                property=compact_iri(lack.property),
+                value=compact_iri(lack.cls) if lack.is_filler else "",
+                reason=lack.reason,
             )
             for lack in answers.missing
         ),
-        explainable=answers.question.explains,
+        explainable=answers.question.has_explanation,
     )
 
 
-def line_table(rows: Sequence[Mapping[str, Any]], bodies: Mapping[str, BodyId], *, title: str) -> AnswerTable:
+def prolog_table(rows: Sequence[Mapping[str, Any]], bodies: Mapping[str, BodyId], *, title: str) -> AnswerTable:
     """What makes a line in Prolog true, as a table of its variables; yes or no where it has none."""
     columns = tuple(rows[0]) if rows else ()
     cells = [tuple(_cell(row[name], bodies) for name in columns) for row in rows]
@@ -135,35 +152,37 @@ def line_table(rows: Sequence[Mapping[str, Any]], bodies: Mapping[str, BodyId], 
     )
 
 
-def _columns(kb: KnowledgeBase, answers: Answers[Any], about: str | None) -> list[str]:
+def _columns(kb: KnowledgeBase, answers: Answers[Any], individual: str | None) -> list[str]:
     """What was asked for first; without what was given, and the map where there is only one: they are all the same."""
     named = answers.question.columns
-    same = {*answers.args, *(name for name, kind in named.items() if kind is NameKind.MAP and len(kb.maps()) == 1)}
-    columns = [name for name in named if name != about and name not in same]
-    return [about, *columns] if about else columns or list(named)
+    same = {*answers.args, *(name for name, kind in named.items() if kind is EntityType.MAP and len(kb.maps()) == 1)}
+    columns = [name for name in named if name != individual and name not in same]
+    return [individual, *columns] if individual else columns or list(named)
 
 
-def query_table(found: Table, bodies: Mapping[str, BodyId], *, title: str) -> AnswerTable:
+def sparql_table(found: SparqlResult, bodies: Mapping[str, BodyId], *, title: str) -> AnswerTable:
     """What a SPARQL query found, as a table."""
-    rows = [tuple(_term_cell(term, bodies) for term in row) for row in found.rows[:MOST_ROWS]]
+    rows = [tuple(_term_cell(term, bodies) for term in row) for row in found.rows[:MAX_ROWS]]
     ids = tuple(map(_row_id, rows))
     total = len(found.rows)
-    return AnswerTable(title=title, columns=found.columns, rows=tuple(rows), ids=ids, total=total, boolean=found.truth)
+    return AnswerTable(
+        title=title, columns=found.columns, rows=tuple(rows), ids=ids, total=total, boolean=found.boolean
+    )
 
 
-def _cell(value: object, bodies: Mapping[str, BodyId]) -> Cell:
+def _cell(value: object, bodies: Mapping[str, BodyId]) -> TableCell:
     if isinstance(value, str) and "://" in value:
-        return Cell(local_name(value), value, bodies.get(value, ""))
-    return Cell(cell_text(tuple(value) if isinstance(value, list) else value))
+        return TableCell(local_name(value), value, bodies.get(value, ""))
+    return TableCell(cell_text(tuple(value) if isinstance(value, list) else value))
 
 
-def _term_cell(term: Term | None, bodies: Mapping[str, BodyId]) -> Cell:
+def _term_cell(term: RdfTerm | None, bodies: Mapping[str, BodyId]) -> TableCell:
     if term is None:
-        return Cell(None)
+        return TableCell(None)
     if term.kind == "iri":
-        return Cell(local_name(term.value) or term.value, term.value, bodies.get(term.value, ""))
-    return Cell(f"_:{term.value}" if term.kind == "blank" else term.value)
+        return TableCell(local_name(term.value) or term.value, term.value, bodies.get(term.value, ""))
+    return TableCell(f"_:{term.value}" if term.kind == "blank" else term.value)
 
 
-def _row_id(cells: Sequence[Cell] | Iterable[Cell]) -> str:
+def _row_id(cells: Sequence[TableCell] | Iterable[TableCell]) -> str:
     return next((cell.id for cell in cells if cell.id), "")

@@ -13,10 +13,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Self
 
-from mindstage.errors import BrowserBroken, BrowserUnavailable
-from mindstage.viewport.devtools import DevTools
+from mindstage.errors import BrowserCrashedError, BrowserNotFoundError
+from mindstage.viewport.devtools import CdpPipe
 
-__all__ = ["BROWSERS", "Browser", "find_browser"]
+__all__ = ["BROWSERS", "HeadlessBrowser", "find_browser"]
 
 BROWSERS = (
     "chromium",
@@ -56,19 +56,21 @@ _WITHOUT_SANDBOX = "--no-sandbox"
 """Where the system does not let a browser have one: as root, and in most containers. It sees pages of ours only."""
 
 
-def find_browser(named: str | None = None) -> Path:
+def find_browser(executable: str | None = None) -> Path:
     """The executable that was named, or else one of those that are usual.
 
     Raises:
-        BrowserUnavailable: there is none.
+        BrowserNotFoundError: there is none.
     """
-    found = next(filter(None, map(shutil.which, (named,) if named else BROWSERS)), None)
+    found = next(filter(None, map(shutil.which, (executable,) if executable else BROWSERS)), None)
     if found is None:
-        raise BrowserUnavailable(f"there is no program {named!r}" if named else "none is installed", known=BROWSERS)
+        raise BrowserNotFoundError(
+            f"there is no program {executable!r}" if executable else "none is installed", searched=BROWSERS
+        )
     return Path(found)
 
 
-class Browser:
+class HeadlessBrowser:
     """A browser with one page; leaving its context ends it."""
 
     def __init__(
@@ -82,24 +84,24 @@ class Browser:
             timeout_s: how long it may take to start, and for each thing that it is asked for [s].
 
         Raises:
-            BrowserUnavailable: none is found, or it does not start.
+            BrowserNotFoundError: none is found, or it does not start.
         """
         if os.name != "posix":
-            raise BrowserUnavailable("it can be driven on Linux and macOS only")
+            raise BrowserNotFoundError("it can be driven on Linux and macOS only")
         self._timeout_s = timeout_s
         found = executable or find_browser()
         self._folder = Path(tempfile.mkdtemp(prefix="mindstage-browser-"))
         try:
             try:
-                self._open(found, (), size)
-            except BrowserBroken:
-                if not self._tools.ended:
+                self._start(found, (), size)
+            except BrowserCrashedError:
+                if not self._tools.has_exited:
                     raise
                 self._tools.close()
-                self._open(found, (_WITHOUT_SANDBOX,), size)
-        except (BrowserBroken, OSError) as error:
+                self._start(found, (_WITHOUT_SANDBOX,), size)
+        except (BrowserCrashedError, OSError) as error:
             self.close()
-            raise BrowserUnavailable(f"{found} does not start: {error}") from error
+            raise BrowserNotFoundError(f"{found} does not start: {error}") from error
         except BaseException:
             self.close()
             raise
@@ -110,33 +112,37 @@ class Browser:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def go(self, url: str) -> None:
+    def navigate(self, url: str) -> None:
         """Opens an address in the page.
 
         Raises:
-            BrowserBroken: nobody answers there, or the browser broke.
+            BrowserCrashedError: nobody answers there, or the browser broke.
         """
-        if trouble := self._ask("Page.navigate", {"url": url}).get("errorText"):
-            raise BrowserBroken(f"it cannot open the page: {trouble}")
+        if trouble := self._send_command("Page.navigate", {"url": url}).get("errorText"):
+            raise BrowserCrashedError(f"it cannot open the page: {trouble}")
 
     def evaluate(self, expression: str) -> Any:
         """What an expression in JavaScript is worth on the page.
 
         Raises:
-            BrowserBroken: the expression fails, or the browser broke.
+            BrowserCrashedError: the expression fails, or the browser broke.
         """
-        told = self._ask("Runtime.evaluate", {"expression": expression, "returnByValue": True, "awaitPromise": True})
+        told = self._send_command(
+            "Runtime.evaluate", {"expression": expression, "returnByValue": True, "awaitPromise": True}
+        )
         if (fault := told.get("exceptionDetails")) is not None:
-            raise BrowserBroken(f"the page has a fault: {fault.get('exception', fault).get('description', fault)}")
+            raise BrowserCrashedError(
+                f"the page has a fault: {fault.get('exception', fault).get('description', fault)}"
+            )
         return told["result"].get("value")
 
-    def picture(self) -> bytes:
+    def screenshot(self) -> bytes:
         """The page as it is now, as PNG.
 
         Raises:
-            BrowserBroken: it is gone, or too slow.
+            BrowserCrashedError: it is gone, or too slow.
         """
-        return base64.b64decode(self._ask("Page.captureScreenshot", {"format": "png"})["data"])
+        return base64.b64decode(self._send_command("Page.captureScreenshot", {"format": "png"})["data"])
 
     def close(self) -> None:
         """Ends it; any number of times."""
@@ -144,15 +150,15 @@ class Browser:
             tools.close()
         shutil.rmtree(self._folder, ignore_errors=True)
 
-    def _open(self, executable: Path, more: tuple[str, ...], size: tuple[int, int]) -> None:
+    def _start(self, executable: Path, more: tuple[str, ...], size: tuple[int, int]) -> None:
         width, height = size
         window = f"--window-size={width},{height}"
-        self._tools = DevTools(executable, (*_ARGUMENTS, window, *more), folder=self._folder)
+        self._tools = CdpPipe(executable, (*_ARGUMENTS, window, *more), folder=self._folder)
         self._session = ""
-        target = self._ask("Target.createTarget", {"url": "about:blank"})["targetId"]
-        self._session = self._ask("Target.attachToTarget", {"targetId": target, "flatten": True})["sessionId"]
+        target = self._send_command("Target.createTarget", {"url": "about:blank"})["targetId"]
+        self._session = self._send_command("Target.attachToTarget", {"targetId": target, "flatten": True})["sessionId"]
         metrics = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False}
-        self._ask("Emulation.setDeviceMetricsOverride", metrics)
+        self._send_command("Emulation.setDeviceMetricsOverride", metrics)
 
-    def _ask(self, method: str, params: Mapping[str, object] | None = None) -> dict[str, Any]:
-        return self._tools.ask(method, params, session=self._session, timeout_s=self._timeout_s)
+    def _send_command(self, method: str, params: Mapping[str, object] | None = None) -> dict[str, Any]:
+        return self._tools.send(method, params, session=self._session, timeout_s=self._timeout_s)

@@ -24,28 +24,28 @@ from urllib.parse import parse_qs, urlsplit
 
 import msgspec
 
-from mindstage.errors import MindstageError, RequestRefused
-from mindstage.viewport.sockets import ConnectionClosed, Socket
-from mindstage.viewport.visitor import Visitor, event
+from mindstage.errors import InvalidRequestError, MindstageError
+from mindstage.viewport.sockets import ConnectionClosed, WebSocket
+from mindstage.viewport.visitor import ClientSession, event_message
 
-__all__ = ["Channel", "Handler", "Limits"]
+__all__ = ["Handler", "RpcChannel", "RpcLimits"]
 
 R = TypeVar("R", bound=msgspec.Struct)
-Handler = Callable[[Visitor, R], object]
+Handler = Callable[[ClientSession, R], object]
 """Gets who asks and what, and gives whatever JSON can hold; a `MindstageError` says no."""
 
 _log = logging.getLogger(__name__)
 
 
-class Limits(msgspec.Struct, frozen=True, kw_only=True):
+class RpcLimits(msgspec.Struct, frozen=True, kw_only=True):
     """What strangers and broken pages cannot exceed."""
 
-    visitors: int = 64
+    max_sessions: int = 64
     message_bytes: int = 24 * 1024 * 1024
     """Enough for a large map."""
-    waiting: int = 64
+    max_pending: int = 64
     """Requests of one visitor that are not answered yet."""
-    per_second: float = 120.0
+    max_requests_per_second: float = 120.0
     """Requests of one visitor; twice as many in a burst."""
 
 
@@ -55,32 +55,32 @@ class _Request(msgspec.Struct, frozen=True, forbid_unknown_fields=True, rename={
     arguments: msgspec.Raw = msgspec.Raw(b"{}")
 
 
-class _Offer(msgspec.Struct, frozen=True):
-    kind: type[msgspec.Struct]
+class _Method(msgspec.Struct, frozen=True):
+    request_type: type[msgspec.Struct]
     handler: Handler[Any]
-    lane: str
+    queue: str
 
 
-class Channel:
+class RpcChannel:
     """All visitors' websockets; calls may come from any thread."""
 
-    def __init__(self, limits: Limits = Limits()) -> None:  # noqa: B008 - it is frozen
+    def __init__(self, limits: RpcLimits = RpcLimits()) -> None:  # noqa: B008 - it is frozen
         """Nobody is there yet, and nothing can be asked.
 
         Args:
             limits: of what pages send.
         """
         self.limits = limits
-        self._offers: dict[str, _Offer] = {}
+        self._methods: dict[str, _Method] = {}
         self._states: dict[str, bytes] = {}
-        self._visitors: dict[str, Visitor] = {}
-        self._came: list[Callable[[Visitor], None]] = []
-        self._left: list[Callable[[Visitor], None]] = []
-        self._workers = ThreadPoolExecutor(max_workers=32, thread_name_prefix="mindstage-page")
+        self._sessions: dict[str, ClientSession] = {}
+        self._connect_callbacks: list[Callable[[ClientSession], None]] = []
+        self._disconnect_callbacks: list[Callable[[ClientSession], None]] = []
+        self._executor = ThreadPoolExecutor(max_workers=32, thread_name_prefix="mindstage-page")
 
     # -- what the page can ask -----------------------------------------------------------------------------------------
 
-    def offer(self, name: str, kind: type[R], handler: Handler[R], *, lane: str = "world") -> None:
+    def register(self, name: str, request_type: type[R], handler: Handler[R], *, queue: str = "world") -> None:
         """Lets pages ask for something.
 
         Args:
@@ -92,62 +92,62 @@ class Channel:
         Raises:
             ValueError: the name is taken.
         """
-        if name in self._offers:
+        if name in self._methods:
             raise ValueError(f"{name!r} is offered already")
-        self._offers[name] = _Offer(kind, handler, lane)
+        self._methods[name] = _Method(request_type, handler, queue)
 
-    def on_come(self, react: Callable[[Visitor], None]) -> None:
+    def on_connect(self, callback: Callable[[ClientSession], None]) -> None:
         """Calls a function with each visitor that comes, in a worker thread."""
-        self._came.append(react)
+        self._connect_callbacks.append(callback)
 
-    def on_leave(self, react: Callable[[Visitor], None]) -> None:
+    def on_disconnect(self, callback: Callable[[ClientSession], None]) -> None:
         """Calls a function with each visitor that left, in a worker thread."""
-        self._left.append(react)
+        self._disconnect_callbacks.append(callback)
 
     # -- what the page is told -----------------------------------------------------------------------------------------
 
     @property
-    def visitors(self) -> tuple[Visitor, ...]:
+    def sessions(self) -> tuple[ClientSession, ...]:
         """Who is there."""
-        return tuple(self._visitors.values())
+        return tuple(self._sessions.values())
 
-    def visitor(self, key: str | None) -> Visitor | None:
+    def session(self, key: str | None) -> ClientSession | None:
         """The visitor of that key, if that one is there."""
-        return self._visitors.get(key or "")
+        return self._sessions.get(key or "")
 
     def publish(self, topic: str, value: object) -> None:
         """Tells all how something is now, those who come later too; nothing is sent if it is as it was."""
-        text = event(topic, value)
+        text = event_message(topic, value)
         if self._states.get(topic) != text:
             self._states[topic] = text
-            for visitor in self.visitors:
-                visitor.show(topic, text)
+            for visitor in self.sessions:
+                visitor.send_latest(topic, text)
 
-    def announce(self, topic: str, value: object) -> None:
+    def broadcast(self, topic: str, value: object) -> None:
         """Tells all who are there of something that happened."""
-        text = event(topic, value)
-        for visitor in self.visitors:
+        text = event_message(topic, value)
+        for visitor in self.sessions:
             visitor.send(text)
 
     def close(self) -> None:
         """Takes no requests any more."""
-        self._workers.shutdown(wait=False, cancel_futures=True)
+        self._executor.shutdown(wait=False, cancel_futures=True)
 
     # -- on the server's own loop --------------------------------------------------------------------------------------
 
-    async def keep(self, socket: Socket) -> None:
+    async def serve_session(self, socket: WebSocket) -> None:
         """Serves one visitor until the page is closed."""
-        if len(self._visitors) >= self.limits.visitors:
+        if len(self._sessions) >= self.limits.max_sessions:
             await socket.close(1013, "too many visitors are here already")
             return
-        visitor = Visitor(_key(socket.request.path), socket)
+        visitor = ClientSession(_session_key(socket.request.path), socket)
         socket.protocol.max_message_size = self.limits.message_bytes
         # Whoever comes back by the same key is the same page, whose old socket has not noticed yet.
-        self._visitors[visitor.key] = visitor
+        self._sessions[visitor.key] = visitor
         for topic, text in list(self._states.items()):
-            visitor.show(topic, text)
-        tasks = [asyncio.create_task(visitor.deliver())]
-        await self._run_all(self._came, visitor)
+            visitor.send_latest(topic, text)
+        tasks = [asyncio.create_task(visitor.run_sender())]
+        await self._run_callbacks(self._connect_callbacks, visitor)
         try:
             await self._receive(socket, visitor, tasks)
         except ConnectionClosed:
@@ -155,74 +155,78 @@ class Channel:
         finally:
             for task in tasks:
                 task.cancel()
-            if self._visitors.get(visitor.key) is visitor:
-                del self._visitors[visitor.key]
-            await self._run_all(self._left, visitor)
+            if self._sessions.get(visitor.key) is visitor:
+                del self._sessions[visitor.key]
+            await self._run_callbacks(self._disconnect_callbacks, visitor)
 
-    async def _receive(self, socket: Socket, visitor: Visitor, tasks: list[asyncio.Task[None]]) -> None:
+    async def _receive(self, socket: WebSocket, session: ClientSession, tasks: list[asyncio.Task[None]]) -> None:
         lanes: dict[str, asyncio.Lock] = defaultdict(asyncio.Lock)
-        budget = _Budget(self.limits.per_second)
+        budget = _RateLimiter(self.limits.max_requests_per_second)
         waiting: set[asyncio.Task[None]] = set()
         while True:
             message = await socket.recv()
-            request = self._read(message, visitor)
+            request = self._read(message, session)
             if request is None:
                 continue
-            if len(waiting) >= self.limits.waiting or not budget.take():
-                visitor.send(_refusal(request.id, "TooMany", "too much is asked at once; wait for the answers"))
+            if len(waiting) >= self.limits.max_pending or not budget.try_acquire():
+                session.send(_error_message(request.id, "TooMany", "too much is asked at once; wait for the answers"))
                 continue
-            task = asyncio.create_task(self._answer(visitor, request, lanes[self._offers[request.method].lane]))
+            task = asyncio.create_task(self._reply(session, request, lanes[self._methods[request.method].queue]))
             waiting.add(task)
             task.add_done_callback(waiting.discard)
             tasks[1:] = waiting
 
-    def _read(self, message: str | bytes, visitor: Visitor) -> _Request | None:
+    def _read(self, message: str | bytes, session: ClientSession) -> _Request | None:
         """A request that somebody offers to answer; all else is answered here."""
         try:
             request = msgspec.json.decode(message, type=_Request)
         except (msgspec.DecodeError, UnicodeError, RecursionError) as error:
-            visitor.send(_refusal(None, "RequestRefused", str(RequestRefused("a message", cause=str(error)))))
+            session.send(
+                _error_message(None, "RequestRefused", str(InvalidRequestError("a message", cause=str(error))))
+            )
             return None
-        if request.method not in self._offers:
-            refused = RequestRefused(repr(request.method), cause="nobody answers that", known=self._offers)
-            visitor.send(_refusal(request.id, "RequestRefused", str(refused)))
+        if request.method not in self._methods:
+            refused = InvalidRequestError(repr(request.method), cause="nobody answers that", known=self._methods)
+            session.send(_error_message(request.id, "RequestRefused", str(refused)))
             return None
         return request
 
-    async def _answer(self, visitor: Visitor, request: _Request, lane: asyncio.Lock) -> None:
-        async with lane:
+    async def _reply(self, session: ClientSession, request: _Request, queue: asyncio.Lock) -> None:
+        async with queue:
             loop = asyncio.get_running_loop()
             try:
-                text = await loop.run_in_executor(self._workers, self._carry_out, visitor, request)
+                text = await loop.run_in_executor(self._executor, self._run_handler, session, request)
             except RuntimeError:  # the workers have been sent home: the server is closing
                 return
-        visitor.put(text)
+        session.enqueue(text)
 
-    def _carry_out(self, visitor: Visitor, request: _Request) -> bytes:
-        offer = self._offers[request.method]
+    def _run_handler(self, session: ClientSession, request: _Request) -> bytes:
+        offer = self._methods[request.method]
         try:
-            arguments = msgspec.json.decode(request.arguments, type=offer.kind)
+            arguments = msgspec.json.decode(request.arguments, type=offer.request_type)
         except (msgspec.DecodeError, RecursionError) as error:
-            refused = RequestRefused(repr(request.method), cause=str(error))
-            return _refusal(request.id, "RequestRefused", str(refused))
+            refused = InvalidRequestError(repr(request.method), cause=str(error))
+            return _error_message(request.id, "RequestRefused", str(refused))
         try:
-            return msgspec.json.encode({"id": request.id, "result": offer.handler(visitor, arguments)})
+            return msgspec.json.encode({"id": request.id, "result": offer.handler(session, arguments)})
         except MindstageError as error:
-            return _refusal(request.id, type(error).__name__, str(error))
+            return _error_message(request.id, type(error).__name__, str(error))
         except Exception as error:  # whatever it is, the page is told, and whoever runs the server
             _log.error("a page's request %r failed", request.method, exc_info=error)
-            return _refusal(request.id, "Defect", f"{type(error).__name__}: {error}; this is a defect of Mindstage")
+            return _error_message(
+                request.id, "Defect", f"{type(error).__name__}: {error}; this is a defect of Mindstage"
+            )
 
-    async def _run_all(self, reactions: list[Callable[[Visitor], None]], visitor: Visitor) -> None:
+    async def _run_callbacks(self, callbacks: list[Callable[[ClientSession], None]], session: ClientSession) -> None:
         loop = asyncio.get_running_loop()
-        for react in reactions:
+        for react in callbacks:
             try:
-                await loop.run_in_executor(self._workers, react, visitor)
+                await loop.run_in_executor(self._executor, react, session)
             except RuntimeError:
                 return
 
 
-class _Budget:
+class _RateLimiter:
     """So many in a second, and twice as many in a burst."""
 
     def __init__(self, per_second: float) -> None:
@@ -230,7 +234,7 @@ class _Budget:
         self._left = 2 * per_second
         self._last = time.monotonic()
 
-    def take(self) -> bool:
+    def try_acquire(self) -> bool:
         """Whether one more is allowed."""
         now = time.monotonic()
         self._left = min(2 * self._per_second, self._left + (now - self._last) * self._per_second)
@@ -241,10 +245,10 @@ class _Budget:
         return True
 
 
-def _refusal(id: int | None, kind: str, text: str) -> bytes:
-    return msgspec.json.encode({"id": id, "error": {"type": kind, "message": text}})
+def _error_message(id: int | None, type: str, text: str) -> bytes:
+    return msgspec.json.encode({"id": id, "error": {"type": type, "message": text}})
 
 
-def _key(path: str) -> str:
+def _session_key(path: str) -> str:
     shown = parse_qs(urlsplit(path).query).get("client", [""])[0]
     return shown if re.fullmatch("[a-z0-9]{8,40}", shown) else secrets.token_hex(8)

@@ -6,25 +6,27 @@ from collections.abc import Container
 
 import viser
 
-from mindstage.stage import Frame, Stage
-from mindstage.viewport.asking import AskDesk
-from mindstage.viewport.channel import Channel
-from mindstage.viewport.editdesk import EditDesk
-from mindstage.viewport.filedesk import FileDesk
-from mindstage.viewport.sights import Sights
-from mindstage.viewport.status import StatusDesk
-from mindstage.viewport.viewdesk import ViewDesk
-from mindstage.viewport.visitor import Visitor
-from mindstage.viewport.worlddesk import WorldDesk
+from mindstage.stage import Simulation, StateSnapshot
+from mindstage.viewport.asking import AskHandler
+from mindstage.viewport.channel import RpcChannel
+from mindstage.viewport.editdesk import EditHandler
+from mindstage.viewport.filedesk import FileHandler
+from mindstage.viewport.sights import ClientViews
+from mindstage.viewport.status import StatusHandler
+from mindstage.viewport.viewdesk import ViewHandler
+from mindstage.viewport.visitor import ClientSession
+from mindstage.viewport.worlddesk import WorldHandler
 from mindstage.world import BodyId, World
 
-__all__ = ["Desks"]
+__all__ = ["Handlers"]
 
 
-class Desks:
+class Handlers:
     """One desk for each kind of request."""
 
-    def __init__(self, stage: Stage, channel: Channel, sights: Sights, server: viser.ViserServer) -> None:
+    def __init__(
+        self, simulation: Simulation, channel: RpcChannel, views: ClientViews, server: viser.ViserServer
+    ) -> None:
         """Offers all that a page can ask for.
 
         Args:
@@ -34,36 +36,36 @@ class Desks:
             server: that serves both.
         """
         self._channel = channel
-        self._world = WorldDesk(stage, channel)
-        self._views = ViewDesk(sights, channel, server)
-        self._edits = EditDesk(stage, channel, self._world, aim=self._views.aim)
-        self._files = FileDesk(stage, channel)
-        self._asking = AskDesk(stage, channel)
-        self._status = StatusDesk(stage, channel)
+        self._world = WorldHandler(simulation, channel)
+        self._views = ViewHandler(views, channel, server)
+        self._edits = EditHandler(simulation, channel, self._world, view_center=self._views.view_center)
+        self._files = FileHandler(simulation, channel)
+        self._asking = AskHandler(simulation, channel)
+        self._status = StatusHandler(simulation, channel)
 
-    def visitor(self, view: int) -> Visitor | None:
+    def session_of_view(self, view: int) -> ClientSession | None:
         """Who sees a view; None where somebody opened a view by itself."""
-        return self._views.visitor(view)
+        return self._views.session_of_view(view)
 
     def toast(self, view: int, text: str, *, kind: str = "error") -> None:
         """Shows a sentence to the visitor of a view."""
-        if (visitor := self.visitor(view)) is not None:
-            visitor.tell("toast", {"text": text, "kind": kind})
+        if (visitor := self.session_of_view(view)) is not None:
+            visitor.send_event("toast", {"text": text, "kind": kind})
 
     # -- for the thread that follows the world -------------------------------------------------------------------------
 
-    def rebuilt(self, world: World, *, shells: Container[BodyId]) -> None:
+    def on_rebuild(self, world: World, *, enclosing: Container[BodyId]) -> None:
         """Something came, went or changed."""
-        self._world.rebuilt(world, shells=shells)
-        self._views.tell()
+        self._world.on_rebuild(world, enclosing=enclosing)
+        self._views.publish()
 
-    def tell(self, frame: Frame) -> None:
+    def publish(self, frame: StateSnapshot) -> None:
         """Tells what changes all the time; called some times in a second."""
-        self._world.tell(frame)
-        self._edits.tell(frame)
-        self._asking.tell(frame)
-        self._status.tell(frame)
+        self._world.publish(frame)
+        self._edits.publish(frame)
+        self._asking.publish(frame)
+        self._status.publish(frame)
 
-    def say_fault(self, text: str) -> None:
+    def show_error(self, text: str) -> None:
         """Says what is wrong with the page itself; nothing, where all is well again."""
         self._channel.publish("viewer_error", text)

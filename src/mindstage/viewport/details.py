@@ -7,16 +7,37 @@ from collections.abc import Iterable, Mapping, Sequence
 import msgspec
 
 from mindstage.knowledge.names import local_name
-from mindstage.stage import Joint, JointAxis
-from mindstage.world import Anonymous, Body, BodyId, Colour, Fact, Iri, Literal, Pose, Reference, Vector, World
-from mindstage.world.colours import hex_text
-from mindstage.world.geometry import Array, pose_from, unit
+from mindstage.stage import JointAxisState, JointHandle
+from mindstage.world import (
+    BlankNode,
+    Body,
+    BodyId,
+    Color,
+    Iri,
+    IriRef,
+    Literal,
+    Pose,
+    PropertyAssertion,
+    Vector,
+    World,
+)
+from mindstage.world.colors import hex_color
+from mindstage.world.geometry import Array, normalize, pose_from_array
 
-__all__ = ["Details", "FactLine", "JointDetails", "Kept", "Live", "MaterialDetails", "details_of", "live_of"]
+__all__ = [
+    "BodyDetails",
+    "FactRow",
+    "JointDetails",
+    "LiveDetails",
+    "MaterialDetails",
+    "StorageHint",
+    "body_details",
+    "live_details",
+]
 
-_MOST_FACTS = 200
-_MILLIMETRE_TENTHS = 4
-_TURN_DIGITS = 5
+_MAX_FACTS = 200
+_POSITION_DIGITS = 4
+_ROTATION_DIGITS = 5
 
 
 class JointDetails(msgspec.Struct, frozen=True, kw_only=True):
@@ -27,7 +48,7 @@ class JointDetails(msgspec.Struct, frozen=True, kw_only=True):
     """The other end."""
     moving: BodyId
     """The end that moves."""
-    axes: tuple[JointAxis, ...]
+    axes: tuple[JointAxisState, ...]
 
 
 class MaterialDetails(msgspec.Struct, frozen=True, kw_only=True):
@@ -38,7 +59,7 @@ class MaterialDetails(msgspec.Struct, frozen=True, kw_only=True):
     """#rrggbb."""
 
 
-class FactLine(msgspec.Struct, frozen=True, kw_only=True):
+class FactRow(msgspec.Struct, frozen=True, kw_only=True):
     """A statement, in short names."""
 
     property: str
@@ -47,7 +68,7 @@ class FactLine(msgspec.Struct, frozen=True, kw_only=True):
     """Of the body that the value is."""
 
 
-class Kept(msgspec.Struct, frozen=True, kw_only=True):
+class StorageHint(msgspec.Struct, frozen=True, kw_only=True):
     """Where things of such a class are kept."""
 
     class_name: str
@@ -56,7 +77,7 @@ class Kept(msgspec.Struct, frozen=True, kw_only=True):
     """The bodies that are such places."""
 
 
-class Details(msgspec.Struct, frozen=True, kw_only=True):
+class BodyDetails(msgspec.Struct, frozen=True, kw_only=True):
     """What does not change while the physics goes on."""
 
     id: BodyId
@@ -74,13 +95,13 @@ class Details(msgspec.Struct, frozen=True, kw_only=True):
     attached_bodies: tuple[BodyId, ...]
     joints: tuple[JointDetails, ...]
     tags: tuple[tuple[str, str, str], ...]
-    facts: tuple[FactLine, ...]
-    storage_places: tuple[Kept, ...]
+    facts: tuple[FactRow, ...]
+    storage_places: tuple[StorageHint, ...]
     geometry: str
     """What its geometry is and why, where it has one."""
 
 
-class Live(msgspec.Struct, frozen=True, kw_only=True):
+class LiveDetails(msgspec.Struct, frozen=True, kw_only=True):
     """What changes all the time."""
 
     id: BodyId
@@ -88,15 +109,15 @@ class Live(msgspec.Struct, frozen=True, kw_only=True):
     joints: Mapping[BodyId, Mapping[str, float]]
 
 
-def details_of(
+def body_details(
     body: Body,
     world: World,
     *,
     ancestors: Sequence[Iri],
-    joints: Iterable[Joint],
-    storage_places: Iterable[Kept],
+    joints: Iterable[JointHandle],
+    storage_places: Iterable[StorageHint],
     geometry: str = "",
-) -> Details:
+) -> BodyDetails:
     """What there is to know about a body.
 
     Args:
@@ -109,7 +130,7 @@ def details_of(
     """
     ids = {str(other.iri): other.id for other in world.bodies}
     physics = body.physics
-    return Details(
+    return BodyDetails(
         id=body.id,
         iri=body.iri,
         label=body.label or "",
@@ -120,18 +141,18 @@ def details_of(
         mobility=physics.mobility.value if physics.mobility else None,
         gravity=physics.gravity,
         overlap_events=physics.overlap_events,
-        materials=tuple(MaterialDetails(name=each.name, color=_hex(each.colour)) for each in body.materials),
+        materials=tuple(MaterialDetails(name=each.name, color=_hex(each.color)) for each in body.materials),
         attached_to=next((hold.parent for hold in world.attachments if hold.child == body.id), None),
         attached_bodies=tuple(hold.child for hold in world.attachments if hold.parent == body.id),
         joints=tuple(_joint(joint, body.id) for joint in joints),
         tags=tuple((tag.type, tag.key, tag.value) for tag in body.tags),
-        facts=tuple(_line(fact, ids) for fact in body.facts[:_MOST_FACTS]),
+        facts=tuple(_fact_row(fact, ids) for fact in body.facts[:_MAX_FACTS]),
         storage_places=tuple(storage_places),
         geometry=geometry,
     )
 
 
-def live_of(id: BodyId, poses: Mapping[BodyId, Array], joints: Iterable[Joint]) -> Live:
+def live_details(id: BodyId, poses: Mapping[BodyId, Array], joints: Iterable[JointHandle]) -> LiveDetails:
     """Where a body and its joints are, in digits that a person reads: what trembles less than that is not told.
 
     Args:
@@ -140,38 +161,38 @@ def live_of(id: BodyId, poses: Mapping[BodyId, Array], joints: Iterable[Joint]) 
         joints: that it is part of.
     """
     x, y, z, *turn = poses[id].tolist()
-    row = [round(number, _MILLIMETRE_TENTHS) + 0.0 for number in (x, y, z)]
-    row += [round(number, _TURN_DIGITS) + 0.0 for number in unit(turn).tolist()]
-    return Live(
+    row = [round(number, _POSITION_DIGITS) + 0.0 for number in (x, y, z)]
+    row += [round(number, _ROTATION_DIGITS) + 0.0 for number in normalize(turn).tolist()]
+    return LiveDetails(
         id=id,
-        pose=pose_from(row),
+        pose=pose_from_array(row),
         joints={
-            joint.constraint.id: {
-                axis: round(value, _MILLIMETRE_TENTHS) + 0.0 for axis, value in joint.positions(poses).items()
+            joint.joint.id: {
+                axis: round(value, _POSITION_DIGITS) + 0.0 for axis, value in joint.positions(poses).items()
             }
             for joint in joints
         },
     )
 
 
-def _joint(joint: Joint, id: BodyId) -> JointDetails:
-    ends = (joint.constraint.parent, joint.constraint.child)
+def _joint(joint: JointHandle, id: BodyId) -> JointDetails:
+    ends = (joint.joint.parent, joint.joint.child)
     other = ends[1] if ends[0] == id else ends[0]
-    return JointDetails(id=joint.constraint.id, other_body=other, moving=joint.moving, axes=joint.axes)
+    return JointDetails(id=joint.joint.id, other_body=other, moving=joint.moving_body, axes=joint.axes)
 
 
-def _line(fact: Fact, ids: Mapping[str, BodyId]) -> FactLine:
+def _fact_row(fact: PropertyAssertion, ids: Mapping[str, BodyId]) -> FactRow:
     property = local_name(fact.property)
     match fact.value:
-        case Reference(iri):
-            return FactLine(property=property, value=ids.get(iri) or local_name(iri), id=ids.get(iri))
+        case IriRef(iri):
+            return FactRow(property=property, value=ids.get(iri) or local_name(iri), id=ids.get(iri))
         case Literal(text):
-            return FactLine(property=property, value=text)
-        case Anonymous(facts):
-            return FactLine(
+            return FactRow(property=property, value=text)
+        case BlankNode(facts):
+            return FactRow(
                 property=property, value=", ".join(local_name(each.property) for each in facts) or "something"
             )
 
 
-def _hex(colour: Colour | None) -> str | None:
-    return None if colour is None else hex_text(colour)
+def _hex(color: Color | None) -> str | None:
+    return None if color is None else hex_color(color)

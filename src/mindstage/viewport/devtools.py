@@ -20,9 +20,9 @@ from typing import Any
 
 import msgspec
 
-from mindstage.errors import BrowserBroken
+from mindstage.errors import BrowserCrashedError
 
-__all__ = ["DevTools"]
+__all__ = ["CdpPipe"]
 
 _BECOME_BROWSER = (
     "import fcntl, os, sys\n"
@@ -31,9 +31,9 @@ _BECOME_BROWSER = (
     "os.execv(sys.argv[3], sys.argv[3:])\n"
 )
 """A browser reads from file descriptor 3 and writes to 4, whatever this process has open under these numbers."""
-_END_S = 5.0
-"""Time for a browser to exit after `Browser.close`."""
-_PIECE = 1 << 16
+_CLOSE_TIMEOUT_S = 5.0
+"""Time for a browser to exit after `HeadlessBrowser.close`."""
+_READ_SIZE = 1 << 16
 
 
 class _Reply(msgspec.Struct):
@@ -44,7 +44,7 @@ class _Reply(msgspec.Struct):
     error: dict[str, Any] | None = None
 
 
-class DevTools:
+class CdpPipe:
     """A browser process and the pipe to it."""
 
     def __init__(self, executable: Path, arguments: Sequence[str], *, folder: Path) -> None:
@@ -56,10 +56,10 @@ class DevTools:
             folder: its user data directory, which also gets its log.
         """
         self._log = folder / "browser.log"
-        self._asked = 0
-        self._heard = bytearray()
-        theirs, self._to = os.pipe()
-        self._from, theirs_too = os.pipe()
+        self._pending = 0
+        self._buffer = bytearray()
+        theirs, self._input = os.pipe()
+        self._output, theirs_too = os.pipe()
         command = [sys.executable, "-I", "-S", "-c", _BECOME_BROWSER, str(theirs), str(theirs_too), str(executable)]
         with self._log.open("wb") as log:
             self._process = subprocess.Popen(
@@ -72,15 +72,15 @@ class DevTools:
             )
         os.close(theirs)
         os.close(theirs_too)
-        os.set_blocking(self._to, False)
-        self._closed = self._late = False
+        os.set_blocking(self._input, False)
+        self._closed = self._timed_out = False
 
     @property
-    def ended(self) -> bool:
+    def has_exited(self) -> bool:
         """Whether the process has exited."""
         return self._process.poll() is not None
 
-    def ask(
+    def send(
         self, method: str, params: Mapping[str, object] | None = None, *, session: str = "", timeout_s: float
     ) -> dict[str, Any]:
         """Sends one command and returns its result.
@@ -92,77 +92,77 @@ class DevTools:
             timeout_s: time to send the command and to receive the result [s].
 
         Raises:
-            BrowserBroken: an error or an invalid reply, no reply in time, or the process has exited.
+            BrowserCrashedError: an error or an invalid reply, no reply in time, or the process has exited.
         """
         if self._closed:  # the file descriptors may have been reused
-            raise BrowserBroken("it was closed")
-        self._asked += 1
-        message = {"id": self._asked, "method": method, "params": params or {}}
+            raise BrowserCrashedError("it was closed")
+        self._pending += 1
+        message = {"id": self._pending, "method": method, "params": params or {}}
         data = msgspec.json.encode(message | ({"sessionId": session} if session else {})) + b"\0"
         end, late = time.monotonic() + timeout_s, f"it did not answer {method} within {timeout_s:g} s"
         self._send(data, end, late)
-        reply = self._answer(end, late)
+        reply = self._wait_reply(end, late)
         if reply.error is not None:
-            raise BrowserBroken(f"it refuses {method}: {reply.error.get('message', 'no reason given')}")
+            raise BrowserCrashedError(f"it refuses {method}: {reply.error.get('message', 'no reason given')}")
         return reply.result
 
     def close(self) -> None:
         """Ends the browser; calling it again is harmless."""
         if self._closed:
             return
-        if not self._late:  # a process that does not reply is killed without asking
-            with suppress(BrowserBroken, subprocess.TimeoutExpired):
-                self.ask("Browser.close", timeout_s=_END_S)
-                self._process.wait(_END_S)
+        if not self._timed_out:  # a process that does not reply is killed without asking
+            with suppress(BrowserCrashedError, subprocess.TimeoutExpired):
+                self.send("Browser.close", timeout_s=_CLOSE_TIMEOUT_S)
+                self._process.wait(_CLOSE_TIMEOUT_S)
         self._closed = True
         with suppress(ProcessLookupError):
             os.killpg(self._process.pid, signal.SIGKILL)  # what is left of its helpers too
-        self._process.wait(_END_S)
-        os.close(self._to)
-        os.close(self._from)
+        self._process.wait(_CLOSE_TIMEOUT_S)
+        os.close(self._input)
+        os.close(self._output)
 
     def _send(self, data: bytes, end: float, late: str) -> None:
         left = memoryview(data)
         while left:
-            self._wait(self._to, selectors.EVENT_WRITE, end, late)
+            self._wait(self._input, selectors.EVENT_WRITE, end, late)
             try:
-                left = left[os.write(self._to, left) :]
+                left = left[os.write(self._input, left) :]
             except BlockingIOError:
                 continue
             except OSError as error:
-                raise BrowserBroken(self._end()) from error
+                raise BrowserCrashedError(self._exit_error()) from error
 
-    def _answer(self, end: float, late: str) -> _Reply:
+    def _wait_reply(self, end: float, late: str) -> _Reply:
         while True:
-            while (at := self._heard.find(b"\0")) < 0:
-                self._hear(end, late)
-            text = bytes(self._heard[:at])
-            del self._heard[: at + 1]
+            while (at := self._buffer.find(b"\0")) < 0:
+                self._read_messages(end, late)
+            text = bytes(self._buffer[:at])
+            del self._buffer[: at + 1]
             try:
                 reply = msgspec.json.decode(text, type=_Reply)
             except msgspec.MsgspecError as error:
-                raise BrowserBroken(f"its reply is not valid ({error})") from error
-            if reply.id == self._asked:
+                raise BrowserCrashedError(f"its reply is not valid ({error})") from error
+            if reply.id == self._pending:
                 return reply
 
-    def _hear(self, end: float, late: str) -> None:
-        self._wait(self._from, selectors.EVENT_READ, end, late)
-        piece = os.read(self._from, _PIECE)
+    def _read_messages(self, end: float, late: str) -> None:
+        self._wait(self._output, selectors.EVENT_READ, end, late)
+        piece = os.read(self._output, _READ_SIZE)
         if not piece:
-            raise BrowserBroken(self._end())
-        self._heard += piece
+            raise BrowserCrashedError(self._exit_error())
+        self._buffer += piece
 
     def _wait(self, pipe: int, event: int, end: float, late: str) -> None:
         with selectors.DefaultSelector() as selector:
             selector.register(pipe, event)
             if not selector.select(max(0.0, end - time.monotonic())):
-                self._late = True
-                raise BrowserBroken(late)
+                self._timed_out = True
+                raise BrowserCrashedError(late)
 
-    def _end(self) -> str:
+    def _exit_error(self) -> str:
         """That the process has exited, and the last line of its log."""
         with suppress(subprocess.TimeoutExpired):
-            self._process.wait(_END_S)
+            self._process.wait(_CLOSE_TIMEOUT_S)
         words = self._log.read_text(encoding="utf-8", errors="replace").split("\n")
         last = next((line.strip() for line in reversed(words) if line.strip()), "")
         return f"it has ended: {last}" if last else "it has ended"

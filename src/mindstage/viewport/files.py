@@ -8,7 +8,7 @@ from pathlib import Path
 
 import msgspec
 
-__all__ = ["File", "page_files"]
+__all__ = ["StaticFile", "page_files"]
 
 _TYPES = {
     ".css": "text/css; charset=utf-8",
@@ -18,22 +18,22 @@ _TYPES = {
 }
 
 
-class File(msgspec.Struct, frozen=True):
+class StaticFile(msgspec.Struct, frozen=True):
     """One file as a browser gets it."""
 
     type: str
     content: bytes
-    tag: str
+    etag: str
     """Changes whenever the content does."""
 
 
 @cache
-def page_files() -> dict[str, File]:
+def page_files() -> dict[str, StaticFile]:
     """All files of the page by name: a fixed list, against which wishes are held."""
     found = {}
     # Wheels are always unpacked, so that what lies beside this file is a folder.
     for path in Path(__file__).with_name("page").iterdir():
         if (type := _TYPES.get(path.suffix)) is not None:
             content = path.read_bytes()
-            found[path.name] = File(type, content, f'"{hashlib.sha256(content).hexdigest()[:24]}"')
+            found[path.name] = StaticFile(type, content, f'"{hashlib.sha256(content).hexdigest()[:24]}"')
     return found

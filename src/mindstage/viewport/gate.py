@@ -18,28 +18,28 @@ from urllib.parse import parse_qsl, urlencode, urlsplit
 
 import msgspec
 
-from mindstage.bridge.access import Access, is_loopback
-from mindstage.errors import AccessRefused
-from mindstage.viewport.files import File, page_files
+from mindstage.bridge.access import TokenAuth, is_loopback
+from mindstage.errors import AuthenticationError
+from mindstage.viewport.files import StaticFile, page_files
 
-__all__ = ["CHANNEL", "Answer", "Gate", "Headers", "place_of", "view_key"]
+__all__ = ["CHANNEL", "HttpResponse", "RequestFilter", "RequestHeaders", "request_path", "view_key"]
 
 CHANNEL = "/mindstage/channel"
 """Where the page opens its websocket."""
 
 _VIEW = re.compile(r"/view/([a-z0-9]{8,40})/?")
 _HOST = re.compile(r"[A-Za-z0-9.\-_]+(:\d{1,5})?|\[[0-9A-Fa-f:.]+\](:\d{1,5})?")
-_COOKIE_AGE_S = 30 * 24 * 3600
+_COOKIE_MAX_AGE_S = 30 * 24 * 3600
 
 
-class Headers(Protocol):
+class RequestHeaders(Protocol):
     """Of a request, by name in any case."""
 
     def get(self, key: str, default: None = None, /) -> str | None:
         """One of them."""
 
 
-class Answer(msgspec.Struct, frozen=True):
+class HttpResponse(msgspec.Struct, frozen=True):
     """What a request is answered with."""
 
     status: HTTPStatus
@@ -49,16 +49,16 @@ class Answer(msgspec.Struct, frozen=True):
 
 def view_key(path: str) -> str | None:
     """Whose view it is, by the path of its page or its websocket; None for any other path."""
-    match = _VIEW.fullmatch(place_of(path))
+    match = _VIEW.fullmatch(request_path(path))
     return match[1] if match else None
 
 
-def place_of(path: str) -> str:
+def request_path(path: str) -> str:
     """A request's path without what follows a question mark; two slashes in front are no other host's name here."""
     return path.partition("?")[0]
 
 
-class Gate:
+class RequestFilter:
     """Judges requests by their path and headers; it knows neither sockets nor the disk."""
 
     def __init__(self, *, host: str, token: str | None = None, origins: Collection[str] = ()) -> None:
@@ -71,60 +71,68 @@ class Gate:
                 behind which somebody else passes requests on.
 
         Raises:
-            AccessRefused: others could reach it, and there is no token.
+            AuthenticationError: others could reach it, and there is no token.
         """
         if not token and not is_loopback(host):
-            raise AccessRefused(host, cause="everyone in the network could come; give a token, or serve at 127.0.0.1")
-        self._access = Access(host=host, token=token or None, origins=())
-        self._at_home = is_loopback(host)
+            raise AuthenticationError(
+                host, cause="everyone in the network could come; give a token, or serve at 127.0.0.1"
+            )
+        self._auth = TokenAuth(host=host, token=token or None, origins=())
+        self._local_only = is_loopback(host)
         self._origins = frozenset(origin.rstrip("/").lower() for origin in origins)
-        self._names = frozenset(urlsplit(origin).netloc for origin in self._origins)
-        self._pass = hmac.new(token.encode(), b"mindstage page", hashlib.sha256).hexdigest() if token else ""
+        self._host_names = frozenset(urlsplit(origin).netloc for origin in self._origins)
+        self._cookie_value = hmac.new(token.encode(), b"mindstage page", hashlib.sha256).hexdigest() if token else ""
 
     # -- the order of questions ----------------------------------------------------------------------------------------
 
-    def judge_socket(self, path: str, headers: Headers) -> Answer | None:
+    def socket_error(self, path: str, headers: RequestHeaders) -> HttpResponse | None:
         """Why a websocket may not be opened; None where it may."""
-        if (refusal := self._refuse_name(headers)) is not None:
+        if (refusal := self._host_error(headers)) is not None:
             return refusal
         origin = headers.get("Origin")
-        if origin is not None and not self._is_own(origin, headers.get("Host") or ""):
-            return _refused(HTTPStatus.FORBIDDEN, "pages of that origin may not come in; open this server's own page")
-        if not self._is_known(path, headers):
-            return _refused(HTTPStatus.UNAUTHORIZED, "a token is needed: open the page with ?token=… first")
-        if place_of(path) != CHANNEL and view_key(path) is None:
-            return _refused(HTTPStatus.NOT_FOUND, "there is no such websocket")
+        if origin is not None and not self._is_same_origin(origin, headers.get("Host") or ""):
+            return _error_response(
+                HTTPStatus.FORBIDDEN, "pages of that origin may not come in; open this server's own page"
+            )
+        if not self._is_authenticated(path, headers):
+            return _error_response(HTTPStatus.UNAUTHORIZED, "a token is needed: open the page with ?token=… first")
+        if request_path(path) != CHANNEL and view_key(path) is None:
+            return _error_response(HTTPStatus.NOT_FOUND, "there is no such websocket")
         return None
 
-    def answer(self, path: str, headers: Headers) -> Answer | None:
+    def respond(self, path: str, headers: RequestHeaders) -> HttpResponse | None:
         """What a plain request gets; None where it is the view's own page, which viser has: see `view_headers`."""
-        if (refusal := self._refuse_name(headers)) is not None:
+        if (refusal := self._host_error(headers)) is not None:
             return refusal
         site = headers.get("Sec-Fetch-Site")
-        place = place_of(path)
+        place = request_path(path)
         if site in {"cross-site", "same-site"} and place != "/":
-            return _refused(HTTPStatus.FORBIDDEN, "pages from elsewhere may only link to /")
-        if not self._is_known(path, headers):
-            return self._sign_in(place, wrong=self._access.shown_in(path, headers.get("Authorization")) is False)
+            return _error_response(HTTPStatus.FORBIDDEN, "pages from elsewhere may only link to /")
+        if not self._is_authenticated(path, headers):
+            return self._login_page(
+                place, wrong=self._auth.check_handshake(path, headers.get("Authorization")) is False
+            )
         if place == "/":
             return self._cookie(path) or self._file(page_files()["index.html"], headers)
         if view_key(path) is not None:
             return None
         file = page_files().get(place.removeprefix("/mindstage/")) if place.startswith("/mindstage/") else None
-        return self._file(file, headers) if file else _refused(HTTPStatus.NOT_FOUND, "there is no such page; try /")
+        return (
+            self._file(file, headers) if file else _error_response(HTTPStatus.NOT_FOUND, "there is no such page; try /")
+        )
 
     # -- names and tokens ----------------------------------------------------------------------------------------------
 
-    def _refuse_name(self, headers: Headers) -> Answer | None:
+    def _host_error(self, headers: RequestHeaders) -> HttpResponse | None:
         host = (headers.get("Host") or "").lower()
         if _HOST.fullmatch(host) is not None:
             name = urlsplit(f"//{host}").hostname or ""
-            if host in self._names or is_loopback(name) or not self._at_home:
+            if host in self._host_names or is_loopback(name) or not self._local_only:
                 return None
         text = "this server is not known by that name; open it as http://127.0.0.1 or http://localhost"
-        return _refused(HTTPStatus.MISDIRECTED_REQUEST, text)
+        return _error_response(HTTPStatus.MISDIRECTED_REQUEST, text)
 
-    def _is_own(self, origin: str, host: str) -> bool:
+    def _is_same_origin(self, origin: str, host: str) -> bool:
         try:
             page = urlsplit(origin.lower())
         except ValueError:
@@ -132,10 +140,10 @@ class Gate:
         own = page.scheme in {"http", "https"} and page.netloc == host.lower()
         return own or origin.rstrip("/").lower() in self._origins
 
-    def _is_known(self, path: str, headers: Headers) -> bool:
-        if not self._access.needs_token:
+    def _is_authenticated(self, path: str, headers: RequestHeaders) -> bool:
+        if not self._auth.needs_token:
             return True
-        shown = self._access.shown_in(path, headers.get("Authorization"))
+        shown = self._auth.check_handshake(path, headers.get("Authorization"))
         if shown is not None:
             return shown
         try:
@@ -143,50 +151,50 @@ class Gate:
         except CookieError:
             return False
         return any(
-            hmac.compare_digest(self._pass.encode(), morsel.value.encode("utf-8", "surrogateescape"))
+            hmac.compare_digest(self._cookie_value.encode(), morsel.value.encode("utf-8", "surrogateescape"))
             for name, morsel in cookie.items()
             if name == "mindstage"
         )
 
-    def _cookie(self, path: str) -> Answer | None:
+    def _cookie(self, path: str) -> HttpResponse | None:
         """Takes a token out of the address, where others could read it, and into a cookie that scripts cannot see."""
         query = parse_qsl(path.partition("?")[2], keep_blank_values=True)
-        if not self._access.needs_token or "token" not in dict(query):
+        if not self._auth.needs_token or "token" not in dict(query):
             return None
         rest = urlencode([(name, value) for name, value in query if name != "token"])
-        cookie = f"mindstage={self._pass}; Path=/; HttpOnly; SameSite=Strict; Max-Age={_COOKIE_AGE_S}"
+        cookie = f"mindstage={self._cookie_value}; Path=/; HttpOnly; SameSite=Strict; Max-Age={_COOKIE_MAX_AGE_S}"
         headers = {"Location": f"/?{rest}" if rest else "/", "Set-Cookie": cookie, "Cache-Control": "no-store"}
-        return Answer(HTTPStatus.SEE_OTHER, b"", _SAFE | headers)
+        return HttpResponse(HTTPStatus.SEE_OTHER, b"", _SECURITY_HEADERS | headers)
 
-    def _sign_in(self, place: str, *, wrong: bool) -> Answer:
+    def _login_page(self, path: str, *, wrong: bool) -> HttpResponse:
         why = "That is not the token." if wrong else "A token is needed."
-        if place != "/":
-            return _refused(HTTPStatus.UNAUTHORIZED, why)
+        if path != "/":
+            return _error_response(HTTPStatus.UNAUTHORIZED, why)
         body = page_files()["sign-in.html"].content.replace(b"{{message}}", why.encode())
         style = hashlib.sha256(body.partition(b"<style>")[2].partition(b"</style>")[0]).digest()
         policy = f"default-src 'none'; style-src 'sha256-{_base64(style)}'; form-action 'self'; frame-ancestors 'none'"
         headers = {"Content-Type": "text/html; charset=utf-8", "Content-Security-Policy": policy}
-        return Answer(HTTPStatus.UNAUTHORIZED, body, _SAFE | {"Cache-Control": "no-store"} | headers)
+        return HttpResponse(HTTPStatus.UNAUTHORIZED, body, _SECURITY_HEADERS | {"Cache-Control": "no-store"} | headers)
 
     # -- answers -------------------------------------------------------------------------------------------------------
 
-    def _file(self, file: File, headers: Headers) -> Answer:
-        told = {"Content-Type": file.type, "ETag": file.tag, "Cache-Control": "no-cache"}
+    def _file(self, file: StaticFile, headers: RequestHeaders) -> HttpResponse:
+        told = {"Content-Type": file.type, "ETag": file.etag, "Cache-Control": "no-cache"}
         told["Content-Security-Policy"] = _page_policy(headers.get("Host") or "")
-        if headers.get("If-None-Match") == file.tag:
-            return Answer(HTTPStatus.NOT_MODIFIED, b"", _SAFE | told)
-        return Answer(HTTPStatus.OK, file.content, _SAFE | told)
+        if headers.get("If-None-Match") == file.etag:
+            return HttpResponse(HTTPStatus.NOT_MODIFIED, b"", _SECURITY_HEADERS | told)
+        return HttpResponse(HTTPStatus.OK, file.content, _SECURITY_HEADERS | told)
 
-    def view_headers(self, headers: Headers) -> Mapping[str, str]:
+    def view_headers(self, headers: RequestHeaders) -> Mapping[str, str]:
         """What goes with the view's own page: it is one file with its scripts in it, and only our page may hold it."""
-        return _SAFE | {
+        return _SECURITY_HEADERS | {
             "X-Frame-Options": "SAMEORIGIN",
             "Cache-Control": "no-cache",
             "Content-Security-Policy": _view_policy(headers.get("Host") or ""),
         }
 
 
-_SAFE: dict[str, str] = {
+_SECURITY_HEADERS: dict[str, str] = {
     "X-Content-Type-Options": "nosniff",
     "X-Frame-Options": "DENY",
     "Referrer-Policy": "no-referrer",
@@ -211,9 +219,9 @@ def _view_policy(host: str) -> str:
     )
 
 
-def _refused(status: HTTPStatus, text: str) -> Answer:
+def _error_response(status: HTTPStatus, text: str) -> HttpResponse:
     headers = {"Content-Type": "text/plain; charset=utf-8", "Cache-Control": "no-store"}
-    return Answer(status, f"{text}\n".encode(), _SAFE | headers)
+    return HttpResponse(status, f"{text}\n".encode(), _SECURITY_HEADERS | headers)
 
 
 def _base64(digest: bytes) -> str:

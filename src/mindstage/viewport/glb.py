@@ -11,20 +11,20 @@ from collections.abc import Iterable
 import numpy as np
 from msgspec.structs import replace
 
-from mindstage.exports.gltf_file import GltfFile
-from mindstage.world import Colour
-from mindstage.world.forms import Skin, Surface
+from mindstage.exports.gltf_file import GltfWriter
+from mindstage.world import Color
+from mindstage.world.forms import PbrMaterial, VisualMesh
 from mindstage.world.meshes import TriangleMesh
 
-__all__ = ["glb", "mean_colour", "mesh_of"]
+__all__ = ["mean_color", "merge_visuals", "visuals_to_glb"]
 
-_METALNESS = 0.3
+_MAX_METALNESS = 0.3
 """So much of it is left in the page, where nothing is there to be mirrored: pure metal would be black."""
 
 
-def mesh_of(skins: Iterable[Skin]) -> TriangleMesh:
+def merge_visuals(visuals: Iterable[VisualMesh]) -> TriangleMesh:
     """All triangles of several skins as one mesh; a single one keeps its place on its picture."""
-    meshes = [_mesh(skin) for skin in skins]
+    meshes = [_mesh(skin) for skin in visuals]
     if len(meshes) == 1:
         return meshes[0]
     starts = np.cumsum([0, *(len(mesh.points) for mesh in meshes)])
@@ -33,46 +33,46 @@ def mesh_of(skins: Iterable[Skin]) -> TriangleMesh:
     return TriangleMesh(np.concatenate(vertices), np.concatenate([np.zeros((0, 3), np.uint32), *faces]))
 
 
-def _mesh(skin: Skin) -> TriangleMesh:
-    if skin.normals is not None:
-        uv = None if skin.uv is None else skin.uv.astype(np.float64)
-        return TriangleMesh(skin.points.astype(np.float64), skin.faces.astype(np.uint32), uv=uv)
-    corners = skin.faces.reshape(-1)
-    uv = None if skin.uv is None else skin.uv[corners].astype(np.float64)
+def _mesh(visual: VisualMesh) -> TriangleMesh:
+    if visual.normals is not None:
+        uv = None if visual.uv is None else visual.uv.astype(np.float64)
+        return TriangleMesh(visual.points.astype(np.float64), visual.faces.astype(np.uint32), uv=uv)
+    corners = visual.faces.reshape(-1)
+    uv = None if visual.uv is None else visual.uv[corners].astype(np.float64)
     faces = np.arange(corners.size, dtype=np.uint32).reshape(-1, 3)
-    return TriangleMesh(skin.points[corners].astype(np.float64), faces, uv=uv)
+    return TriangleMesh(visual.points[corners].astype(np.float64), faces, uv=uv)
 
 
-def glb(skins: Iterable[Skin]) -> bytes:
+def visuals_to_glb(visuals: Iterable[VisualMesh]) -> bytes:
     """A binary glTF 2.0 file; its axes are the body's, since the page turns everything itself."""
-    groups: dict[tuple[Surface, int | None], list[Skin]] = {}
-    for skin in skins:
+    groups: dict[tuple[PbrMaterial, int | None], list[VisualMesh]] = {}
+    for skin in visuals:
         # One draw call for all that is made of one material.
-        groups.setdefault((skin.surface, None if skin.image is None else id(skin)), []).append(skin)
+        groups.setdefault((skin.material, None if skin.image is None else id(skin)), []).append(skin)
     pictured = any(skin.image is not None for group in groups.values() for skin in group)
-    joined = [_joined(surface, group, pictured=pictured) for (surface, _), group in groups.items()]
-    file = GltfFile("form")
-    primitives = [file.skin(skin) for skin in joined if skin.faces.size]
+    joined = [_merge_by_material(surface, group, textured=pictured) for (surface, _), group in groups.items()]
+    file = GltfWriter("form")
+    primitives = [file.visual_primitive(skin) for skin in joined if skin.faces.size]
     file.nodes.append({"mesh": file.mesh("form", lambda: primitives)} if primitives else {})
     return file.data()
 
 
-def _joined(surface: Surface, skins: list[Skin], *, pictured: bool) -> Skin:
+def _merge_by_material(material: PbrMaterial, visuals: list[VisualMesh], *, textured: bool) -> VisualMesh:
     """Skins of one material as one, of less metal than it is."""
-    mesh = mesh_of(skins)
+    mesh = merge_visuals(visuals)
     uv = mesh.uv
-    if pictured and uv is None:  # the page joins all into one mesh, for which they must have the same attributes
+    if textured and uv is None:  # the page joins all into one mesh, for which they must have the same attributes
         uv = np.zeros((len(mesh.points), 2))
-    shown = replace(surface, metalness=_METALNESS * surface.metalness)
-    return Skin(mesh.points, mesh.faces, shown, uv=uv, image=skins[0].image)
+    shown = replace(material, metalness=_MAX_METALNESS * material.metalness)
+    return VisualMesh(mesh.points, mesh.faces, shown, uv=uv, image=visuals[0].image)
 
 
-def mean_colour(skins: Iterable[Skin]) -> Colour:
-    """Of a whole form, by the area that each colour has."""
+def mean_color(visuals: Iterable[VisualMesh]) -> Color:
+    """Of a whole form, by the area that each color has."""
     total, weight = np.zeros(3), 1e-12
-    for skin in skins:
+    for skin in visuals:
         first, second, third = (skin.points[skin.faces[:, corner]] for corner in range(3))
         area = float(np.linalg.norm(np.cross(second - first, third - first), axis=1).sum())
-        total, weight = total + area * np.array(skin.surface.colour), weight + area
+        total, weight = total + area * np.array(skin.material.color), weight + area
     red, green, blue = (total / weight).tolist()
     return red, green, blue

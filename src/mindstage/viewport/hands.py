@@ -13,39 +13,39 @@ from enum import StrEnum
 import msgspec
 import numpy as np
 
-from mindstage.stage import Frame, Stage
-from mindstage.world import BodyId, Constraint, Motion, Pose, Vector, World
-from mindstage.world.geometry import Array, conjugate, rotate, unit
+from mindstage.stage import Simulation, StateSnapshot
+from mindstage.world import AxisMotion, BodyId, Joint, Pose, Vector, World
+from mindstage.world.geometry import Array, normalize, quat_conjugate, quat_rotate
 
-__all__ = ["Freedom", "Hands", "Pull", "Way", "reach"]
+__all__ = ["DragConstraint", "DragController", "DragForce", "DragMode", "drag_target"]
 
-_STEEPEST = 0.95
+_MAX_LINE_COSINE = 0.95
 """Cosine above which a ray runs so much along a line that where they meet says nothing."""
-_FLATTEST = 0.15
+_MIN_PLANE_COSINE = 0.15
 """Cosine below which a ray runs so much along a plane that where they meet says nothing."""
-_FARTHEST_M = 3.0
+_MAX_DRAG_M = 3.0
 """Nobody pulls farther than that in one go; it is how far a slip near the horizon may throw the hand."""
 
 
-class Way(StrEnum):
+class DragMode(StrEnum):
     """How a held thing can move."""
 
     FREE = "free"
-    SLIDES = "slides"
-    TURNS = "turns"
+    PRISMATIC = "slides"
+    REVOLUTE = "turns"
 
 
-class Freedom(msgspec.Struct, frozen=True):
+class DragConstraint(msgspec.Struct, frozen=True):
     """What the joint of a thing leaves it."""
 
-    way: Way = Way.FREE
+    mode: DragMode = DragMode.FREE
     axis: Vector = (0.0, 0.0, 1.0)
     """To slide along or to turn about, in the frame's body."""
     frame: BodyId | None = None
     """The body that the axis is fixed to; None for the world."""
 
 
-class Pull(msgspec.Struct, frozen=True):
+class DragForce(msgspec.Struct, frozen=True):
     """One hand on one body."""
 
     id: BodyId
@@ -55,39 +55,39 @@ class Pull(msgspec.Struct, frozen=True):
     """Where that point shall go, in the world [m]."""
 
 
-class Hands:
+class DragController:
     """All hands of all visitors; calls may come from any thread, one visitor's in their order."""
 
-    def __init__(self, stage: Stage) -> None:
-        self._stage = stage
-        self._freedoms: dict[BodyId, Freedom] = {}
-        self._pulls: dict[Hashable, Pull] = {}
+    def __init__(self, simulation: Simulation) -> None:
+        self._simulation = simulation
+        self._constraints: dict[BodyId, DragConstraint] = {}
+        self._drag_forces: dict[Hashable, DragForce] = {}
 
     @property
-    def pulls(self) -> tuple[Pull, ...]:
+    def drag_forces(self) -> tuple[DragForce, ...]:
         """What is held right now."""
-        return tuple(self._pulls.values())
+        return tuple(self._drag_forces.values())
 
-    def learn(self, world: World) -> None:
+    def set_world(self, world: World) -> None:
         """Finds out what of a world can be pulled, and how; the poses must be those it was described with."""
-        self._freedoms = _freedoms(world)
+        self._constraints = _drag_constraints(world)
 
     @property
-    def holdable(self) -> frozenset[BodyId]:
+    def draggable(self) -> frozenset[BodyId]:
         """The bodies that move when they are pulled."""
-        return frozenset(self._freedoms)
+        return frozenset(self._constraints)
 
-    def take(self, visitor: Hashable, id: BodyId, at: Vector) -> bool:
+    def start(self, session: Hashable, id: BodyId, world_point: Vector) -> bool:
         """A visitor takes hold of a body at a point in the world [m]; False if there is nothing to hold."""
-        pose = _pose_of(self._stage.frame, id)
-        if pose is None or id not in self._freedoms:
+        pose = _pose_of(self._simulation.state, id)
+        if pose is None or id not in self._constraints:
             return False
-        point = _vector(rotate(conjugate(pose[3:]), np.asarray(at) - pose[:3]))
-        self._pulls[visitor] = Pull(id, point, at)
-        self._stage.grip(id, point=point, target=at)
+        point = _vector(quat_rotate(quat_conjugate(pose[3:]), np.asarray(world_point) - pose[:3]))
+        self._drag_forces[session] = DragForce(id, point, world_point)
+        self._simulation.pull(id, point=point, target=world_point)
         return True
 
-    def pull(self, visitor: Hashable, pointer: Vector, eye: Vector) -> None:
+    def move(self, session: Hashable, pointer: Vector, eye: Vector) -> None:
         """The visitor moves the pointer.
 
         Args:
@@ -95,32 +95,32 @@ class Hands:
             pointer: any point on the ray of the pointer; best at the distance of what is held [m].
             eye: where the ray starts [m].
         """
-        pull, frame = self._pulls.get(visitor), self._stage.frame
+        pull, frame = self._drag_forces.get(session), self._simulation.state
         if pull is None:
             return
         pose = _pose_of(frame, pull.id)
         if pose is None:
-            self.let_go(visitor)
+            self.release(session)
             return
-        freedom = self._freedoms.get(pull.id, Freedom())
-        held = pose[:3] + rotate(pose[3:], pull.point)
-        target = reach(freedom.way, _axis_now(freedom, frame), held, np.asarray(pointer), np.asarray(eye))
-        self._pulls[visitor] = msgspec.structs.replace(pull, target=target)
-        self._stage.grip(pull.id, point=pull.point, target=target)
+        freedom = self._constraints.get(pull.id, DragConstraint())
+        held = pose[:3] + quat_rotate(pose[3:], pull.point)
+        target = drag_target(freedom.mode, _world_axis(freedom, frame), held, np.asarray(pointer), np.asarray(eye))
+        self._drag_forces[session] = msgspec.structs.replace(pull, target=target)
+        self._simulation.pull(pull.id, point=pull.point, target=target)
 
-    def let_go(self, visitor: Hashable) -> None:
+    def release(self, session: Hashable) -> None:
         """The visitor opens the hand; nothing happens if it was empty."""
-        pull = self._pulls.pop(visitor, None)
-        if pull is not None and all(other.id != pull.id for other in self._pulls.values()):
-            self._stage.release(pull.id)
+        pull = self._drag_forces.pop(session, None)
+        if pull is not None and all(other.id != pull.id for other in self._drag_forces.values()):
+            self._simulation.release(pull.id)
 
-    def let_go_of_all(self) -> None:
+    def release_all(self) -> None:
         """Every visitor opens the hand."""
-        for visitor in list(self._pulls):
-            self.let_go(visitor)
+        for visitor in list(self._drag_forces):
+            self.release(visitor)
 
 
-def reach(way: Way, axis: Array, held: Array, pointer: Array, eye: Array) -> Vector:
+def drag_target(mode: DragMode, axis: Array, held_point: Array, pointer: Array, eye: Array) -> Vector:
     """Where a hand goes that holds something, for a ray from the eye through the pointer.
 
     Args:
@@ -133,68 +133,68 @@ def reach(way: Way, axis: Array, held: Array, pointer: Array, eye: Array) -> Vec
     ray = pointer - eye
     ray = ray / max(float(np.linalg.norm(ray)), 1e-9)
     along, target = float(ray @ axis), pointer
-    if way is Way.SLIDES and abs(along) < _STEEPEST:
-        to_held = held - eye
+    if mode is DragMode.PRISMATIC and abs(along) < _MAX_LINE_COSINE:
+        to_held = held_point - eye
         # The point of the line that is nearest to the ray.
         travel = (along * float(ray @ to_held) - float(axis @ to_held)) / (1.0 - along * along)
-        target = held + travel * axis
-    elif way is Way.TURNS and abs(along) > _FLATTEST:
-        distance = float((held - eye) @ axis) / along
+        target = held_point + travel * axis
+    elif mode is DragMode.REVOLUTE and abs(along) > _MIN_PLANE_COSINE:
+        distance = float((held_point - eye) @ axis) / along
         target = eye + distance * ray if distance > 0.0 else pointer
-    step = target - held
+    step = target - held_point
     length = float(np.linalg.norm(step))
-    return _vector(held + step * min(1.0, _FARTHEST_M / max(length, 1e-9)))
+    return _vector(held_point + step * min(1.0, _MAX_DRAG_M / max(length, 1e-9)))
 
 
-def _freedoms(world: World) -> dict[BodyId, Freedom]:
+def _drag_constraints(world: World) -> dict[BodyId, DragConstraint]:
     bodies = {body.id: body for body in world.bodies}
     parents = {hold.child: hold.parent for hold in world.attachments}
-    joints: dict[BodyId, Freedom] = {}
-    for joint in world.constraints:
+    joints: dict[BodyId, DragConstraint] = {}
+    for joint in world.joints:
         if joint.parent in bodies and joint.child in bodies:
             ends = (joint.child, joint.parent)
             # The map may have the roles upside down: it is the moving side that one pulls.
-            moving, frame = ends if bodies[joint.child].physics.simulates else ends[::-1]
-            joints.setdefault(moving, _freedom(joint, frame, bodies[frame].pose))
+            moving, frame = ends if bodies[joint.child].physics.is_dynamic else ends[::-1]
+            joints.setdefault(moving, _drag_constraint(joint, frame, bodies[frame].pose))
     found = {}
     for id, body in bodies.items():
         held: BodyId | None = id
         seen: set[BodyId] = set()
-        while held is not None and held not in seen and not bodies[held].physics.simulates:
+        while held is not None and held not in seen and not bodies[held].physics.is_dynamic:
             seen.add(held)
             held = parents.get(held) if parents.get(held) in bodies else None
-        if held is not None and bodies[held].physics.simulates:
-            found[body.id] = joints.get(held, Freedom())
+        if held is not None and bodies[held].physics.is_dynamic:
+            found[body.id] = joints.get(held, DragConstraint())
     return found
 
 
-def _freedom(joint: Constraint, frame: BodyId, frame_pose: Pose) -> Freedom:
+def _drag_constraint(joint: Joint, frame: BodyId, frame_pose: Pose) -> DragConstraint:
     linear, angular = joint.linear, joint.angular
-    slides = [axis for axis, motion in enumerate((linear.x, linear.y, linear.z)) if motion is not Motion.LOCKED]
+    slides = [axis for axis, motion in enumerate((linear.x, linear.y, linear.z)) if motion is not AxisMotion.LOCKED]
     turns = [
         axis
         for axis, motion in enumerate((angular.twist, angular.swing2, angular.swing1))
-        if motion is not Motion.LOCKED
+        if motion is not AxisMotion.LOCKED
     ]
     if len(slides) + len(turns) != 1:
-        return Freedom()
+        return DragConstraint()
     in_joint = np.eye(3)[(slides or turns)[0]]
-    in_world = rotate(unit(joint.pose.quaternion), in_joint)
-    in_frame = rotate(conjugate(unit(frame_pose.quaternion)), in_world)
-    return Freedom(Way.SLIDES if slides else Way.TURNS, _vector(in_frame), frame)
+    in_world = quat_rotate(normalize(joint.pose.quaternion), in_joint)
+    in_frame = quat_rotate(quat_conjugate(normalize(frame_pose.quaternion)), in_world)
+    return DragConstraint(DragMode.PRISMATIC if slides else DragMode.REVOLUTE, _vector(in_frame), frame)
 
 
-def _axis_now(freedom: Freedom, frame: Frame) -> Array:
-    pose = None if freedom.frame is None else _pose_of(frame, freedom.frame)
-    return np.asarray(freedom.axis) if pose is None else rotate(pose[3:], freedom.axis)
+def _world_axis(constraint: DragConstraint, frame: StateSnapshot) -> Array:
+    pose = None if constraint.frame is None else _pose_of(frame, constraint.frame)
+    return np.asarray(constraint.axis) if pose is None else quat_rotate(pose[3:], constraint.axis)
 
 
-def _pose_of(frame: Frame, id: BodyId) -> Array | None:
+def _pose_of(frame: StateSnapshot, id: BodyId) -> Array | None:
     try:
         pose: Array = frame.poses[frame.ids.index(id)].copy()
     except ValueError:
         return None
-    pose[3:] = unit(pose[3:])
+    pose[3:] = normalize(pose[3:])
     return pose
 
 

@@ -13,11 +13,11 @@ from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from mindstage.stage import Stage
+    from mindstage.stage import Simulation
 
-__all__ = ["answers_to_line", "has_prolog"]
+__all__ = ["has_prolog", "solve_line"]
 
-_turn = threading.Lock()
+_prolog_lock = threading.Lock()
 """There is one Prolog in a process; visitors take turns."""
 
 
@@ -27,15 +27,15 @@ def has_prolog() -> bool:
     return find_spec("pyswip") is not None and shutil.which("swipl") is not None
 
 
-def answers_to_line(stage: Stage, line: str, *, limit: int, timeout_s: float) -> list[dict[str, Any]]:
+def solve_line(simulation: Simulation, line: str, *, limit: int, timeout_s: float) -> list[dict[str, Any]]:
     """What makes a line true: its variables and what they stand for.
 
     Raises:
-        PrologUnavailable: it is not installed, or somebody else in this process has it.
-        GoalRefused: it is no Prolog, or more than a question.
-        GoalTimedOut: it did not end in time.
+        PrologUnavailableError: it is not installed, or somebody else in this process has it.
+        PrologGoalError: it is no Prolog, or more than a question.
+        PrologTimeoutError: it did not end in time.
     """
     from mindstage.prolog import PrologConsole
 
-    with _turn, PrologConsole(stage) as console:
+    with _prolog_lock, PrologConsole(simulation) as console:
         return console.answers(line, limit=limit, timeout_s=timeout_s)

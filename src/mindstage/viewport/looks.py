@@ -17,84 +17,91 @@ from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from mindstage.knowledge.shaping import ShapeRule
-from mindstage.knowledge.shaping.words import singulars, words
-from mindstage.viewport.glb import mean_colour
+from mindstage.knowledge.shaping.words import name_tokens, singular_forms
+from mindstage.viewport.glb import mean_color
 from mindstage.world import (
+    AttachedLight,
     Body,
+    BodyGeometry,
     BodyId,
-    Colour,
-    Form,
-    Glow,
+    CollisionShape,
+    CollisionShapeType,
+    Color,
     Iri,
-    ShapeKind,
-    Skin,
-    Solid,
-    SolidKind,
-    Surface,
+    PbrMaterial,
+    PrimitiveType,
     Vector,
+    VisualMesh,
     World,
 )
-from mindstage.world.forms import NO_FORMS, Forms
-from mindstage.world.geometry import pose_array, rotate, rotation_matrix, unit, unit_pose
-from mindstage.world.hulls import hull_round
+from mindstage.world.forms import NO_GEOMETRY, GeometryMap
+from mindstage.world.geometry import normalize, normalized_pose_array, pose_array, quat_rotate, rotation_matrix
+from mindstage.world.hulls import convex_hull
 from mindstage.world.meshes import box, cylinder, sphere
 
-__all__ = ["ASSUMED_SIZE_M", "Look", "Part", "decide_looks", "find_outlines"]
+__all__ = ["ASSUMED_SIZE_M", "BodyAppearance", "VisiblePart", "compute_appearance", "find_outlines"]
 
 ASSUMED_SIZE_M: Vector = (0.1, 0.1, 0.1)
 """How large a body is drawn whose size nobody told [m]."""
-_SPACE_M = 2.5
+_MAX_FURNITURE_M = 2.5
 """Nothing that one puts into a room is so large along all three axes."""
-_THIN = 0.35
+_MAX_THIN_RATIO = 0.35
 """Of its next larger extent, at most, is the smallest of what hangs on a wall."""
-_BROAD_M = 0.15
-_FACING = 0.9
+_MIN_PANEL_M = 0.15
+_MIN_FACING_COSINE = 0.9
 """Cosine from which on a triangle looks towards a side."""
 _SOLID_OPACITY = 0.6
 
 Side = tuple[int, int]
 """A side of a box: the axis, and 1 or -1 for its direction."""
 
-_WALL, _FLOOR, _CEILING = ["wall", "pillar", "column", "building"], ["floor", "ground"], ["ceiling", "roof"]
-_HANGING = ["window", "pane", "poster", "picture", "curtain", "mirror", "blackboard", "whiteboard", "clock"]
-_SHAPES = {SolidKind.SPHERE: ShapeKind.SPHERE, SolidKind.CYLINDER: ShapeKind.CYLINDER}
+_WALL_NOUNS, _FLOOR_NOUNS, _CEILING_NOUNS = (
+    ["wall", "pillar", "column", "building"],
+    ["floor", "ground"],
+    ["ceiling", "roof"],
+)
+_WALL_MOUNTED = ["window", "pane", "poster", "picture", "curtain", "mirror", "blackboard", "whiteboard", "clock"]
+_PRIMITIVE_OF_COLLISION_TYPE = {
+    CollisionShapeType.SPHERE: PrimitiveType.SPHERE,
+    CollisionShapeType.CYLINDER: PrimitiveType.CYLINDER,
+}
 
 
-class Part(StrEnum):
+class VisiblePart(StrEnum):
     """How much of a body is drawn."""
 
     WHOLE = "whole"
-    INSIDE = "inside"
+    INTERIOR = "inside"
     """What looks towards the room, and only seen from there."""
     OUTLINE = "outline"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Look:
+class BodyAppearance:
     """Everything that decides how a body is drawn, but not where."""
 
     key: str
     """Looks of one key are the same."""
     size: Vector
-    part: Part = Part.WHOLE
-    building: bool = False
+    part: VisiblePart = VisiblePart.WHOLE
+    is_building: bool = False
     """Whether it belongs to the house rather than to what is in it or hangs on its walls."""
-    floor: bool = False
-    skins: tuple[Skin, ...] = field(default=(), compare=False, repr=False)
-    glows: tuple[Glow, ...] = field(default=(), compare=False, repr=False)
-    colour: Colour = field(default=(0.8, 0.8, 0.8), compare=False)
+    is_floor: bool = False
+    visuals: tuple[VisualMesh, ...] = field(default=(), compare=False, repr=False)
+    lights: tuple[AttachedLight, ...] = field(default=(), compare=False, repr=False)
+    color: Color = field(default=(0.8, 0.8, 0.8), compare=False)
     """Of all of it, seen from far away."""
-    opaque: bool = field(default=True, compare=False)
+    is_opaque: bool = field(default=True, compare=False)
 
 
-def decide_looks(
+def compute_appearance(
     world: World,
     rule_of: Callable[[Iri], ShapeRule],
     ancestors: Callable[[Iri], Iterable[Iri]] = lambda cls: (),
     *,
-    forms: Forms = NO_FORMS,
-    shells: Iterable[BodyId] = (),
-) -> dict[BodyId, Look]:
+    geometry: GeometryMap = NO_GEOMETRY,
+    enclosing: Iterable[BodyId] = (),
+) -> dict[BodyId, BodyAppearance]:
     """Decides for all bodies of a world, as it is described.
 
     Args:
@@ -104,16 +111,18 @@ def decide_looks(
         forms: of the bodies; one without a form is its shape, in its size.
         shells: what the engine took for shells.
     """
-    return _Onlooker(world, rule_of, ancestors, forms, frozenset(shells)).looks()
+    return _AppearanceSolver(world, rule_of, ancestors, geometry, frozenset(enclosing)).appearances()
 
 
-def find_outlines(world: World, *, forms: Forms = NO_FORMS, shells: Iterable[BodyId] = ()) -> frozenset[BodyId]:
-    """The bodies of which only an outline is drawn, since they enclose the place; for the rest as in `decide_looks`."""
-    told = frozenset(shells)
-    return frozenset(body.id for body in world.bodies if body.id in told or _encloses(body, forms.get(body.id)))
+def find_outlines(
+    world: World, *, geometry: GeometryMap = NO_GEOMETRY, enclosing: Iterable[BodyId] = ()
+) -> frozenset[BodyId]:
+    """The bodies of which only an outline is drawn, since they enclose the place; for the rest as in `compute_appearance`."""
+    told = frozenset(enclosing)
+    return frozenset(body.id for body in world.bodies if body.id in told or _encloses(body, geometry.get(body.id)))
 
 
-class _Onlooker:
+class _AppearanceSolver:
     """One world, as arrays, while it is decided about."""
 
     def __init__(
@@ -121,97 +130,103 @@ class _Onlooker:
         world: World,
         rule_of: Callable[[Iri], ShapeRule],
         ancestors: Callable[[Iri], Iterable[Iri]],
-        forms: Forms,
-        shells: frozenset[BodyId],
+        geometry: GeometryMap,
+        enclosing: frozenset[BodyId],
     ) -> None:
-        self.bodies, self.forms = world.bodies, forms
+        self.bodies, self.geometry = world.bodies, geometry
         self.rows = {body.id: row for row, body in enumerate(world.bodies)}
         classes = {body.cls for body in world.bodies}
         self.rules = {cls: rule_of(cls) for cls in classes}
-        self.notions = {cls: frozenset(_nouns(cls, tuple(ancestors(cls)))) for cls in classes}
-        self.is_house = self._named(_WALL + _FLOOR + _CEILING)
-        self.is_wall, self.is_floor = self._named(_WALL), self._named(_FLOOR)
-        self.is_around = self._named(_WALL + _CEILING + _HANGING)
-        self.is_lamp = np.array([self.rules[body.cls].kind == "lamp" for body in world.bodies], dtype=bool)
+        self.nouns = {cls: frozenset(_class_nouns(cls, tuple(ancestors(cls)))) for cls in classes}
+        self.is_building = self._has_noun(_WALL_NOUNS + _FLOOR_NOUNS + _CEILING_NOUNS)
+        self.is_wall, self.is_floor = self._has_noun(_WALL_NOUNS), self._has_noun(_FLOOR_NOUNS)
+        self.is_enclosing = self._has_noun(_WALL_NOUNS + _CEILING_NOUNS + _WALL_MOUNTED)
+        self.is_lamp = np.array([self.rules[body.cls].shape_type == "lamp" for body in world.bodies], dtype=bool)
         poses = pose_array(body.pose for body in world.bodies)
-        self.centre, self.turn = poses[:, :3], rotation_matrix(unit(poses[:, 3:]))
+        self.center, self.rotation = poses[:, :3], rotation_matrix(normalize(poses[:, 3:]))
         self.half = np.array([body.size or ASSUMED_SIZE_M for body in world.bodies], dtype=float).reshape(-1, 3) / 2
         self.volume = np.prod(2 * self.half, axis=1)
-        outlines = find_outlines(world, forms=forms, shells=shells)
+        outlines = find_outlines(world, geometry=geometry, enclosing=enclosing)
         self.is_shell = np.array([body.id in outlines for body in world.bodies], dtype=bool)
-        self.is_thing = ~self.is_shell & ~self.is_house
-        heights = self.centre[self.is_thing & ~self.is_lamp, 2]
-        self.overhead = float(np.quantile(heights, 0.9)) if heights.size else np.inf
+        self.is_object = ~self.is_shell & ~self.is_building
+        heights = self.center[self.is_object & ~self.is_lamp, 2]
+        self.is_overhead = float(np.quantile(heights, 0.9)) if heights.size else np.inf
         self.roots = self._roots({hold.child: hold.parent for hold in world.attachments})
-        self.in_walls = set(self._doors_in_walls([(joint.parent, joint.child) for joint in world.constraints]))
+        self.is_in_wall = set(self._doors_in_walls([(joint.parent, joint.child) for joint in world.joints]))
 
-    def looks(self) -> dict[BodyId, Look]:
+    def appearances(self) -> dict[BodyId, BodyAppearance]:
         """Of all bodies, by id."""
-        return {body.id: self._look(row, body) for row, body in enumerate(self.bodies)}
+        return {body.id: self._appearance(row, body) for row, body in enumerate(self.bodies)}
 
-    def _look(self, row: int, body: Body) -> Look:
-        building = bool(self.is_house[row]) or self.roots[row] in self.in_walls
+    def _appearance(self, row: int, body: Body) -> BodyAppearance:
+        building = bool(self.is_building[row]) or self.roots[row] in self.is_in_wall
         floor, size = bool(self.is_floor[row]), body.size or ASSUMED_SIZE_M
         if self.is_shell[row]:
-            return Look(key=f"outline of {size}", size=size, part=Part.OUTLINE, building=True, floor=floor)
-        base, skins, glows = self._skins(body, size)
-        part = Part.WHOLE
-        if (side := self._only_side(row)) is not None:
-            base, skins, part = f"{base} from {side}", tuple(_facing(skins, side)), Part.INSIDE
-        return Look(
+            return BodyAppearance(
+                key=f"outline of {size}", size=size, part=VisiblePart.OUTLINE, is_building=True, is_floor=floor
+            )
+        base, skins, glows = self._visuals(body, size)
+        part = VisiblePart.WHOLE
+        if (side := self._single_side(row)) is not None:
+            base, skins, part = f"{base} from {side}", tuple(_triangles_facing(skins, side)), VisiblePart.INTERIOR
+        return BodyAppearance(
             key=base,
             size=size,
             part=part,
-            building=building,
-            floor=floor,
-            skins=skins,
-            glows=glows,
-            colour=mean_colour(skins),
-            opaque=min((skin.surface.opacity for skin in skins), default=0.0) > _SOLID_OPACITY,
+            is_building=building,
+            is_floor=floor,
+            visuals=skins,
+            lights=glows,
+            color=mean_color(skins),
+            is_opaque=min((skin.material.opacity for skin in skins), default=0.0) > _SOLID_OPACITY,
         )
 
-    def _skins(self, body: Body, size: Vector) -> tuple[str, tuple[Skin, ...], tuple[Glow, ...]]:
+    def _visuals(self, body: Body, size: Vector) -> tuple[str, tuple[VisualMesh, ...], tuple[AttachedLight, ...]]:
         """What is seen of a body, under a name of its own: its form, painted as its materials say."""
-        form = self.forms.get(body.id)
-        colour = next((material.colour for material in body.materials if material.colour is not None), None)
-        if form is not None and form.skins:
-            tinted = form.skins if colour is None else _tinted(form.skins, colour)
-            return f"{form.key} {colour}", tinted, form.glows
-        surface = self.rules[body.cls].substance.surface
-        surface = surface if colour is None else replace(surface, colour=colour)
-        if form is not None and form.solids:
-            return f"{form.key} {surface}", tuple(_skin(solid, surface) for solid in form.solids), form.glows
-        kind = body.shape.kind if body.shape else ShapeKind.BOX
-        return f"{kind} {size} {surface}", (_plain(ShapeKind(kind), size, surface),), ()
+        form = self.geometry.get(body.id)
+        color = next((material.color for material in body.materials if material.color is not None), None)
+        if form is not None and form.visuals:
+            tinted = form.visuals if color is None else _tinted(form.visuals, color)
+            return f"{form.key} {color}", tinted, form.lights
+        surface = self.rules[body.cls].default_material.pbr_material
+        surface = surface if color is None else replace(surface, color=color)
+        if form is not None and form.collision_shapes:
+            return (
+                f"{form.key} {surface}",
+                tuple(_collision_visual(solid, surface) for solid in form.collision_shapes),
+                form.lights,
+            )
+        kind = body.shape.type if body.shape else PrimitiveType.BOX
+        return f"{kind} {size} {surface}", (_primitive_visual(PrimitiveType(kind), size, surface),), ()
 
     # -- what would stand in the way -----------------------------------------------------------------------------------
 
-    def _named(self, nouns: Iterable[str]) -> NDArray[np.bool_]:
+    def _has_noun(self, nouns: Iterable[str]) -> NDArray[np.bool_]:
         """Of which bodies the class, or a class above it, has such a name."""
         wanted = frozenset(nouns)
-        return np.array([bool(self.notions[body.cls] & wanted) for body in self.bodies], dtype=bool)
+        return np.array([bool(self.nouns[body.cls] & wanted) for body in self.bodies], dtype=bool)
 
-    def _only_side(self, row: int) -> Side | None:
+    def _single_side(self, row: int) -> Side | None:
         """The one side that is drawn of what would hide the room: walls and doors in them, ceilings, lamps there."""
-        in_wall = self.roots[row] in self.in_walls
-        if self.bodies[row].physics.simulates and not in_wall:
+        in_wall = self.roots[row] in self.is_in_wall
+        if self.bodies[row].physics.is_dynamic and not in_wall:
             return None
         thinnest, next_thinnest = np.sort(self.half[row])[:2]
-        is_thin = thinnest < _THIN * next_thinnest and next_thinnest > _BROAD_M
-        if is_thin and (in_wall or self.is_around[row]):
-            return self._side_to_the_room(row)
-        if self.is_lamp[row] and self.centre[row, 2] > self.overhead:
-            return self._bottom(row)
+        is_thin = thinnest < _MAX_THIN_RATIO * next_thinnest and next_thinnest > _MIN_PANEL_M
+        if is_thin and (in_wall or self.is_enclosing[row]):
+            return self._room_side(row)
+        if self.is_lamp[row] and self.center[row, 2] > self.is_overhead:
+            return self._bottom_side(row)
         return None
 
-    def _side_to_the_room(self, row: int) -> Side:
+    def _room_side(self, row: int) -> Side:
         axis = int(np.argmin(self.half[row]))
-        offsets = (self.centre[self.is_thing] - self.centre[row]) @ self.turn[row][:, axis]
+        offsets = (self.center[self.is_object] - self.center[row]) @ self.rotation[row][:, axis]
         return axis, 1 if np.sum(np.sign(offsets)) >= 0 else -1
 
-    def _bottom(self, row: int) -> Side:
+    def _bottom_side(self, row: int) -> Side:
         """The side of a box that looks down."""
-        up = self.turn[row][2]
+        up = self.rotation[row][2]
         axis = int(np.argmax(np.abs(up)))
         return axis, -1 if up[axis] > 0 else 1
 
@@ -232,59 +247,63 @@ class _Onlooker:
         for parent, child in joints:
             ends = {self.roots[self.rows[end]] for end in (parent, child) if end in self.rows}
             if len(ends) == 2:
-                front, frame = sorted(ends, key=lambda row: (not self.bodies[row].physics.simulates, self.volume[row]))
+                front, frame = sorted(ends, key=lambda row: (not self.bodies[row].physics.is_dynamic, self.volume[row]))
                 if frame in walls:
                     yield front
 
 
-def _encloses(body: Body, form: Form | None) -> bool:
-    return (form is not None and form.kind == "shell") or min(body.size or ASSUMED_SIZE_M) > _SPACE_M
+def _encloses(body: Body, geometry: BodyGeometry | None) -> bool:
+    return (geometry is not None and geometry.shape_name == "shell") or min(
+        body.size or ASSUMED_SIZE_M
+    ) > _MAX_FURNITURE_M
 
 
-def _nouns(cls: Iri, ancestors: tuple[Iri, ...]) -> Iterator[str]:
+def _class_nouns(cls: Iri, ancestors: tuple[Iri, ...]) -> Iterator[str]:
     """What things of a class are, in a word each: what its name, and those of the classes above, end with."""
     for name in (cls, *ancestors):
-        parts = words(name)
+        parts = name_tokens(name)
         # A WallOfAConstruction is a wall, a WallClock is none.
         ends = parts[: parts.index("of")] if "of" in parts else parts
         for word in ends[-1:]:
-            yield from singulars(word)
+            yield from singular_forms(word)
 
 
-def _tinted(skins: Iterable[Skin], colour: Colour) -> tuple[Skin, ...]:
-    """The same in another colour, but for what one sees through and what has a picture on it."""
+def _tinted(visuals: Iterable[VisualMesh], color: Color) -> tuple[VisualMesh, ...]:
+    """The same in another color, but for what one sees through and what has a picture on it."""
     return tuple(
         skin
-        if skin.image is not None or skin.surface.opacity <= _SOLID_OPACITY
-        else Skin(skin.points, skin.faces, replace(skin.surface, colour=colour), skin.normals)
-        for skin in skins
+        if skin.image is not None or skin.material.opacity <= _SOLID_OPACITY
+        else VisualMesh(skin.points, skin.faces, replace(skin.material, color=color), skin.normals)
+        for skin in visuals
     )
 
 
-def _facing(skins: Iterable[Skin], side: Side) -> Iterator[Skin]:
+def _triangles_facing(visuals: Iterable[VisualMesh], side: Side) -> Iterator[VisualMesh]:
     """The triangles that look towards a side; from behind, they are not there."""
     axis, direction = side
-    for skin in skins:
+    for skin in visuals:
         first, second, third = (skin.points[skin.faces[:, corner]] for corner in range(3))
         normal = np.cross(second - first, third - first)
-        towards = normal[:, axis] * direction > _FACING * np.linalg.norm(normal, axis=1)
+        towards = normal[:, axis] * direction > _MIN_FACING_COSINE * np.linalg.norm(normal, axis=1)
         if towards.any():
-            yield Skin(skin.points, skin.faces[towards], skin.surface, skin.normals, skin.uv, skin.image)
+            yield VisualMesh(skin.points, skin.faces[towards], skin.material, skin.normals, skin.uv, skin.image)
 
 
-def _skin(solid: Solid, surface: Surface) -> Skin:
+def _collision_visual(shape: CollisionShape, material: PbrMaterial) -> VisualMesh:
     """What can be touched, where nobody told what is seen."""
-    place = unit_pose(solid.pose)
-    if solid.kind is SolidKind.HULL and (hull := hull_round(np.array(solid.points))) is not None:
-        return Skin(rotate(place[3:], hull.points) + place[:3], hull.faces.astype(np.uint32), surface)
-    made = _plain(_SHAPES.get(solid.kind, ShapeKind.BOX), solid.size, surface)
+    place = normalized_pose_array(shape.pose)
+    if shape.type is CollisionShapeType.HULL and (hull := convex_hull(np.array(shape.points))) is not None:
+        return VisualMesh(quat_rotate(place[3:], hull.points) + place[:3], hull.faces.astype(np.uint32), material)
+    made = _primitive_visual(_PRIMITIVE_OF_COLLISION_TYPE.get(shape.type, PrimitiveType.BOX), shape.size, material)
     assert made.normals is not None
-    return Skin(rotate(place[3:], made.points) + place[:3], made.faces, surface, rotate(place[3:], made.normals))
+    return VisualMesh(
+        quat_rotate(place[3:], made.points) + place[:3], made.faces, material, quat_rotate(place[3:], made.normals)
+    )
 
 
 @lru_cache(maxsize=4096)
-def _plain(kind: ShapeKind, size: Vector, surface: Surface) -> Skin:
+def _primitive_visual(type: PrimitiveType, size: Vector, material: PbrMaterial) -> VisualMesh:
     """A body of which nothing is known but its shape, with edges slightly rounded."""
-    make = {ShapeKind.CYLINDER: cylinder, ShapeKind.SPHERE: sphere}.get(kind, box)
+    make = {PrimitiveType.CYLINDER: cylinder, PrimitiveType.SPHERE: sphere}.get(type, box)
     mesh = make(size)
-    return Skin(mesh.points, mesh.faces, surface, mesh.normals)
+    return VisualMesh(mesh.points, mesh.faces, material, mesh.normals)

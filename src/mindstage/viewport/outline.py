@@ -12,12 +12,12 @@ import msgspec
 
 from mindstage.knowledge.names import local_name
 from mindstage.world import BodyId, World
-from mindstage.world.travel import reaches
+from mindstage.world.travel import joint_reach
 
-__all__ = ["Link", "Outline", "OutlineRow", "outline_of"]
+__all__ = ["ParentLink", "SceneTree", "SceneTreeRow", "scene_tree"]
 
 
-class Link(IntEnum):
+class ParentLink(IntEnum):
     """What a body has to do with the one above it."""
 
     NONE = 0
@@ -26,7 +26,7 @@ class Link(IntEnum):
     JOINT = 2
 
 
-class OutlineRow(msgspec.Struct, frozen=True, array_like=True):
+class SceneTreeRow(msgspec.Struct, frozen=True, array_like=True):
     """One body."""
 
     id: BodyId
@@ -35,7 +35,7 @@ class OutlineRow(msgspec.Struct, frozen=True, array_like=True):
     """A number of the classes."""
     parent: int
     """A number of a row, or -1."""
-    link: Link
+    link: ParentLink
     joint: BodyId | None
     """The constraint by which it is linked."""
     movable: bool
@@ -44,18 +44,18 @@ class OutlineRow(msgspec.Struct, frozen=True, array_like=True):
     """Whether it encloses the place, so that only its outline is drawn."""
 
 
-class Outline(msgspec.Struct, frozen=True, kw_only=True):
+class SceneTree(msgspec.Struct, frozen=True, kw_only=True):
     """All of a world."""
 
     name: str
     engine: str
     classes: tuple[str, ...]
-    rows: tuple[OutlineRow, ...]
+    rows: tuple[SceneTreeRow, ...]
     joints: int
     """Constraints that let something move."""
 
 
-def outline_of(world: World, *, engine: str, shells: Container[BodyId] = ()) -> Outline:
+def scene_tree(world: World, *, engine: str, enclosing: Container[BodyId] = ()) -> SceneTree:
     """The tree of a world: what is attached is below its holder, what a joint holds below the joint's parent.
 
     Args:
@@ -64,62 +64,62 @@ def outline_of(world: World, *, engine: str, shells: Container[BodyId] = ()) -> 
         shells: bodies that enclose the place.
     """
     numbers = {body.id: row for row, body in enumerate(world.bodies)}
-    above: dict[BodyId, tuple[BodyId, Link, BodyId | None]] = {}
-    for joint in world.constraints:
+    above: dict[BodyId, tuple[BodyId, ParentLink, BodyId | None]] = {}
+    for joint in world.joints:
         # The map may have the roles upside down: what moves is shown below what it moves in.
-        upside_down = _simulates(world, numbers, joint.parent) and not _simulates(world, numbers, joint.child)
+        upside_down = _is_dynamic(world, numbers, joint.parent) and not _is_dynamic(world, numbers, joint.child)
         parent, child = (joint.child, joint.parent) if upside_down else (joint.parent, joint.child)
         if parent in numbers and child in numbers and child not in above:
-            above[child] = (parent, Link.JOINT, joint.id)
+            above[child] = (parent, ParentLink.JOINT, joint.id)
     above |= {
-        hold.child: (hold.parent, Link.ATTACHED, None)
+        hold.child: (hold.parent, ParentLink.ATTACHED, None)
         for hold in world.attachments
         if hold.parent in numbers and hold.child in numbers
     }
-    above = _without_circles(above)
+    above = _without_cycles(above)
     classes = {cls: number for number, cls in enumerate(dict.fromkeys(body.cls for body in world.bodies))}
     rows = []
     for body in world.bodies:
-        parent, link, joint_id = above.get(body.id, (BodyId(""), Link.NONE, None))
+        parent, link, joint_id = above.get(body.id, (BodyId(""), ParentLink.NONE, None))
         rows.append(
-            OutlineRow(
+            SceneTreeRow(
                 id=body.id,
                 label=body.label or "",
                 cls=classes[body.cls],
                 parent=numbers.get(parent, -1),
                 link=link,
                 joint=joint_id,
-                movable=body.physics.simulates,
-                encloses=body.id in shells,
+                movable=body.physics.is_dynamic,
+                encloses=body.id in enclosing,
             )
         )
-    return Outline(
+    return SceneTree(
         name=world.name or local_name(world.iri),
         engine=engine,
         classes=tuple(map(local_name, classes)),
         rows=tuple(rows),
-        joints=sum(any(reach != 0.0 for reach in reaches(joint)) for joint in world.constraints),
+        joints=sum(any(reach != 0.0 for reach in joint_reach(joint)) for joint in world.joints),
     )
 
 
-def _simulates(world: World, numbers: Mapping[BodyId, int], id: BodyId) -> bool:
-    return id in numbers and world.bodies[numbers[id]].physics.simulates
+def _is_dynamic(world: World, numbers: Mapping[BodyId, int], id: BodyId) -> bool:
+    return id in numbers and world.bodies[numbers[id]].physics.is_dynamic
 
 
-def _without_circles(
-    above: Mapping[BodyId, tuple[BodyId, Link, BodyId | None]],
-) -> dict[BodyId, tuple[BodyId, Link, BodyId | None]]:
+def _without_cycles(
+    parents: Mapping[BodyId, tuple[BodyId, ParentLink, BodyId | None]],
+) -> dict[BodyId, tuple[BodyId, ParentLink, BodyId | None]]:
     """Joints may go round in a circle, which has no top; the last link of it is left out."""
-    kept: dict[BodyId, tuple[BodyId, Link, BodyId | None]] = {}
-    for child, link in above.items():
-        if child not in _chain(link[0], kept):
+    kept: dict[BodyId, tuple[BodyId, ParentLink, BodyId | None]] = {}
+    for child, link in parents.items():
+        if child not in _ancestors(link[0], kept):
             kept[child] = link
     return kept
 
 
-def _chain(id: BodyId, above: Mapping[BodyId, tuple[BodyId, Link, BodyId | None]]) -> Iterable[BodyId]:
+def _ancestors(id: BodyId, parents: Mapping[BodyId, tuple[BodyId, ParentLink, BodyId | None]]) -> Iterable[BodyId]:
     seen = dict.fromkeys([id])
-    while id in above and above[id][0] not in seen:
-        id = above[id][0]
+    while id in parents and parents[id][0] not in seen:
+        id = parents[id][0]
         seen[id] = None
     return seen

@@ -1,35 +1,35 @@
-"""Palette: how a colour changes when something is lit, and when it steps back behind what is."""
+"""Palette: how a color changes when something is lit, and when it steps back behind what is."""
 
 from __future__ import annotations
 
 import msgspec
 
 from mindstage.knowledge.names import local_name
-from mindstage.world import Colour
+from mindstage.world import Color
 
-__all__ = ["HIGHLIGHT_OPACITY", "VEIL_OPACITY", "Paint", "dimmed", "lit", "local_name"]
+__all__ = ["HIGHLIGHT_OPACITY", "OCCLUDER_OPACITY", "Paint", "dimmed", "highlighted", "local_name"]
 
 HIGHLIGHT_OPACITY = 0.85
 """Of a lit body that is see-through otherwise: a highlight must be seen."""
-VEIL_OPACITY = 0.25
+OCCLUDER_OPACITY = 0.25
 """Of what stands before something lit: what is lit in a cupboard must be seen too."""
-_MIST, _MISTINESS = 0.82, 0.72
-"""The grey that dimmed colours go towards, and how far."""
+_DIM_GRAY, _DIM_AMOUNT = 0.82, 0.72
+"""The gray that dimmed colors go towards, and how far."""
 
 
 class Paint(msgspec.Struct, frozen=True):
-    """A colour, and how much of what is behind stays hidden."""
+    """A color, and how much of what is behind stays hidden."""
 
-    colour: Colour
+    color: Color
     opacity: float = 1.0
 
 
-def lit(paint: Paint, colour: Colour) -> Paint:
+def highlighted(paint: Paint, color: Color) -> Paint:
     """The same surface with a highlight."""
-    return Paint(colour, max(paint.opacity, HIGHLIGHT_OPACITY))
+    return Paint(color, max(paint.opacity, HIGHLIGHT_OPACITY))
 
 
-def dimmed(paint: Paint, *, veil: bool = False) -> Paint:
+def dimmed(paint: Paint, *, as_occluder: bool = False) -> Paint:
     """The same surface stepping back behind what is lit; as a veil it also lets that be seen through it."""
-    red, green, blue = (part + (_MIST - part) * _MISTINESS for part in paint.colour)
-    return Paint((red, green, blue), min(paint.opacity, VEIL_OPACITY) if veil else paint.opacity)
+    red, green, blue = (part + (_DIM_GRAY - part) * _DIM_AMOUNT for part in paint.color)
+    return Paint((red, green, blue), min(paint.opacity, OCCLUDER_OPACITY) if as_occluder else paint.opacity)

@@ -7,31 +7,31 @@ from collections.abc import Callable
 from concurrent.futures import Future
 from typing import TypeVar
 
-from mindstage.errors import QuestionTimedOut, TooManyQuestions
+from mindstage.errors import QueryLimitError, QuestionTimeoutError
 
-__all__ = ["Patience"]
+__all__ = ["BoundedExecutor"]
 
 T = TypeVar("T")
 
 
-class Patience:
+class BoundedExecutor:
     """So many pieces of work at once, and so long that anybody waits for each.
 
     Nothing in Python can be stopped from outside: what never ends keeps its place, and ends with the process.
     """
 
-    def __init__(self, *, places: int = 4, timeout_s: float = 30.0) -> None:
+    def __init__(self, *, max_workers: int = 4, timeout_s: float = 30.0) -> None:
         """Nobody works yet.
 
         Args:
             places: so much is done at once.
             timeout_s: how long anybody waits for it [s].
         """
-        self._places = places
-        self._free = threading.BoundedSemaphore(places)
+        self._max_workers = max_workers
+        self._semaphore = threading.BoundedSemaphore(max_workers)
         self._timeout_s = timeout_s
 
-    def run(self, work: Callable[[], T], *, what: str) -> T:
+    def run(self, function: Callable[[], T], *, label: str) -> T:
         """Does it, and gives what comes of it.
 
         Args:
@@ -39,24 +39,24 @@ class Patience:
             what: it is, for the sentence that says that it takes too long.
 
         Raises:
-            QuestionTimedOut: it took too long.
-            TooManyQuestions: as much as can be is being done already.
+            QuestionTimeoutError: it took too long.
+            QueryLimitError: as much as can be is being done already.
         """
-        if not self._free.acquire(blocking=False):
-            raise TooManyQuestions(what, asked=self._places)
+        if not self._semaphore.acquire(blocking=False):
+            raise QueryLimitError(label, pending=self._max_workers)
         future: Future[T] = Future()
-        threading.Thread(target=self._do, args=(work, future), name="mindstage-asking", daemon=True).start()
+        threading.Thread(target=self._execute, args=(function, future), name="mindstage-asking", daemon=True).start()
         try:
             return future.result(self._timeout_s)
         except TimeoutError:
             if future.done():  # the work itself raised it
                 raise
-            raise QuestionTimedOut(what, timeout_s=self._timeout_s) from None
+            raise QuestionTimeoutError(label, timeout_s=self._timeout_s) from None
 
-    def _do(self, work: Callable[[], T], future: Future[T]) -> None:
+    def _execute(self, function: Callable[[], T], future: Future[T]) -> None:
         try:
-            future.set_result(work())
+            future.set_result(function())
         except BaseException as error:
             future.set_exception(error)
         finally:
-            self._free.release()
+            self._semaphore.release()

@@ -15,27 +15,27 @@ from urllib.parse import urlencode
 
 import viser
 
-from mindstage.errors import ArgumentRefused, BrowserBroken
-from mindstage.viewport.browser import Browser, find_browser
-from mindstage.viewport.framing import View
-from mindstage.viewport.server import address, key_of
-from mindstage.viewport.sights import Labels, Sights
+from mindstage.errors import BrowserCrashedError, InvalidArgumentError
+from mindstage.viewport.browser import HeadlessBrowser, find_browser
+from mindstage.viewport.framing import CameraPose
+from mindstage.viewport.server import address, session_key_of
+from mindstage.viewport.sights import ClientViews, LabelMode
 from mindstage.world import BodyId, Vector
 
-__all__ = ["Photographer", "Shot"]
+__all__ = ["Screenshot", "ScreenshotTaker"]
 
 T = TypeVar("T")
 
-_MOST_PX = 8192
+_MAX_SIZE_PX = 8192
 """Of a side: what a browser can draw."""
-_STILL_S = 1.2
+_STABLE_S = 1.2
 """A picture that has not changed for so long is finished."""
-_RESTLESS_S = 15.0
+_MAX_WAIT_S = 15.0
 """One that still changes after so long shows something that moves."""
-_LOOK_S = 0.2
-_SKETCHED = 0.25
+_POLL_INTERVAL_S = 0.2
+_DRAFT_RESOLUTION = 0.25
 """So much coarser the view is drawn until everything has come: without a GPU the time goes with the points drawn."""
-_FINE = 1.0
+_FINAL_RESOLUTION = 1.0
 """So fine it is drawn in the end; edges are smoothed by the browser."""
 _DRAW = """new Promise((drawn) => {
   const window_ = document.getElementById("view")?.contentWindow ?? window;
@@ -49,14 +49,14 @@ _DRAW = """new Promise((drawn) => {
   }));
 })"""
 """Draws the view once as fine as that, and no more."""
-_NOWHERE = View((2.5, -2.5, 2.0), (0.0, 0.0, 0.5), 0.63)
+_DEFAULT_CAMERA = CameraPose((2.5, -2.5, 2.0), (0.0, 0.0, 0.5), 0.63)
 """How one looks at an empty place."""
-_UPRIGHT = 1e-3
+_MIN_HORIZONTAL_M = 1e-3
 """Straight down no side would be up, so one looks a hair aslant."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Shot:
+class Screenshot:
     """What shall be in a picture, and how it is taken."""
 
     size: tuple[int, int] = (1280, 800)
@@ -65,16 +65,16 @@ class Shot:
     """Where the eye is [m]; as visitors stand at first, if neither this nor `look_at` is given."""
     look_at: Vector | None = None
     """What is in the middle [m]."""
-    top: bool = False
+    from_above: bool = False
     """Whether one looks straight down, as on a plan."""
     focus: tuple[BodyId, ...] = ()
     """Bodies that shall fill the picture."""
-    section: float | None = None
+    clip_height: float | None = None
     """A height above which nothing is drawn [m]."""
-    select: BodyId | None = None
+    selected: BodyId | None = None
     """A body with a frame round it, which the page's panel describes."""
-    labels: Labels = Labels.NONE
-    panels: bool = False
+    labels: LabelMode = LabelMode.NONE
+    with_panels: bool = False
     """Whether the whole page is in the picture, or the world alone."""
     panel: str = ""
     """Which of the page's panels is in front, such as "ask"; by default the one that opens first."""
@@ -85,19 +85,23 @@ class Shot:
 
     def __post_init__(self) -> None:
         """Refuses what no browser can draw."""
-        if not all(0 < side <= _MOST_PX for side in self.size):
+        if not all(0 < side <= _MAX_SIZE_PX for side in self.size):
             cause = f"{self.size[0]} x {self.size[1]} cannot be drawn"
-            raise ArgumentRefused("a picture's size", cause=cause, remedy=f"each side is 1 to {_MOST_PX} px")
+            raise InvalidArgumentError("a picture's size", cause=cause, remedy=f"each side is 1 to {_MAX_SIZE_PX} px")
         if self.position is not None and self.position == self.look_at:
-            raise ArgumentRefused("a picture's view", cause="it is from and to one point", remedy="give two points")
-        if self.panel and not self.panels:
-            raise ArgumentRefused(self.panel, cause="there are no panels in the picture", remedy="show the whole page")
+            raise InvalidArgumentError(
+                "a picture's view", cause="it is from and to one point", remedy="give two points"
+            )
+        if self.panel and not self.with_panels:
+            raise InvalidArgumentError(
+                self.panel, cause="there are no panels in the picture", remedy="show the whole page"
+            )
 
 
-class Photographer:
+class ScreenshotTaker:
     """Takes pictures of one page."""
 
-    def __init__(self, server: viser.ViserServer, sights: Sights, *, token: str | None = None) -> None:
+    def __init__(self, server: viser.ViserServer, views: ClientViews, *, token: str | None = None) -> None:
         """Starts nothing yet.
 
         Args:
@@ -105,120 +109,127 @@ class Photographer:
             sights: what its visitors see.
             token: that its visitors need, if they do.
         """
-        self._server, self._sights, self._token = server, sights, token
+        self._server, self._views, self._token = server, views, token
 
-    def take(self, shot: Shot) -> bytes:
+    def take(self, screenshot: Screenshot) -> bytes:
         """Takes one, as PNG.
 
         Raises:
-            BrowserUnavailable: no browser is found, or it does not start.
-            BrowserBroken: it ended, or the picture was not finished in time.
-            BodyUnknown: a body that shall be seen is not there.
-            ArgumentRefused: the page has no such panel.
+            BrowserNotFoundError: no browser is found, or it does not start.
+            BrowserCrashedError: it ended, or the picture was not finished in time.
+            BodyNotFoundError: a body that shall be seen is not there.
+            InvalidArgumentError: the page has no such panel.
         """
-        end = time.monotonic() + shot.timeout_s
-        with Browser(find_browser(shot.browser), size=shot.size, timeout_s=shot.timeout_s) as browser:
-            _until(lambda: self._sights.drawn, end, "nothing was drawn")
+        end = time.monotonic() + screenshot.timeout_s
+        with HeadlessBrowser(
+            find_browser(screenshot.browser), size=screenshot.size, timeout_s=screenshot.timeout_s
+        ) as browser:
+            _wait_for(lambda: self._views.is_drawn, end, "nothing was drawn")
             key = secrets.token_hex(8)
             if self._token:  # which the page turns into a cookie
-                browser.go(f"{address(self._server)}/?{urlencode({'token': self._token})}")
-            browser.go(self._address(key, shot))
-            if shot.panels:
-                key = _until(
+                browser.navigate(f"{address(self._server)}/?{urlencode({'token': self._token})}")
+            browser.navigate(self._address(key, screenshot))
+            if screenshot.with_panels:
+                key = _wait_for(
                     lambda: browser.evaluate("window.mindstage?.clientKey ?? ''"), end, "the page did not open"
                 )
-                _bring_forward(browser, shot.panel)
-            client = _until(lambda: self._client(key), end, "the view did not open")
-            self._prepare(shot, client.client_id)
-            if not self._sights.settled(timeout_s=max(0.0, end - time.monotonic())):
-                raise BrowserBroken("the page's own thread did not come to it in time")
-            _arrive(client, end)
-            _come_to_rest(browser, end)
-            browser.evaluate(_DRAW % _FINE)
-            return browser.picture()
+                _show_panel(browser, screenshot.panel)
+            client = _wait_for(lambda: self._client(key), end, "the view did not open")
+            self._prepare(screenshot, client.client_id)
+            if not self._views.wait_idle(timeout_s=max(0.0, end - time.monotonic())):
+                raise BrowserCrashedError("the page's own thread did not come to it in time")
+            _wait_received(client, end)
+            _wait_stable(browser, end)
+            browser.evaluate(_DRAW % _FINAL_RESOLUTION)
+            return browser.screenshot()
 
-    def _address(self, key: str, shot: Shot) -> str:
-        place = "/" if shot.panels else f"/view/{key}/"
-        return f"{address(self._server)}{place}?{urlencode({'fixedDpr': _SKETCHED})}"
+    def _address(self, key: str, screenshot: Screenshot) -> str:
+        place = "/" if screenshot.with_panels else f"/view/{key}/"
+        return f"{address(self._server)}{place}?{urlencode({'fixedDpr': _DRAFT_RESOLUTION})}"
 
     def _client(self, key: str) -> viser.ClientHandle | None:
         """The visitor, once it is welcomed."""
-        there = self._sights.visitors
+        there = self._views.clients
         clients = self._server.get_clients().values()
-        return next((each for each in clients if each.client_id in there and key_of(each, self._server) == key), None)
+        return next(
+            (each for each in clients if each.client_id in there and session_key_of(each, self._server) == key), None
+        )
 
-    def _prepare(self, shot: Shot, visitor: int) -> None:
-        sights, outlook = self._sights, self._sights.outlook
-        if shot.section is not None:
-            sights.section(shot.section, visitor=visitor)
-        if shot.select is not None:
-            sights.select(shot.select, visitor=visitor)
-        if shot.labels is not Labels.NONE:
-            sights.label(shot.labels, visitor=visitor)
-        if shot.focus:
-            sights.focus(shot.focus, visitor=visitor)
-        elif shot.top:
-            sights.top(visitor=visitor)
-        elif shot.position is not None or shot.look_at is not None:
-            usual = outlook.view(shot.size[0] / shot.size[1]) if outlook else _NOWHERE
-            sights.look_from(_view(shot, usual), visitor=visitor)
+    def _prepare(self, screenshot: Screenshot, view: int) -> None:
+        sights, outlook = self._views, self._views.target
+        if screenshot.clip_height is not None:
+            sights.set_clip_height(screenshot.clip_height, client=view)
+        if screenshot.selected is not None:
+            sights.select(screenshot.selected, client=view)
+        if screenshot.labels is not LabelMode.NONE:
+            sights.set_labels(screenshot.labels, client=view)
+        if screenshot.focus:
+            sights.focus(screenshot.focus, client=view)
+        elif screenshot.from_above:
+            sights.go_top(client=view)
+        elif screenshot.position is not None or screenshot.look_at is not None:
+            usual = outlook.camera(screenshot.size[0] / screenshot.size[1]) if outlook else _DEFAULT_CAMERA
+            sights.set_camera(_camera_for(screenshot, usual), client=view)
 
 
-def _bring_forward(browser: Browser, panel: str) -> None:
+def _show_panel(browser: HeadlessBrowser, panel: str) -> None:
     """Shows one of the page's panels."""
     known = browser.evaluate("[...document.querySelectorAll('[data-tab]')].map((tab) => tab.dataset.tab)")
     if panel and panel not in known:
-        raise ArgumentRefused(panel, cause="the page has no such panel", remedy=f"there is {', '.join(known)}")
+        raise InvalidArgumentError(panel, cause="the page has no such panel", remedy=f"there is {', '.join(known)}")
     if panel:
         browser.evaluate(f"document.querySelector('[data-tab={panel}]').click()")
 
 
-def _view(shot: Shot, usual: View) -> View:
+def _camera_for(screenshot: Screenshot, default: CameraPose) -> CameraPose:
     """The view from one point to another; the one that is not given is as usual, as far as it can be."""
-    x, y, z = usual.position
-    (to_x, to_y, to_z) = usual.look_at
-    if shot.position is None and shot.look_at is not None:
+    x, y, z = default.position
+    (to_x, to_y, to_z) = default.look_at
+    if screenshot.position is None and screenshot.look_at is not None:
         to_x, to_y, to_z, x, y, z = (
-            *shot.look_at,
-            *(end + eye - middle for end, eye, middle in zip(shot.look_at, usual.position, usual.look_at, strict=True)),
+            *screenshot.look_at,
+            *(
+                end + eye - middle
+                for end, eye, middle in zip(screenshot.look_at, default.position, default.look_at, strict=True)
+            ),
         )
-    elif shot.position is not None:
-        x, y, z = shot.position
-        to_x, to_y, to_z = shot.look_at or usual.look_at
+    elif screenshot.position is not None:
+        x, y, z = screenshot.position
+        to_x, to_y, to_z = screenshot.look_at or default.look_at
     height = abs(z - to_z)
-    if abs(x - to_x) + abs(y - to_y) < _UPRIGHT * height:
-        y -= _UPRIGHT * height
-    return View((x, y, z), (to_x, to_y, to_z), usual.field_of_view_rad)
+    if abs(x - to_x) + abs(y - to_y) < _MIN_HORIZONTAL_M * height:
+        y -= _MIN_HORIZONTAL_M * height
+    return CameraPose((x, y, z), (to_x, to_y, to_z), default.field_of_view_rad)
 
 
-def _arrive(client: viser.ClientHandle, end: float) -> None:
+def _wait_received(client: viser.ClientHandle, end: float) -> None:
     """Waits until the visitor has everything that was sent so far: requests for pictures keep their place among it."""
     try:
         client.get_render(8, 8, timeout=max(0.1, end - time.monotonic()))
     except TimeoutError as error:
-        raise BrowserBroken("the view was not drawn in time") from error
+        raise BrowserCrashedError("the view was not drawn in time") from error
     except RuntimeError as error:
-        raise BrowserBroken(f"the view was lost: {error}") from error
+        raise BrowserCrashedError(f"the view was lost: {error}") from error
 
 
-def _until(look: Callable[[], T | None], end: float, what: str) -> T:
+def _wait_for(condition: Callable[[], T | None], end: float, label: str) -> T:
     """What is there at last.
 
     Raises:
-        BrowserBroken: it did not come in time.
+        BrowserCrashedError: it did not come in time.
     """
-    while not (found := look()):
+    while not (found := condition()):
         if time.monotonic() > end:
-            raise BrowserBroken(f"{what} in time")
-        time.sleep(_LOOK_S / 2)
+            raise BrowserCrashedError(f"{label} in time")
+        time.sleep(_POLL_INTERVAL_S / 2)
     return found
 
 
-def _come_to_rest(browser: Browser, end: float) -> None:
+def _wait_stable(browser: HeadlessBrowser, end: float) -> None:
     """Waits until nothing in the picture changes any more, or for a while where the world itself moves."""
-    picture = browser.picture()
+    picture = browser.screenshot()
     start = since = time.monotonic()
-    while time.monotonic() < min(end, start + _RESTLESS_S) and time.monotonic() - since <= _STILL_S:
-        time.sleep(_LOOK_S)
-        if (newer := browser.picture()) != picture:
+    while time.monotonic() < min(end, start + _MAX_WAIT_S) and time.monotonic() - since <= _STABLE_S:
+        time.sleep(_POLL_INTERVAL_S)
+        if (newer := browser.screenshot()) != picture:
             picture, since = newer, time.monotonic()

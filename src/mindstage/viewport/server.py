@@ -11,16 +11,16 @@ from contextlib import contextmanager, redirect_stdout
 
 import viser
 
-from mindstage.errors import ViewportUnavailable
-from mindstage.viewport.channel import Channel
-from mindstage.viewport.gate import Gate, view_key
-from mindstage.viewport.sockets import Doors, doors_put_in
+from mindstage.errors import ViewerUnavailableError
+from mindstage.viewport.channel import RpcChannel
+from mindstage.viewport.gate import RequestFilter, view_key
+from mindstage.viewport.sockets import HttpRoutes, patched_viser
 
-__all__ = ["address", "key_of", "serve", "shut_down"]
+__all__ = ["address", "serve", "session_key_of", "shut_down"]
 
-_TRIES = 200
+_MAX_PORT_TRIES = 200
 """So many ports are tried, one after the other."""
-_hushing = threading.Lock()
+_output_lock = threading.Lock()
 
 
 class _Server(viser.ViserServer):
@@ -34,7 +34,7 @@ def serve(
     port: int,
     *,
     title: str,
-    channel: Channel,
+    channel: RpcChannel,
     token: str | None = None,
     origins: Collection[str] = (),
 ) -> viser.ViserServer:
@@ -49,21 +49,21 @@ def serve(
         origins: addresses under which the page may be opened beside its own.
 
     Raises:
-        AccessRefused: others could reach it, and there is no token.
-        ViewportUnavailable: the host is not this machine, or no port is free.
+        AuthenticationError: others could reach it, and there is no token.
+        ViewerUnavailableError: the host is not this machine, or no port is free.
     """
-    doors = Doors(Gate(host=host, token=token, origins=origins), channel=channel.keep)
+    doors = HttpRoutes(RequestFilter(host=host, token=token, origins=origins), channel=channel.serve_session)
     free = _free_port(host, port)
-    with _hushed(), doors_put_in(doors):
+    with _without_output(), patched_viser(doors):
         server = _Server(host=host, port=free, label=title, verbose=False)
-    if not doors.put_in:
+    if not doors.patched:
         shut_down(server)
-        raise ViewportUnavailable(host, port, cause="this release of viser has no place for the gate before it")
+        raise ViewerUnavailableError(host, port, cause="this release of viser has no place for the gate before it")
     server.gui.configure_theme(show_logo=False, show_share_button=False, brand_color=(232, 93, 4))
     return server
 
 
-def key_of(client: viser.ClientHandle, server: viser.ViserServer) -> str | None:
+def session_key_of(client: viser.ClientHandle, server: viser.ViserServer) -> str | None:
     """The key of the visitor in whose page a view is; None where somebody opened the view by itself."""
     connection = server._websock_server._live_connections.get(client.client_id)
     return view_key(connection.request.path) if connection is not None and connection.request is not None else None
@@ -71,7 +71,7 @@ def key_of(client: viser.ClientHandle, server: viser.ViserServer) -> str | None:
 
 def shut_down(server: viser.ViserServer) -> None:
     """Ends a server; its visitors are told that the connection is lost."""
-    with _hushed():
+    with _without_output():
         server.stop()
 
 
@@ -83,7 +83,7 @@ def address(server: viser.ViserServer) -> str:
 
 def _free_port(host: str, port: int) -> int:
     cause: OSError | None = None
-    for candidate in range(port, min(port + _TRIES, 65536)):
+    for candidate in range(port, min(port + _MAX_PORT_TRIES, 65536)):
         family = socket.AF_INET6 if ":" in host else socket.AF_INET
         try:
             with socket.create_server((host, candidate), family=family):
@@ -93,12 +93,12 @@ def _free_port(host: str, port: int) -> int:
             if error.errno not in (errno.EADDRINUSE, errno.EACCES):
                 break
     reason = (cause.strerror or str(cause)) if cause else "there is no such port"
-    raise ViewportUnavailable(host, port, cause=reason) from cause
+    raise ViewerUnavailableError(host, port, cause=reason) from cause
 
 
 @contextmanager
-def _hushed() -> Iterator[None]:
+def _without_output() -> Iterator[None]:
     # viser greets and says goodbye on stdout, where a program's own output belongs. One at a time: two that overlap
     # would put back each other's stdout.
-    with _hushing, redirect_stdout(io.StringIO()):
+    with _output_lock, redirect_stdout(io.StringIO()):
         yield

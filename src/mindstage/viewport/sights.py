@@ -14,129 +14,129 @@ from queue import Empty, SimpleQueue
 
 import viser
 
-from mindstage.errors import BodyUnknown
-from mindstage.viewport.framing import Outlook, View
-from mindstage.viewport.looks import Look
-from mindstage.viewport.sight import GizmoMode, Labels, Place, Sight
+from mindstage.errors import BodyNotFoundError
+from mindstage.viewport.framing import CameraPose, FramingTarget
+from mindstage.viewport.looks import BodyAppearance
+from mindstage.viewport.sight import ClientView, GizmoMode, LabelMode, PlaceCallback
 from mindstage.world import BodyId, Pose
 from mindstage.world.geometry import Array
 
-__all__ = ["GizmoMode", "Labels", "Sights"]
+__all__ = ["ClientViews", "GizmoMode", "LabelMode"]
 
 _log = logging.getLogger(__name__)
 
 
-class Sights:
+class ClientViews:
     """All visitors' views. Where no visitor is named, all are meant, and those who come later too."""
 
-    def __init__(self, server: viser.ViserServer, *, place: Place) -> None:
+    def __init__(self, server: viser.ViserServer, *, on_place: PlaceCallback) -> None:
         """Nobody is there yet.
 
         Args:
             server: where they come.
             place: called when a visitor has put a body somewhere with the gizmo.
         """
-        self._place = place
-        self._wishes: SimpleQueue[Callable[[], None]] = SimpleQueue()
-        self._sights: dict[int, Sight] = {}
-        self._for_all: dict[str, Callable[[Sight], None]] = {}
+        self._on_place = on_place
+        self._queue: SimpleQueue[Callable[[], None]] = SimpleQueue()
+        self._views: dict[int, ClientView] = {}
+        self._defaults: dict[str, Callable[[ClientView], None]] = {}
         """What newcomers get, by what it is about."""
         self._listeners: list[Callable[[int], None]] = []
         self._names: Mapping[BodyId, str] = {}
-        self._looks: Mapping[BodyId, Look] = {}
+        self._appearances: Mapping[BodyId, BodyAppearance] = {}
         self._ids: tuple[BodyId, ...] = ()
         self._poses: Array | None = None
-        self._outlook: Outlook | None = None
+        self._target: FramingTarget | None = None
         self._hidden: frozenset[BodyId] = frozenset()
-        self._hiding = threading.Lock()
-        self._shells_shown = True
+        self._hidden_changed = threading.Lock()
+        self._enclosures_shown = True
         # A tab may be closed between two pictures; nobody needs to be warned of that on stderr.
         warnings.filterwarnings("ignore", message=".* on a closed connection", category=UserWarning)
-        server.on_client_connect(lambda client: self._wish(lambda: self._welcome(client)))
-        server.on_client_disconnect(lambda client: self._wish(lambda: self._see_off(client)))
+        server.on_client_connect(lambda client: self._enqueue(lambda: self._on_connect(client)))
+        server.on_client_disconnect(lambda client: self._enqueue(lambda: self._on_disconnect(client)))
 
     # -- what anybody may ask for --------------------------------------------------------------------------------------
 
     @property
-    def visitors(self) -> tuple[int, ...]:
+    def clients(self) -> tuple[int, ...]:
         """Who is there."""
-        return tuple(self._sights)
+        return tuple(self._views)
 
     def on_change(self, listener: Callable[[int], None]) -> None:
         """Calls a function with each visitor whose selection has changed."""
         self._listeners.append(listener)
 
-    def selected(self, visitor: int) -> BodyId | None:
+    def selected(self, client: int) -> BodyId | None:
         """What a visitor has selected."""
-        sight = self._sights.get(visitor)
+        sight = self._views.get(client)
         return sight.selected if sight is not None else None
 
-    def select(self, id: BodyId | None, *, visitor: int | None = None) -> None:
+    def select(self, id: BodyId | None, *, client: int | None = None) -> None:
         """Draws a frame round a body; None round none.
 
         Raises:
-            BodyUnknown: there is no such body.
+            BodyNotFoundError: there is no such body.
         """
-        self._check([] if id is None else [id])
+        self._require_bodies([] if id is None else [id])
 
-        def choose(sight: Sight) -> None:
+        def choose(sight: ClientView) -> None:
             if sight.select(id):
-                self._tell(sight.visitor)
+                self._notify(sight.client_id)
 
-        self._ask("select", choose, visitor)
+        self._request("select", choose, client)
 
-    def focus(self, ids: Iterable[BodyId] = (), *, visitor: int | None = None) -> None:
+    def focus(self, ids: Iterable[BodyId] = (), *, client: int | None = None) -> None:
         """Flies to bodies, so that they fill the picture; to the whole place, where none is named.
 
         Raises:
-            BodyUnknown: one of them is not there.
+            BodyNotFoundError: one of them is not there.
         """
         wanted = tuple(ids)
-        self._check(wanted)
-        self._ask(None, lambda sight: sight.focus(wanted), visitor)
+        self._require_bodies(wanted)
+        self._request(None, lambda sight: sight.focus(wanted), client)
 
-    def home(self, *, visitor: int | None = None) -> None:
+    def go_home(self, *, client: int | None = None) -> None:
         """Flies to where visitors stand at first."""
-        self._ask(None, lambda sight: sight.home(), visitor)
+        self._request(None, lambda sight: sight.go_home(), client)
 
-    def top(self, *, visitor: int | None = None) -> None:
+    def go_top(self, *, client: int | None = None) -> None:
         """Looks down on the whole place, as on a plan."""
-        self._ask(None, lambda sight: sight.top(), visitor)
+        self._request(None, lambda sight: sight.go_top(), client)
 
-    def look_from(self, view: View, *, visitor: int | None = None) -> None:
+    def set_camera(self, camera_pose: CameraPose, *, client: int | None = None) -> None:
         """Takes a visitor somewhere at once."""
-        self._ask("view", lambda sight: sight.look_from(view), visitor)
+        self._request("view", lambda sight: sight.set_camera(camera_pose), client)
 
-    def section(self, height: float | None, *, visitor: int | None = None) -> None:
+    def set_clip_height(self, height: float | None, *, client: int | None = None) -> None:
         """Hides all that is above a height [m], so that one sees into rooms; None shows it again."""
-        self._ask("section", lambda sight: sight.section(height), visitor)
+        self._request("section", lambda sight: sight.set_clip_height(height), client)
 
-    def label(self, labels: Labels, *, visitor: int | None = None) -> None:
+    def set_labels(self, labels: LabelMode, *, client: int | None = None) -> None:
         """Writes the names of bodies beside them."""
-        self._ask("labels", lambda sight: sight.label(labels), visitor)
+        self._request("labels", lambda sight: sight.set_labels(labels), client)
 
-    def ghost(self, id: BodyId, pose: Pose | None, *, visitor: int | None = None) -> None:
+    def show_preview(self, id: BodyId, pose: Pose | None, *, client: int | None = None) -> None:
         """Draws a body a second time, see-through, at another pose; None takes that away.
 
         Raises:
-            BodyUnknown: there is no such body.
+            BodyNotFoundError: there is no such body.
         """
-        self._check([id])
-        self._ask(f"ghost {id}", lambda sight: sight.ghost(id, pose), visitor)
+        self._require_bodies([id])
+        self._request(f"ghost {id}", lambda sight: sight.show_preview(id, pose), client)
 
-    def gizmo(self, mode: GizmoMode | None, *, visitor: int | None = None) -> None:
+    def set_gizmo(self, mode: GizmoMode | None, *, client: int | None = None) -> None:
         """Gives the selected body handles to move or to turn it by."""
-        self._ask("gizmo", lambda sight: sight.gizmo(mode), visitor)
+        self._request("gizmo", lambda sight: sight.set_gizmo(mode), client)
 
     @property
-    def drawn(self) -> bool:
+    def is_drawn(self) -> bool:
         """Whether what is there was drawn at least once, be it nothing."""
         return self._poses is not None
 
     @property
-    def outlook(self) -> Outlook | None:
+    def target(self) -> FramingTarget | None:
         """Where visitors stand at first; None as long as there is nothing to be seen."""
-        return self._outlook
+        return self._target
 
     @property
     def hidden(self) -> frozenset[BodyId]:
@@ -147,100 +147,104 @@ class Sights:
         """Hides bodies from all visitors, or shows them again.
 
         Raises:
-            BodyUnknown: one of them is not there.
+            BodyNotFoundError: one of them is not there.
         """
         wanted = frozenset(ids)
-        self._check(wanted)
-        with self._hiding:
+        self._require_bodies(wanted)
+        with self._hidden_changed:
             self._hidden = self._hidden - wanted if shown else self._hidden | wanted
 
     @property
-    def shells_shown(self) -> bool:
+    def enclosures_shown(self) -> bool:
         """Whether the outlines of what encloses the place are drawn."""
-        return self._shells_shown
+        return self._enclosures_shown
 
-    def show_shells(self, shown: bool) -> None:
+    def show_enclosures(self, shown: bool) -> None:
         """Draws the outlines of what encloses the place, or not, for all visitors."""
-        self._shells_shown = shown
+        self._enclosures_shown = shown
 
     # -- for the thread that draws -------------------------------------------------------------------------------------
 
-    def know(
-        self, looks: Mapping[BodyId, Look], names: Mapping[BodyId, str], ids: tuple[BodyId, ...], poses: Array
+    def set_bodies(
+        self,
+        appearances: Mapping[BodyId, BodyAppearance],
+        names: Mapping[BodyId, str],
+        ids: tuple[BodyId, ...],
+        poses: Array,
     ) -> None:
         """What is there now: how it is drawn, its name for people, and where it is."""
-        self._looks, self._names, self._ids, self._poses = looks, names, ids, poses
-        with self._hiding:
-            self._hidden &= looks.keys()
-        for sight in self._sights.values():
-            if sight.know(looks, names, ids, poses):
-                self._tell(sight.visitor)
+        self._appearances, self._names, self._ids, self._poses = appearances, names, ids, poses
+        with self._hidden_changed:
+            self._hidden &= appearances.keys()
+        for sight in self._views.values():
+            if sight.set_bodies(appearances, names, ids, poses):
+                self._notify(sight.client_id)
 
-    def open_on(self, outlook: Outlook) -> None:
+    def set_target(self, outlook: FramingTarget) -> None:
         """Where visitors stand at first."""
-        self._outlook = outlook
-        for sight in self._sights.values():
-            sight.open_on(outlook)
+        self._target = outlook
+        for sight in self._views.values():
+            sight.set_target(outlook)
 
-    def follow(self, poses: Array) -> None:
+    def update_poses(self, poses: Array) -> None:
         """Moves what is drawn at a body with it."""
         self._poses = poses
-        for sight in self._sights.values():
-            sight.follow(poses)
+        for sight in self._views.values():
+            sight.update_poses(poses)
 
-    def turn(self) -> None:
+    def process_queue(self) -> None:
         """Does all that was asked for since the last time, and lets cameras fly on."""
         while True:
             try:
-                wish = self._wishes.get_nowait()
+                wish = self._queue.get_nowait()
             except Empty:
                 break
             wish()
-        for sight in self._sights.values():
-            sight.fly()
+        for sight in self._views.values():
+            sight.step_camera()
 
-    def settled(self, *, timeout_s: float) -> bool:
+    def wait_idle(self, *, timeout_s: float) -> bool:
         """Waits until all that was asked for so far is on its way; False if it did not come to that in time."""
         done = threading.Event()
-        self._wish(done.set)
+        self._enqueue(done.set)
         return done.wait(timeout_s)
 
     # -- how -----------------------------------------------------------------------------------------------------------
 
-    def _wish(self, wish: Callable[[], None]) -> None:
-        self._wishes.put(wish)
+    def _enqueue(self, action: Callable[[], None]) -> None:
+        self._queue.put(action)
 
-    def _ask(self, about: str | None, what: Callable[[Sight], None], visitor: int | None) -> None:
+    def _request(self, setting: str | None, action: Callable[[ClientView], None], client: int | None) -> None:
         def do() -> None:
-            if visitor is not None:
-                if (sight := self._sights.get(visitor)) is not None:  # a tab may be closed at any time
-                    what(sight)
+            if client is not None:
+                if (sight := self._views.get(client)) is not None:  # a tab may be closed at any time
+                    action(sight)
                 return
-            if about is not None:
-                self._for_all[about] = what
-            for sight in self._sights.values():
-                what(sight)
+            if setting is not None:
+                self._defaults[setting] = action
+            for sight in self._views.values():
+                action(sight)
 
-        self._wish(do)
+        self._enqueue(do)
 
-    def _check(self, ids: Iterable[BodyId]) -> None:
+    def _require_bodies(self, ids: Iterable[BodyId]) -> None:
         for id in ids:
-            if id not in self._looks:
-                raise BodyUnknown(id, world="the view", known=self._looks)
+            if id not in self._appearances:
+                raise BodyNotFoundError(id, world="the view", known=self._appearances)
 
-    def _welcome(self, client: viser.ClientHandle) -> None:
-        sight = self._sights[client.client_id] = Sight(client, place=self._place, wish=self._wish)
+    def _on_connect(self, client: viser.ClientHandle) -> None:
+        sight = self._views[client.client_id] = ClientView(client, on_place=self._on_place, enqueue=self._enqueue)
         if self._poses is not None:
-            sight.know(self._looks, self._names, self._ids, self._poses)
-        if self._outlook is not None:
-            sight.open_on(self._outlook)
-        for what in self._for_all.values():
+            sight.set_bodies(self._appearances, self._names, self._ids, self._poses)
+        if self._target is not None:
+            sight.set_target(self._target)
+        for what in self._defaults.values():
             what(sight)
 
-    def _see_off(self, client: viser.ClientHandle) -> None:
-        self._sights.pop(client.client_id, None)
+    def _on_disconnect(self, client: viser.ClientHandle) -> None:
+        self._views.pop(client.client_id, None)
 
-    def _tell(self, visitor: int) -> None:
+    def _notify(self, visitor: int) -> None:
         for listener in self._listeners:
             try:
                 listener(visitor)

@@ -16,20 +16,20 @@ from typing import Any, Protocol
 
 from viser.infra import _infra as _viser
 
-from mindstage.viewport.gate import CHANNEL, Answer, Gate, place_of
-from mindstage.viewport.viewpage import ViewPage
+from mindstage.viewport.gate import CHANNEL, HttpResponse, RequestFilter, request_path
+from mindstage.viewport.viewpage import ViserPage
 
-__all__ = ["ConnectionClosed", "Doors", "Socket", "doors_put_in"]
+__all__ = ["ConnectionClosed", "HttpRoutes", "WebSocket", "patched_viser"]
 
 _infra: Any = _viser  # what it imports is not exported
 ConnectionClosed: type[Exception] = _infra.websockets.exceptions.ConnectionClosed
 _serve = _infra.websockets.asyncio.server.serve
-_putting_in = threading.Lock()
+_patch_lock = threading.Lock()
 _log = logging.getLogger("mindstage.viewport.handshakes")
 _log.addHandler(logging.NullHandler())  # what strangers try is told to those who configured logging
 
 
-class Socket(Protocol):
+class WebSocket(Protocol):
     """What is used of a websocket."""
 
     request: Any
@@ -45,19 +45,19 @@ class Socket(Protocol):
         """Says goodbye."""
 
 
-class Doors:
+class HttpRoutes:
     """Our side of the port."""
 
-    def __init__(self, gate: Gate, *, channel: Callable[[Socket], Awaitable[None]]) -> None:
+    def __init__(self, gate: RequestFilter, *, channel: Callable[[WebSocket], Awaitable[None]]) -> None:
         """The doors of one server.
 
         Args:
             gate: who may come in.
             channel: keeps a page's own websocket until it is closed.
         """
-        self._gate, self._channel = gate, channel
-        self._view: ViewPage | None = None
-        self.put_in = False
+        self._filter, self._channel = gate, channel
+        self._view: ViserPage | None = None
+        self.patched = False
         """Whether a server has them."""
 
     def serve(self, handler: Callable[[Any], Awaitable[None]], *args: Any, **options: Any) -> Any:
@@ -65,33 +65,33 @@ class Doors:
         page = options["process_request"]
 
         async def handle(socket: Any) -> None:
-            await (self._channel(socket) if place_of(socket.request.path) == CHANNEL else handler(socket))
+            await (self._channel(socket) if request_path(socket.request.path) == CHANNEL else handler(socket))
 
         def process(socket: Any, request: Any) -> Any:
             return self._process(socket, request, page)
 
-        self.put_in = True
+        self.patched = True
         return _serve(handle, *args, **options | {"process_request": process, "server_header": None, "logger": _log})
 
     def _process(self, socket: Any, request: Any, page: Callable[[Any, Any], Any]) -> Any:
         headers = request.headers
         if (headers.get("Upgrade") or "").lower() == "websocket":
-            refusal = self._gate.judge_socket(request.path, headers)
+            refusal = self._filter.socket_error(request.path, headers)
             return None if refusal is None else _response(socket, refusal)
-        answer = self._gate.answer(request.path, headers)
+        answer = self._filter.respond(request.path, headers)
         if answer is None:
             answer = self._view_answer(request, lambda plain: page(socket, plain))
         return _response(socket, answer)
 
-    def _view_answer(self, request: Any, page: Callable[[Any], Any]) -> Answer:
+    def _view_answer(self, request: Any, page: Callable[[Any], Any]) -> HttpResponse:
         """Viser's page, with our words in its head."""
         if self._view is None:
             plain = page(replace(request, path="/", headers=type(request.headers)()))
-            self._view = ViewPage(plain.body)
-        return self._view.answer(request.headers, self._gate.view_headers(request.headers))
+            self._view = ViserPage(plain.body)
+        return self._view.answer(request.headers, self._filter.view_headers(request.headers))
 
 
-def _response(socket: Any, answer: Answer) -> Any:
+def _response(socket: Any, answer: HttpResponse) -> Any:
     response = socket.respond(answer.status, "")
     response.body = answer.body
     for name in ("Content-Type", "Content-Length"):
@@ -102,7 +102,7 @@ def _response(socket: Any, answer: Answer) -> Any:
     return response
 
 
-class _Instead:
+class _ModuleProxy:
     """A module, but for some of its names."""
 
     def __init__(self, module: Any, **names: Any) -> None:
@@ -114,12 +114,12 @@ class _Instead:
 
 
 @contextmanager
-def doors_put_in(doors: Doors) -> Iterator[None]:
+def patched_viser(routes: HttpRoutes) -> Iterator[None]:
     """Whatever server viser makes meanwhile has these doors."""
-    with _putting_in:
+    with _patch_lock:
         library = _infra.websockets
-        server = _Instead(library.asyncio.server, serve=doors.serve)
-        _infra.websockets = _Instead(library, asyncio=_Instead(library.asyncio, server=server))
+        server = _ModuleProxy(library.asyncio.server, serve=routes.serve)
+        _infra.websockets = _ModuleProxy(library, asyncio=_ModuleProxy(library.asyncio, server=server))
         try:
             yield
         finally:

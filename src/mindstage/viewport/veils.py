@@ -9,15 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mindstage.viewport.framing import corners
-from mindstage.world.geometry import Array, rotation_matrix, unit
+from mindstage.world.geometry import Array, normalize, rotation_matrix
 
-__all__ = ["find_veils"]
+__all__ = ["find_occluders"]
 
-_INSET = 0.8
+_SAMPLE_INSET = 0.8
 """Of what is lit so much is looked for, from its middle to its corners: its very edge may be behind something."""
 
 
-def find_veils(eye: Array, poses: Array, sizes: Array, lit: NDArray[np.intp]) -> NDArray[np.intp]:
+def find_occluders(eye: Array, poses: Array, sizes: Array, highlighted: NDArray[np.intp]) -> NDArray[np.intp]:
     """The bodies that hide some of what is lit from an eye, or that it is in.
 
     Args:
@@ -29,8 +29,8 @@ def find_veils(eye: Array, poses: Array, sizes: Array, lit: NDArray[np.intp]) ->
     Returns:
         Rows, none of them lit.
     """
-    points = np.concatenate([poses[lit, :3], corners(poses[lit], sizes[lit] * _INSET)])
-    turn = rotation_matrix(unit(poses[:, 3:]))
+    points = np.concatenate([poses[highlighted, :3], corners(poses[highlighted], sizes[highlighted] * _SAMPLE_INSET)])
+    turn = rotation_matrix(normalize(poses[:, 3:]))
     # In each body's own frame the line of sight to a point runs from `start` along `path`, which is 1 long.
     start = np.einsum("nji,nj->ni", turn, eye - poses[:, :3])[:, None]
     path = np.einsum("nji,npj->npi", turn, points[None] - poses[:, None, :3]) - start
@@ -39,5 +39,5 @@ def find_veils(eye: Array, poses: Array, sizes: Array, lit: NDArray[np.intp]) ->
     first = np.nanmax(np.minimum(enter, leave), axis=2)
     last = np.nanmin(np.maximum(enter, leave), axis=2)
     crossed = np.any(np.maximum(first, 0.0) < np.minimum(last, 1.0), axis=1)
-    crossed[lit] = False
+    crossed[highlighted] = False
     return np.flatnonzero(crossed)

@@ -14,34 +14,34 @@ import msgspec
 import viser
 
 from mindstage.errors import MindstageError
-from mindstage.stage import Frame, NoteKind, Stage
+from mindstage.stage import Simulation, SpawnNoteKind, StateSnapshot
 from mindstage.viewport.bodies import Clickable, Pick
-from mindstage.viewport.channel import Channel
-from mindstage.viewport.desks import Desks
-from mindstage.viewport.framing import first_outlook, ground_height
-from mindstage.viewport.hands import Hands
-from mindstage.viewport.looks import decide_looks, find_outlines
-from mindstage.viewport.markers import MarkerScene
+from mindstage.viewport.channel import RpcChannel
+from mindstage.viewport.desks import Handlers
+from mindstage.viewport.framing import ground_height, initial_target
+from mindstage.viewport.hands import DragController
+from mindstage.viewport.looks import compute_appearance, find_outlines
+from mindstage.viewport.markers import MarkerNodes
 from mindstage.viewport.palette import local_name
-from mindstage.viewport.photograph import Photographer, Shot
-from mindstage.viewport.scene import Scene
+from mindstage.viewport.photograph import Screenshot, ScreenshotTaker
+from mindstage.viewport.scene import ViewerScene
 from mindstage.viewport.server import address, serve, shut_down
-from mindstage.viewport.sights import Sights
-from mindstage.world import BodyId, Iri, Physics, Pose, World
+from mindstage.viewport.sights import ClientViews
+from mindstage.world import BodyId, BodyPhysics, Iri, Pose, World
 
-__all__ = ["Viewport"]
+__all__ = ["Viewer"]
 
-_PERIOD_S = 1 / 30
-_WORDS_PERIOD_S = 0.1
+_UPDATE_INTERVAL_S = 1 / 30
+_TEXT_INTERVAL_S = 0.1
 """Words change more slowly than things: nobody can read faster."""
-_RETRY_S = 1.0
+_RETRY_DELAY_S = 1.0
 """After a fault the page waits so long before it tries again."""
 _PAUSED = "The simulation is paused: press Play to pull bodies."
 
 _log = logging.getLogger(__name__)
 
 
-class Viewport:
+class Viewer:
     """Serves a page for any number of visitors, in a thread of its own.
 
     It only reads the frames that the stage publishes, so that visitors neither stop nor slow the world. The bodies
@@ -50,7 +50,7 @@ class Viewport:
 
     def __init__(
         self,
-        stage: Stage,
+        simulation: Simulation,
         *,
         host: str = "127.0.0.1",
         port: int = 8080,
@@ -67,31 +67,31 @@ class Viewport:
             origins: addresses under which the page may be opened beside its own, such as `https://robot.example`.
 
         Raises:
-            AccessRefused: others could reach it, and there is no token.
-            ViewportUnavailable: nothing can be served there.
+            AuthenticationError: others could reach it, and there is no token.
+            ViewerUnavailableError: nothing can be served there.
         """
-        self._stage = stage
-        self.channel = Channel()
+        self._simulation = simulation
+        self.channel = RpcChannel()
         """What the page and we tell one another."""
         self._token = token
         self._server = serve(host, port, title="Mindstage", channel=self.channel, token=token, origins=origins)
-        self._hands = Hands(stage)
-        self._scene = Scene(self._server, prepare=self._prepare)
-        self.sights = Sights(self._server, place=self._put)
+        self._drag_controller = DragController(simulation)
+        self._scene = ViewerScene(self._server, on_node=self._make_clickable)
+        self.views = ClientViews(self._server, on_place=self._place_body)
         """What each visitor sees, and wants to see."""
-        self._markers = MarkerScene(self._server)
-        self._desks = Desks(stage, self.channel, self.sights, self._server)
-        self._frame: Frame | None = None
-        self._described: World | None = None
-        self._framed: Iri | None = None
+        self._markers = MarkerNodes(self._server)
+        self._handlers = Handlers(simulation, self.channel, self.views, self._server)
+        self._frame: StateSnapshot | None = None
+        self._last_world: World | None = None
+        self._has_camera: Iri | None = None
         """The world that visitors' first view was chosen for."""
-        self._words_due = 0.0
-        self._reported: set[str] = set()
+        self._text_due = 0.0
+        self._last_error: set[str] = set()
         self._closing = threading.Event()
-        self._stirred = threading.Event()
+        self._wakeup = threading.Event()
         """Set where it is worth looking at once, not only at the next picture."""
-        self._farewell = stage.company.watch(self._stirred.set)
-        self._thread = threading.Thread(target=self._watch, name="mindstage-viewport", daemon=True)
+        self._remove_listener = simulation.clients.on_edit(self._wakeup.set)
+        self._thread = threading.Thread(target=self._run, name="mindstage-viewport", daemon=True)
         self._thread.start()
 
     # -- for whoever opened it -------------------------------------------------------------------------------
@@ -105,29 +105,29 @@ class Viewport:
         """Draws a frame round a body for all visitors, also for those who come later; None round none.
 
         Raises:
-            BodyUnknown: there is no such body.
+            BodyNotFoundError: there is no such body.
         """
-        self.sights.select(id)
+        self.views.select(id)
 
-    def shot(self, shot: Shot | None = None) -> bytes:
-        """A picture of the page or of the world alone, as PNG: `viewport.shot(Shot(size=(800, 600), section=1.8))`.
+    def screenshot(self, screenshot: Screenshot | None = None) -> bytes:
+        """A picture of the page or of the world alone, as PNG: `viewport.shot(Screenshot(size=(800, 600), section=1.8))`.
 
         Raises:
-            BrowserUnavailable: no browser is found here, or it does not start.
-            BrowserBroken: it ended, or the picture was not finished in time.
-            BodyUnknown: a body that shall be seen is not there.
+            BrowserNotFoundError: no browser is found here, or it does not start.
+            BrowserCrashedError: it ended, or the picture was not finished in time.
+            BodyNotFoundError: a body that shall be seen is not there.
         """
-        return Photographer(self._server, self.sights, token=self._token).take(shot or Shot())
+        return ScreenshotTaker(self._server, self.views, token=self._token).take(screenshot or Screenshot())
 
     def close(self) -> None:
         """Ends the page; any number of times. The stage lives on."""
         if self._closing.is_set():
             return
         self._closing.set()
-        self._farewell()
-        self._stirred.set()
+        self._remove_listener()
+        self._wakeup.set()
         self._thread.join()
-        self._hands.let_go_of_all()
+        self._drag_controller.release_all()
         shut_down(self._server)
         self.channel.close()
 
@@ -139,7 +139,7 @@ class Viewport:
         address = escape("" if self._closing.is_set() else self.url, quote=True)
         return f'<a href="{address}" target="_blank">{address}</a>' if address else escape(repr(self))
 
-    def __enter__(self) -> Viewport:
+    def __enter__(self) -> Viewer:
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -147,88 +147,90 @@ class Viewport:
 
     # -- following the world ---------------------------------------------------------------------------------
 
-    def _watch(self) -> None:
+    def _run(self) -> None:
         while not self._closing.is_set():
-            self._stirred.clear()
+            self._wakeup.clear()
             start = time.monotonic()
             try:
-                self._follow()
+                self._update()
             except Exception as error:  # whatever it is, the page goes on and says so
-                self._desks.say_fault(self._report(error))
-                self._closing.wait(_RETRY_S)
+                self._handlers.show_error(self._report_error(error))
+                self._closing.wait(_RETRY_DELAY_S)
             else:
-                self._desks.say_fault("")
+                self._handlers.show_error("")
                 took = time.monotonic() - start
                 # At least half of the time is left to the world's own thread, however much moves or is edited.
                 self._closing.wait(took)
-                self._stirred.wait(max(0.0, _PERIOD_S - 2 * took))
+                self._wakeup.wait(max(0.0, _UPDATE_INTERVAL_S - 2 * took))
 
-    def _follow(self) -> None:
-        before, frame = self._frame, self._stage.frame
-        if before is None or frame.edition != before.edition or frame.ids is not before.ids:
+    def _update(self) -> None:
+        before, frame = self._frame, self._simulation.state
+        if before is None or frame.revision != before.revision or frame.ids is not before.ids:
             self._rebuild(frame)
         elif frame is not before:
             self._move(frame)
         if before is None or frame.highlights != before.highlights:
-            self._scene.light_up(frame.highlights)
-        if before is None or frame.markers is not before.markers or frame.edition != before.edition:
-            self._markers.show(frame.markers, self._scene.looks)
+            self._scene.set_highlights(frame.highlights)
+        if before is None or frame.markers is not before.markers or frame.revision != before.revision:
+            self._markers.show(frame.markers, self._scene.appearances)
         self._frame = frame
-        self._scene.hide(self.sights.hidden)
-        self._scene.show_shells(self.sights.shells_shown)
-        self.sights.turn()
-        if time.monotonic() >= self._words_due:
-            self._words_due = time.monotonic() + _WORDS_PERIOD_S
-            self._desks.tell(frame)
+        self._scene.hide(self.views.hidden)
+        self._scene.show_enclosures(self.views.enclosures_shown)
+        self.views.process_queue()
+        if time.monotonic() >= self._text_due:
+            self._text_due = time.monotonic() + _TEXT_INTERVAL_S
+            self._handlers.publish(frame)
 
-    def _rebuild(self, frame: Frame) -> None:
+    def _rebuild(self, frame: StateSnapshot) -> None:
         """Something came, went or changed."""
-        described = _as_described(self._stage.log(), self._stage.worlds)
-        if described == self._described and self._frame is not None and frame.ids is self._frame.ids:
+        described = _with_described_poses(self._simulation.snapshot(), self._simulation.worlds)
+        if described == self._last_world and self._frame is not None and frame.ids is self._frame.ids:
             self._move(frame)
             return
-        shells = {id for report in self._stage.reports for id in report.noted(NoteKind.SHELL)}
+        shells = {id for report in self._simulation.reports for id in report.ids_with_note(SpawnNoteKind.ENCLOSURE)}
         # Words first: they are there long before the picture is drawn.
-        self._desks.rebuilt(described, shells=find_outlines(described, forms=self._stage.forms, shells=shells))
-        before = self._described
-        if before is None or frame.ids is not self._scene.ids or _as_seen(described) != _as_seen(before):
+        self._handlers.on_rebuild(
+            described, enclosing=find_outlines(described, geometry=self._simulation.geometry, enclosing=shells)
+        )
+        before = self._last_world
+        if before is None or frame.ids is not self._scene.ids or _visible_part(described) != _visible_part(before):
             self._draw(frame, described, shells)
         else:
             self._move(frame)
-        self._described = described
+        self._last_world = described
 
-    def _draw(self, frame: Frame, described: World, shells: Collection[BodyId]) -> None:
+    def _draw(self, frame: StateSnapshot, world: World, enclosing: Collection[BodyId]) -> None:
         """Shows a world that looks other than before."""
-        knowledge = self._stage.knowledge
-        looks = decide_looks(
-            described, knowledge.shape_rule, knowledge.ancestors, forms=self._stage.forms, shells=shells
+        knowledge = self._simulation.knowledge
+        looks = compute_appearance(
+            world, knowledge.shape_rule, knowledge.ancestors, geometry=self._simulation.geometry, enclosing=enclosing
         )
         # What came after this frame has no pose in it yet; the next frame will bring it.
         looks = {id: looks[id] for id in frame.ids if id in looks}
-        self._hands.learn(described)
-        self._scene.show(looks, frame.ids, frame.poses, holdable=self._hands.holdable)
-        self._scene.lay_ground(ground_height(described, looks))
-        names = {body.id: body.label or local_name(body.cls) for body in described.bodies}
-        self.sights.know(looks, names, frame.ids, frame.poses)
+        self._drag_controller.set_world(world)
+        self._scene.show(looks, frame.ids, frame.poses, holdable=self._drag_controller.draggable)
+        self._scene.set_ground(ground_height(world, looks))
+        names = {body.id: body.label or local_name(body.cls) for body in world.bodies}
+        self.views.set_bodies(looks, names, frame.ids, frame.poses)
         if not looks:
-            self._framed = None
-        elif self._framed != described.iri:
-            outlook = first_outlook(described, looks)
-            self._scene.start_from(outlook.view())
-            self.sights.open_on(outlook)
-            self._framed = described.iri
+            self._has_camera = None
+        elif self._has_camera != world.iri:
+            outlook = initial_target(world, looks)
+            self._scene.set_initial_camera(outlook.camera())
+            self.views.set_target(outlook)
+            self._has_camera = world.iri
 
-    def _move(self, frame: Frame) -> None:
+    def _move(self, frame: StateSnapshot) -> None:
         if len(self._scene.move(frame.poses)):
-            self.sights.follow(frame.poses)
+            self.views.update_poses(frame.poses)
 
     # -- following the visitors ------------------------------------------------------------------------------
 
-    def _prepare(self, node: Clickable, pick: Pick, *, holdable: bool) -> None:
+    def _make_clickable(self, node: Clickable, pick: Pick, *, holdable: bool) -> None:
         """Makes a node that was just drawn answer to the mouse."""
-        node.on_click(self._guarded(lambda event: self._click(pick(event.instance_index), event.client_id)))
+        node.on_click(self._with_toast(lambda event: self._click(pick(event.instance_index), event.client_id)))
         if holdable:
-            drag = self._guarded(lambda event: self._drag(pick(event.instance_index), event))
+            drag = self._with_toast(lambda event: self._drag(pick(event.instance_index), event))
 
             # viser keeps the order of what happened for coroutines only.
             async def on_drag(event: viser.SceneNodeDragEvent[Any]) -> None:
@@ -236,66 +238,66 @@ class Viewport:
 
             node.on_drag("left")(on_drag)
 
-    def _click(self, id: BodyId | None, visitor: int) -> None:
+    def _click(self, id: BodyId | None, client: int) -> None:
         """Who clicks on what is selected selects nothing."""
-        self.sights.select(None if self.sights.selected(visitor) == id else id, visitor=visitor)
+        self.views.select(None if self.views.selected(client) == id else id, client=client)
 
-    def _put(self, visitor: int, id: BodyId, pose: Pose) -> None:
+    def _place_body(self, visitor: int, id: BodyId, pose: Pose) -> None:
         """A visitor has put a body somewhere."""
         try:
-            self._stage.editing.move(id, pose)
+            self._simulation.editing.move(id, pose)
         except MindstageError as error:
-            self._desks.toast(visitor, str(error))
+            self._handlers.toast(visitor, str(error))
 
     def _drag(self, id: BodyId | None, event: viser.SceneNodeDragEvent[Any]) -> None:
         match event.phase:
             case "start" if id is not None:
-                self._hands.take(event.client_id, id, event.start_position)
-                if not self._stage.frame.playing:
-                    self._desks.toast(event.client_id, _PAUSED, kind="info")
+                self._drag_controller.start(event.client_id, id, event.start_position)
+                if not self._simulation.state.playing:
+                    self._handlers.toast(event.client_id, _PAUSED, kind="info")
             case "update":
                 x, y, z = event.client.camera.position.tolist()
-                self._hands.pull(event.client_id, event.end_position, (x, y, z))
+                self._drag_controller.move(event.client_id, event.end_position, (x, y, z))
             case "end":
-                self._hands.let_go(event.client_id)
+                self._drag_controller.release(event.client_id)
 
-    def _guarded(self, react: Callable[..., None]) -> Callable[..., None]:
+    def _with_toast(self, callback: Callable[..., None]) -> Callable[..., None]:
         """Tells the visitor why what they did did not work."""
 
-        @wraps(react)
+        @wraps(callback)
         def run(event: Any) -> None:
             try:
-                react(event)
+                callback(event)
             except MindstageError as error:
                 text = str(error)
             except Exception as error:
-                text = self._report(error)
+                text = self._report_error(error)
             else:
                 return
             if event.client is not None:
-                self._desks.toast(event.client.client_id, text)
+                self._handlers.toast(event.client.client_id, text)
 
         return run
 
-    def _report(self, error: Exception) -> str:
+    def _report_error(self, error: Exception) -> str:
         """Says once on stderr what is wrong, and gives it in words."""
         text = str(error) if isinstance(error, MindstageError) else f"{type(error).__name__}: {error}"
-        if text not in self._reported:
-            self._reported.add(text)
+        if text not in self._last_error:
+            self._last_error.add(text)
             _log.error("the viewport has a fault: %s", text, exc_info=error)
         return text
 
 
-def _as_seen(world: World) -> World:
+def _visible_part(world: World) -> World:
     """The same without what nobody sees: weights, gravity, and why anything is so."""
     bodies = (
-        msgspec.structs.replace(body, physics=Physics(mobility=body.physics.mobility), tags=(), facts=())
+        msgspec.structs.replace(body, physics=BodyPhysics(mobility=body.physics.mobility), tags=(), facts=())
         for body in world.bodies
     )
     return msgspec.structs.replace(world, bodies=tuple(bodies), facts=())
 
 
-def _as_described(now: World, worlds: Iterable[World]) -> World:
+def _with_described_poses(now: World, worlds: Iterable[World]) -> World:
     """The world that is there, with the poses that it was described with: an open drawer is still in its cupboard."""
     given = {body.id: body.pose for world in worlds for body in world.bodies}
     bodies = (msgspec.structs.replace(body, pose=given.get(body.id, body.pose)) for body in now.bodies)

@@ -9,23 +9,23 @@ from typing import Any
 
 import msgspec
 
-from mindstage.viewport.sockets import ConnectionClosed, Socket
+from mindstage.viewport.sockets import ConnectionClosed, WebSocket
 
-__all__ = ["Visitor", "event"]
+__all__ = ["ClientSession", "event_message"]
 
-_MOST_WAITING = 1000
+_MAX_QUEUE = 1000
 """A page that has so many messages before it does not keep up, and is sent away; it comes back by itself."""
 
 
-def event(topic: str, value: object) -> bytes:
+def event_message(topic: str, value: object) -> bytes:
     """A message that nobody asked for."""
     return msgspec.json.encode({"topic": topic, "value": value})
 
 
-class Visitor:
+class ClientSession:
     """Whom the channel talks to; kept while the page is open, a new one when it comes back."""
 
-    def __init__(self, key: str, socket: Socket) -> None:
+    def __init__(self, key: str, socket: WebSocket) -> None:
         """Somebody who just came.
 
         Args:
@@ -37,31 +37,31 @@ class Visitor:
         """What whoever answers requests wants to remember of this visitor."""
         self._socket = socket
         self._loop = asyncio.get_running_loop()
-        self._waiting: deque[bytes] = deque()
+        self._queue: deque[bytes] = deque()
         self._latest: dict[str, bytes] = {}
-        self._seen: dict[str, bytes] = {}
-        self._something = asyncio.Event()
+        self._sent: dict[str, bytes] = {}
+        self._has_output = asyncio.Event()
 
-    def tell(self, topic: str, value: object) -> None:
+    def send_event(self, topic: str, value: object) -> None:
         """Tells this visitor only of something that happened; from any thread."""
-        self.send(event(topic, value))
+        self.send(event_message(topic, value))
 
-    def let_see(self, topic: str, value: object) -> None:
+    def publish_to(self, topic: str, value: object) -> None:
         """Tells this visitor only how something is now, unless that was told last; from any thread."""
-        text = event(topic, value)
-        if self._seen.get(topic) != text:
-            self._seen[topic] = text
-            self.show(topic, text)
+        text = event_message(topic, value)
+        if self._sent.get(topic) != text:
+            self._sent[topic] = text
+            self.send_latest(topic, text)
 
     def send(self, text: bytes) -> None:
         """Sends a message; from any thread."""
-        self._soon(self.put, text)
+        self._call_soon(self.enqueue, text)
 
-    def show(self, topic: str, text: bytes) -> None:
+    def send_latest(self, topic: str, text: bytes) -> None:
         """Sends how something is now, in place of how it was where that is not on its way yet; from any thread."""
-        self._soon(self._put_latest, topic, text)
+        self._call_soon(self._enqueue_latest, topic, text)
 
-    def _soon(self, function: Callable[..., None], *args: object) -> None:
+    def _call_soon(self, function: Callable[..., None], *args: object) -> None:
         try:
             self._loop.call_soon_threadsafe(function, *args)
         except RuntimeError:
@@ -69,25 +69,25 @@ class Visitor:
 
     # -- on the server's own loop --------------------------------------------------------------------------------------
 
-    def put(self, text: bytes) -> None:
+    def enqueue(self, text: bytes) -> None:
         """Queues a message."""
-        self._waiting.append(text)
-        self._something.set()
+        self._queue.append(text)
+        self._has_output.set()
 
-    def _put_latest(self, topic: str, text: bytes) -> None:
+    def _enqueue_latest(self, topic: str, text: bytes) -> None:
         self._latest[topic] = text
-        self._something.set()
+        self._has_output.set()
 
-    async def deliver(self) -> None:
+    async def run_sender(self) -> None:
         """Sends what waits, until the page is gone."""
         try:
-            while await self._something.wait():
-                self._something.clear()
-                while self._waiting or self._latest:
-                    if len(self._waiting) > _MOST_WAITING:
+            while await self._has_output.wait():
+                self._has_output.clear()
+                while self._queue or self._latest:
+                    if len(self._queue) > _MAX_QUEUE:
                         await self._socket.close(1013, "too slow: more is to be told than can be sent")
                         return
-                    text = self._waiting.popleft() if self._waiting else self._latest.pop(next(iter(self._latest)))
+                    text = self._queue.popleft() if self._queue else self._latest.pop(next(iter(self._latest)))
                     await self._socket.send(text, text=True)
         except ConnectionClosed:
             return

@@ -4,29 +4,39 @@ from __future__ import annotations
 
 import msgspec
 
-__all__ = ["Ask", "Everything", "Line", "Names", "PutOut", "Query", "Show", "Tell", "Why"]
+__all__ = [
+    "AskRequest",
+    "ClearHighlightRequest",
+    "CompleteNameRequest",
+    "EmptyRequest",
+    "ExplainRequest",
+    "HighlightAnswersRequest",
+    "PrologRequest",
+    "SparqlRequest",
+    "TellRequest",
+]
 
 
-class Ask(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+class AskRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """A declared question; what is left out of `args` is asked for."""
 
     question: str
     args: dict[str, str] = {}
 
 
-class Query(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+class SparqlRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """A query in SPARQL."""
 
     query: str
 
 
-class Line(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+class PrologRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Questions joined in Prolog."""
 
     line: str
 
 
-class Names(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+class CompleteNameRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """The beginning of a name."""
 
     prefix: str
@@ -35,7 +45,7 @@ class Names(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
     limit: int = 20
 
 
-class Show(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+class HighlightAnswersRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Answers that shall be lit up: all of them, or some rows."""
 
     key: int
@@ -44,14 +54,14 @@ class Show(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True
     replace: bool = True
 
 
-class Why(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+class ExplainRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """An answer that shall be explained."""
 
     key: int
     row: int
 
 
-class Tell(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+class TellRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """A statement to be added, or taken back."""
 
     subject: str
@@ -60,11 +70,11 @@ class Tell(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True
     retract: bool = False
 
 
-class PutOut(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+class ClearHighlightRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """What is lit for a reason; everything without one."""
 
     label: str | None = None
 
 
-class Everything(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+class EmptyRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """All that there is."""

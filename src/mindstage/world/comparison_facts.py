@@ -13,13 +13,13 @@ from typing import TypeVar
 
 import msgspec
 
-from mindstage.world.facts import Anonymous, Fact, FactValue, Literal, Reference
+from mindstage.world.facts import BlankNode, FactValue, IriRef, Literal, PropertyAssertion
 from mindstage.world.values import Tag
 
-__all__ = ["Forms", "Statement", "missing"]
+__all__ = ["Statement", "StatementCanonicalizer", "multiset_difference"]
 
 XSD = "http://www.w3.org/2001/XMLSchema#"
-NUMERIC = frozenset(
+NUMERIC_DATATYPES = frozenset(
     XSD + name
     for name in (
         *("float", "double", "decimal", "integer", "nonPositiveInteger", "negativeInteger", "nonNegativeInteger"),
@@ -27,7 +27,7 @@ NUMERIC = frozenset(
         *("unsignedLong", "unsignedInt", "unsignedShort", "unsignedByte"),
     )
 )
-NUMBER = re.compile(r"[ \t\n\r]*([+-]?)(?=\.?[0-9])([0-9]*)\.?([0-9]*)(?:[eE]([+-]?[0-9]{1,9}))?[ \t\n\r]*")
+NUMBER_PATTERN = re.compile(r"[ \t\n\r]*([+-]?)(?=\.?[0-9])([0-9]*)\.?([0-9]*)(?:[eE]([+-]?[0-9]{1,9}))?[ \t\n\r]*")
 
 
 class Statement(msgspec.Struct, frozen=True):
@@ -35,15 +35,15 @@ class Statement(msgspec.Struct, frozen=True):
 
     id: str
     """Of a body, a constraint, a light; the IRI of a resource or of the world itself."""
-    said: Fact | Tag
+    assertion: PropertyAssertion | Tag
 
     def __str__(self) -> str:
-        if isinstance(self.said, Tag):
-            return f"{self.said.type};{self.said.key},{self.said.value}"
-        return fact_text(self.said)
+        if isinstance(self.assertion, Tag):
+            return f"{self.assertion.type};{self.assertion.key},{self.assertion.value}"
+        return format_assertion(self.assertion)
 
 
-class Forms:
+class StatementCanonicalizer:
     """Numbers statements: two have the same number when they say the same. One table serves both sides.
 
     What is nested is numbered from the inside out and without recursion, since a list of a thousand items in RDF is
@@ -51,45 +51,48 @@ class Forms:
     """
 
     def __init__(self) -> None:
-        self._numbers: dict[Hashable, int] = {}
+        self._ids: dict[Hashable, int] = {}
 
-    def number(self, fact: Fact, names: Mapping[str, str]) -> int:
+    def canonical_id(self, fact: PropertyAssertion, names: Mapping[str, str]) -> int:
         """The number of a fact once the names in it are replaced by those that they stand for."""
         value = fact.value
-        form = self._anonymous(value, names) if isinstance(value, Anonymous) else _leaf(value, names)
-        return self._number((fact.property, form))
+        form = self._blank_node_id(value, names) if isinstance(value, BlankNode) else _leaf_key(value, names)
+        return self._intern((fact.property, form))
 
-    def _number(self, form: Hashable) -> int:
-        return self._numbers.setdefault(form, len(self._numbers))
+    def _intern(self, key: Hashable) -> int:
+        return self._ids.setdefault(key, len(self._ids))
 
-    def _anonymous(self, root: Anonymous, names: Mapping[str, str]) -> int:
+    def _blank_node_id(self, root: BlankNode, names: Mapping[str, str]) -> int:
         done: dict[int, int] = {}
         waiting = [root]
         while waiting:
-            inner = [fact.value for fact in waiting[-1].facts if isinstance(fact.value, Anonymous)]
+            inner = [fact.value for fact in waiting[-1].facts if isinstance(fact.value, BlankNode)]
             if undone := [value for value in inner if id(value) not in done]:
                 waiting.extend(undone)
                 continue
             node = waiting.pop()
             forms = (
-                (fact.property, done[id(fact.value)] if isinstance(fact.value, Anonymous) else _leaf(fact.value, names))
+                (
+                    fact.property,
+                    done[id(fact.value)] if isinstance(fact.value, BlankNode) else _leaf_key(fact.value, names),
+                )
                 for fact in node.facts
             )
-            done[id(node)] = self._number((None, *sorted(map(self._number, forms))))
+            done[id(node)] = self._intern((None, *sorted(map(self._intern, forms))))
         return done[id(root)]
 
 
-def _leaf(value: Reference | Literal, names: Mapping[str, str]) -> Hashable:
-    if isinstance(value, Reference):
+def _leaf_key(value: IriRef | Literal, names: Mapping[str, str]) -> Hashable:
+    if isinstance(value, IriRef):
         return ("iri", names.get(value.iri, value.iri))
-    number = _decimal(value.text) if value.datatype in NUMERIC else None
+    number = _parse_decimal(value.text) if value.datatype in NUMERIC_DATATYPES else None
     datatype = None if value.datatype == XSD + "string" else value.datatype
     return ("literal", number or value.text, datatype, value.language and value.language.lower())
 
 
-def _decimal(text: str) -> tuple[str, str, int] | None:
+def _parse_decimal(text: str) -> tuple[str, str, int] | None:
     """Sign, digits and exponent of a number, exactly and whatever its length; None for what is no finite number."""
-    match = NUMBER.fullmatch(text)
+    match = NUMBER_PATTERN.fullmatch(text)
     if match is None:
         return None
     sign, whole, fraction, exponent = match.groups()
@@ -103,11 +106,13 @@ def _decimal(text: str) -> tuple[str, str, int] | None:
 Item = TypeVar("Item")
 
 
-def missing(items: Iterable[Item], forms: Iterable[Hashable], others: Iterable[Hashable]) -> tuple[Item, ...]:
+def multiset_difference(
+    items: Iterable[Item], keys: Iterable[Hashable], other_keys: Iterable[Hashable]
+) -> tuple[Item, ...]:
     """The items whose form is not among the others, each counted as often as it stands there."""
-    left = Counter(others)
+    left = Counter(other_keys)
     result = []
-    for item, form in zip(items, forms, strict=True):
+    for item, form in zip(items, keys, strict=True):
         if left[form] > 0:
             left[form] -= 1
         else:
@@ -115,18 +120,18 @@ def missing(items: Iterable[Item], forms: Iterable[Hashable], others: Iterable[H
     return tuple(result)
 
 
-def fact_text(fact: Fact, *, levels: int = 3) -> str:
+def format_assertion(fact: PropertyAssertion, *, max_depth: int = 3) -> str:
     """A fact in the manner of Turtle; what is nested deeper than so many levels is cut short."""
-    return f"<{fact.property}> {_value_text(fact.value, levels)}"
+    return f"<{fact.property}> {_format_value(fact.value, max_depth)}"
 
 
-def _value_text(value: FactValue, levels: int) -> str:
-    if isinstance(value, Reference):
+def _format_value(value: FactValue, max_depth: int) -> str:
+    if isinstance(value, IriRef):
         return value.iri if value.iri.startswith("_:") else f"<{value.iri}>"
     if isinstance(value, Literal):
         suffix = f"@{value.language}" if value.language else f"^^<{value.datatype}>" if value.datatype else ""
         return msgspec.json.encode(value.text).decode() + suffix
     if not value.facts:
         return "[]"
-    inner = " ; ".join(fact_text(fact, levels=levels - 1) for fact in value.facts) if levels else "…"
+    inner = " ; ".join(format_assertion(fact, max_depth=max_depth - 1) for fact in value.facts) if max_depth else "…"
     return f"[ {inner} ]"

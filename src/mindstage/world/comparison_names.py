@@ -12,33 +12,35 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping
 
-from mindstage.world.comparison_facts import Forms
-from mindstage.world.facts import Anonymous, Fact, Iri, Reference, Resource
-from mindstage.world.values import Body, Constraint, Light, World
+from mindstage.world.comparison_facts import StatementCanonicalizer
+from mindstage.world.facts import BlankNode, Iri, IriRef, NamedResource, PropertyAssertion
+from mindstage.world.values import Body, Joint, Light, World
 
-__all__ = ["is_label", "part_names", "same_names"]
+__all__ = ["is_blank_node", "match_blank_nodes", "part_name_pairs"]
 
 KNOWROB = "http://knowrob.org/kb/knowrob.owl#"
-PARTS = frozenset(KNOWROB + name for name in ("pose", "linearConstraint", "angularConstraint"))
+PART_PROPERTIES = frozenset(KNOWROB + name for name in ("pose", "linearConstraint", "angularConstraint"))
 """Who writes a map makes up a name for each of these; what they say stands in fields, and those are compared."""
 
-ROUNDS = 8
+MAX_REFINEMENT_ROUNDS = 8
 """How far around a label one looks at most to tell it from others."""
-GUESSES = 16
+MAX_GUESSES = 16
 """How often one guesses between labels that look alike, to see whether that tells others apart."""
 
-Place = tuple[str, str]
+MentionSite = tuple[str, str]
 """Who says it, and by which property."""
 Group = tuple[list[str], list[str]]
-"""Labels of a and labels of b, all of one colour."""
+"""Labels of a and labels of b, all of one color."""
 
 
-def is_label(name: str) -> bool:
+def is_blank_node(name: str) -> bool:
     """Whether a name means something only inside its own world."""
     return name.startswith("_:")
 
 
-def same_names(a: World, b: World, known: Iterable[tuple[str, str]], forms: Forms) -> Mapping[str, str]:
+def match_blank_nodes(
+    a: World, b: World, known_pairs: Iterable[tuple[str, str]], canonicalizer: StatementCanonicalizer
+) -> Mapping[str, str]:
     """For names in b that mean something else in a, or nothing: the name in a, or one that nothing has.
 
     Args:
@@ -49,178 +51,186 @@ def same_names(a: World, b: World, known: Iterable[tuple[str, str]], forms: Form
     """
     names: dict[str, str] = {}
     taken: set[str] = set()
-    for mine, theirs in known:
+    for mine, theirs in known_pairs:
         if mine not in taken and theirs not in names:
             names[theirs] = mine
             taken.add(mine)
-    labels_a, labels_b = _Labels(a), _Labels(b)
-    if labels_a.all or labels_b.all:
-        _Matching(labels_a, labels_b, names, forms).run()
+    labels_a, labels_b = _BlankNodeIndex(a), _BlankNodeIndex(b)
+    if labels_a.labels or labels_b.labels:
+        _BlankNodeMatcher(labels_a, labels_b, names, canonicalizer).run()
     for other in set(names.values()).difference(names):
         names[other] = f"{other} of b"  # no name holds a blank, so this one stands for nothing in a
     return {theirs: mine for theirs, mine in names.items() if theirs != mine}
 
 
-def part_names(a: Iterable[Fact], b: Iterable[Fact]) -> Iterator[tuple[str, str]]:
+def part_name_pairs(a: Iterable[PropertyAssertion], b: Iterable[PropertyAssertion]) -> Iterator[tuple[str, str]]:
     """The names in a and b of the parts of one thing, where those are not the same."""
-    mine, theirs = _parts(a), _parts(b)
+    mine, theirs = _parts_by_property(a), _parts_by_property(b)
     for property in sorted(mine.keys() & theirs.keys()):
         if len(mine[property]) == len(theirs[property]) == 1 and mine[property] != theirs[property]:
             yield mine[property][0], theirs[property][0]
 
 
-def _parts(facts: Iterable[Fact]) -> Mapping[str, list[str]]:
+def _parts_by_property(facts: Iterable[PropertyAssertion]) -> Mapping[str, list[str]]:
     parts: dict[str, list[str]] = defaultdict(list)
     for fact in facts:
-        if fact.property in PARTS and isinstance(fact.value, Reference):
+        if fact.property in PART_PROPERTIES and isinstance(fact.value, IriRef):
             parts[fact.property].append(fact.value.iri)
     return parts
 
 
-def _statements(world: World) -> Iterator[tuple[Iri, Iterable[Fact]]]:
-    owners: list[World | Body | Constraint | Light | Resource]
-    owners = [world, *world.bodies, *world.constraints, *world.lights, *world.resources]
+def _statements(world: World) -> Iterator[tuple[Iri, Iterable[PropertyAssertion]]]:
+    owners: list[World | Body | Joint | Light | NamedResource]
+    owners = [world, *world.bodies, *world.joints, *world.lights, *world.resources]
     yield from ((owner.iri, owner.facts) for owner in owners)
     for body in world.bodies:
-        if is_label(body.cls):
-            yield body.iri, (Fact(Iri("cls"), Reference(body.cls)),)
+        if is_blank_node(body.cls):
+            yield body.iri, (PropertyAssertion(Iri("cls"), IriRef(body.cls)),)
 
 
-def _labels_in(fact: Fact) -> Iterator[str]:
+def _blank_nodes_in(fact: PropertyAssertion) -> Iterator[str]:
     waiting = [fact]
     while waiting:
         value = waiting.pop().value
-        if isinstance(value, Anonymous):
+        if isinstance(value, BlankNode):
             waiting.extend(value.facts)
-        elif isinstance(value, Reference) and is_label(value.iri):
+        elif isinstance(value, IriRef) and is_blank_node(value.iri):
             yield value.iri
 
 
-class _Labels:
+class _BlankNodeIndex:
     """The labels of one world, and where they stand."""
 
     def __init__(self, world: World) -> None:
-        self.said_by: dict[str, list[Fact]] = defaultdict(list)
+        self.statements_about: dict[str, list[PropertyAssertion]] = defaultdict(list)
         """What is said about a label."""
-        self.said_with: dict[str, list[tuple[str, Fact]]] = defaultdict(list)
+        self.statements_mentioning: dict[str, list[tuple[str, PropertyAssertion]]] = defaultdict(list)
         """Who mentions a label, and how."""
-        self.at: dict[Place, set[str]] = defaultdict(set)
-        self.places: dict[str, list[Place]] = defaultdict(list)
+        self.labels_at: dict[MentionSite, set[str]] = defaultdict(set)
+        self.mentions_by_owner: dict[str, list[MentionSite]] = defaultdict(list)
         """Where a name, label or not, mentions labels."""
         mentioned: set[str] = set()
         for owner, facts in _statements(world):
-            if facts and is_label(owner):
+            if facts and is_blank_node(owner):
                 mentioned.add(owner)
-                self.said_by[owner].extend(facts)
+                self.statements_about[owner].extend(facts)
             for fact in facts:
                 value = fact.value
-                if not isinstance(value, Anonymous) and not (isinstance(value, Reference) and is_label(value.iri)):
+                if not isinstance(value, BlankNode) and not (isinstance(value, IriRef) and is_blank_node(value.iri)):
                     continue
-                for label in _labels_in(fact):
+                for label in _blank_nodes_in(fact):
                     mentioned.add(label)
-                    self.said_with[label].append((owner, fact))
-                    self.at[owner, fact.property].add(label)
-        for place in sorted(self.at):
-            self.places[place[0]].append(place)
-        self.all = sorted(mentioned)
+                    self.statements_mentioning[label].append((owner, fact))
+                    self.labels_at[owner, fact.property].add(label)
+        for place in sorted(self.labels_at):
+            self.mentions_by_owner[place[0]].append(place)
+        self.labels = sorted(mentioned)
         """By their text: which of two equal ones comes first must not hang on the order of the world."""
 
 
-class _Matching:
+class _BlankNodeMatcher:
     """The search for pairs; `names` (from b's to a's) grows while it runs."""
 
-    def __init__(self, a: _Labels, b: _Labels, names: dict[str, str], forms: Forms) -> None:
-        self.a, self.b, self.names, self.forms = a, b, names, forms
-        self.taken = {mine: theirs for theirs, mine in names.items()}
+    def __init__(
+        self, a: _BlankNodeIndex, b: _BlankNodeIndex, names: dict[str, str], canonicalizer: StatementCanonicalizer
+    ) -> None:
+        self.a, self.b, self.names, self.canonicalizer = a, b, names, canonicalizer
+        self.reverse_names = {mine: theirs for theirs, mine in names.items()}
         """The same from a's to b's."""
 
     def run(self) -> None:
         """Looks at places first, since those still tell labels apart when something was lost on the way."""
-        self._follow([self.names.get(name, name) for name in self.b.places if name in self.names or not is_label(name)])
-        groups = self._groups()
-        for _ in range(GUESSES):
+        self._propagate(
+            [
+                self.names.get(name, name)
+                for name in self.b.mentions_by_owner
+                if name in self.names or not is_blank_node(name)
+            ]
+        )
+        groups = self._ambiguous_groups()
+        for _ in range(MAX_GUESSES):
             if groups:
-                groups = self._narrowed(groups)
+                groups = self._refine_groups(groups)
         for group in groups:
-            self._pair_all(group)
-        for label in sorted(set(self.b.all).intersection(self.a.all)):
+            self._pair_group(group)
+        for label in sorted(set(self.b.labels).intersection(self.a.labels)):
             self._pair(label, label)
 
-    def _narrowed(self, groups: list[Group]) -> list[Group]:
+    def _refine_groups(self, groups: list[Group]) -> list[Group]:
         """The groups that are left once what is alone in its group is paired, and one guess is made."""
         for group in groups:
             if len(group[0]) == len(group[1]) == 1:
-                self._pair_all(group)
+                self._pair_group(group)
         alike = [group for group in groups if len(group[0]) + len(group[1]) > 2]
         if not alike:
             return []
         known = len(self.names)
         self._pair(alike[0][0][0], alike[0][1][0])
-        narrower = self._groups()
+        narrower = self._ambiguous_groups()
         if len(self.names) == known + 1 and len(narrower) == len(alike):
             # It told no others apart, so the rest of its group is as interchangeable.
-            self._pair_all(alike[0])
-        return [group for group in narrower if group[0][0] not in self.taken]
+            self._pair_group(alike[0])
+        return [group for group in narrower if group[0][0] not in self.reverse_names]
 
-    def _pair_all(self, group: Group) -> None:
+    def _pair_group(self, group: Group) -> None:
         for mine, theirs in zip(*group, strict=False):
             self._pair(mine, theirs)
 
     def _pair(self, mine: str, theirs: str) -> None:
-        if mine not in self.taken and theirs not in self.names:
-            self.names[theirs], self.taken[mine] = mine, theirs
-            self._follow([mine])
+        if mine not in self.reverse_names and theirs not in self.names:
+            self.names[theirs], self.reverse_names[mine] = mine, theirs
+            self._propagate([mine])
 
-    def _follow(self, owners: list[str]) -> None:
+    def _propagate(self, owners: list[str]) -> None:
         """Pairs labels that stand alone at the same place, then those at their places, and so on."""
         while owners:
             owner = owners.pop()
-            for place in self.a.places.get(owner, ()):
-                there = self.b.at.get((self.taken.get(owner, owner), place[1]), ())
-                mine = [label for label in self.a.at[place] if label not in self.taken]
+            for place in self.a.mentions_by_owner.get(owner, ()):
+                there = self.b.labels_at.get((self.reverse_names.get(owner, owner), place[1]), ())
+                mine = [label for label in self.a.labels_at[place] if label not in self.reverse_names]
                 theirs = [label for label in there if label not in self.names]
                 if len(mine) == len(theirs) == 1:
-                    self.names[theirs[0]], self.taken[mine[0]] = mine[0], theirs[0]
+                    self.names[theirs[0]], self.reverse_names[mine[0]] = mine[0], theirs[0]
                     owners.append(mine[0])
 
-    def _groups(self) -> list[Group]:
+    def _ambiguous_groups(self) -> list[Group]:
         """The labels of both that are still alone, in groups that nothing said about or with them tells apart."""
-        a = {label: label if label in self.taken else "" for label in self.a.all}
-        b = {label: self.names.get(label, "") for label in self.b.all}
-        colours = 0
-        for _ in range(ROUNDS):
+        a = {label: label if label in self.reverse_names else "" for label in self.a.labels}
+        b = {label: self.names.get(label, "") for label in self.b.labels}
+        colors = 0
+        for _ in range(MAX_REFINEMENT_ROUNDS):
             table: dict[object, str] = {}
-            a = self._recoloured(self.a, a, a, table)
-            b = self._recoloured(self.b, b, {**self.names, **b}, table)
-            if len(table) == colours:
+            a = self._refine_colors(self.a, a, a, table)
+            b = self._refine_colors(self.b, b, {**self.names, **b}, table)
+            if len(table) == colors:
                 break
-            colours = len(table)
-        mine, theirs = _grouped(a, self.taken), _grouped(b, self.names)
-        return [(mine[colour], theirs[colour]) for colour in mine if colour in theirs]
+            colors = len(table)
+        mine, theirs = _group_by_color(a, self.reverse_names), _group_by_color(b, self.names)
+        return [(mine[color], theirs[color]) for color in mine if color in theirs]
 
-    def _recoloured(
-        self, labels: _Labels, colours: Mapping[str, str], names: Mapping[str, str], table: dict[object, str]
+    def _refine_colors(
+        self, labels: _BlankNodeIndex, colors: Mapping[str, str], names: Mapping[str, str], table: dict[object, str]
     ) -> dict[str, str]:
         numbers: dict[int, int] = {}
 
-        def number(fact: Fact) -> int:
+        def number(fact: PropertyAssertion) -> int:
             if id(fact) not in numbers:
-                numbers[id(fact)] = self.forms.number(fact, names)
+                numbers[id(fact)] = self.canonicalizer.canonical_id(fact, names)
             return numbers[id(fact)]
 
-        def colour(label: str) -> str:
-            about = sorted(number(fact) for fact in labels.said_by[label])
-            with_it = labels.said_with[label]
+        def color(label: str) -> str:
+            about = sorted(number(fact) for fact in labels.statements_about[label])
+            with_it = labels.statements_mentioning[label]
             around = sorted((owner == label, names.get(owner, owner), number(fact)) for owner, fact in with_it)
-            return table.setdefault((colours[label], *about, *around), f"colour {len(table)}")
+            return table.setdefault((colors[label], *about, *around), f"colour {len(table)}")
 
-        paired = self.taken if labels is self.a else self.names
-        return {label: old if label in paired else colour(label) for label, old in colours.items()}
+        paired = self.reverse_names if labels is self.a else self.names
+        return {label: old if label in paired else color(label) for label, old in colors.items()}
 
 
-def _grouped(colours: Mapping[str, str], paired: Mapping[str, str]) -> Mapping[str, list[str]]:
+def _group_by_color(colors: Mapping[str, str], paired: Mapping[str, str]) -> Mapping[str, list[str]]:
     groups: dict[str, list[str]] = defaultdict(list)
-    for label, colour in colours.items():
+    for label, color in colors.items():
         if label not in paired:
-            groups[colour].append(label)
+            groups[color].append(label)
     return groups

@@ -12,16 +12,16 @@ from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Generic, TypeVar
 
-from mindstage.world.comparison_names import is_label
-from mindstage.world.values import Body, BodyId, Constraint, Light
+from mindstage.world.comparison_names import is_blank_node
+from mindstage.world.values import Body, BodyId, Joint, Light
 
-__all__ = ["Pairs", "pair_bodies", "pair_constraints", "pair_lights"]
+__all__ = ["MatchedPairs", "pair_bodies", "pair_joints", "pair_lights"]
 
-Item = TypeVar("Item", Body, Constraint, Light)
+Item = TypeVar("Item", Body, Joint, Light)
 
 
 @dataclass(slots=True)
-class Pairs(Generic[Item]):
+class MatchedPairs(Generic[Item]):
     """a[i] and b[i] are the same thing in two worlds."""
 
     a: list[Item] = field(default_factory=list)
@@ -29,7 +29,7 @@ class Pairs(Generic[Item]):
     only_in_a: list[Item] = field(default_factory=list)
     only_in_b: list[Item] = field(default_factory=list)
 
-    def same(self) -> Iterator[tuple[Item, Item]]:
+    def matched(self) -> Iterator[tuple[Item, Item]]:
         """Pair by pair."""
         return zip(self.a, self.b, strict=True)
 
@@ -39,29 +39,27 @@ class Pairs(Generic[Item]):
         return [item.id for item in self.a]
 
 
-def pair_bodies(a: Iterable[Body], b: Iterable[Body]) -> Pairs[Body]:
+def pair_bodies(a: Iterable[Body], b: Iterable[Body]) -> MatchedPairs[Body]:
     """Nameless bodies are paired by class, label and mesh."""
 
     def what(body: Body) -> Hashable:
-        return (None if is_label(body.cls) else body.cls, body.label, body.mesh)
+        return (None if is_blank_node(body.cls) else body.cls, body.label, body.mesh)
 
     return _pair(a, b, what, what)
 
 
-def pair_lights(a: Iterable[Light], b: Iterable[Light]) -> Pairs[Light]:
+def pair_lights(a: Iterable[Light], b: Iterable[Light]) -> MatchedPairs[Light]:
     """Nameless lights are paired by kind."""
-    return _pair(a, b, lambda light: light.kind, lambda light: light.kind)
+    return _pair(a, b, lambda light: light.type, lambda light: light.type)
 
 
-def pair_constraints(
-    a: Iterable[Constraint], b: Iterable[Constraint], ids: Mapping[BodyId, BodyId]
-) -> Pairs[Constraint]:
+def pair_joints(a: Iterable[Joint], b: Iterable[Joint], ids: Mapping[BodyId, BodyId]) -> MatchedPairs[Joint]:
     """Nameless constraints are paired by the bodies that they join; `ids` says what a calls the bodies of b."""
 
-    def joined(constraint: Constraint) -> Hashable:
+    def joined(constraint: Joint) -> Hashable:
         return (constraint.parent, constraint.child)
 
-    def joined_in_b(constraint: Constraint) -> Hashable:
+    def joined_in_b(constraint: Joint) -> Hashable:
         return (ids.get(constraint.parent, constraint.parent), ids.get(constraint.child, constraint.child))
 
     return _pair(a, b, joined, joined_in_b)
@@ -69,24 +67,26 @@ def pair_constraints(
 
 def _pair(
     a: Iterable[Item], b: Iterable[Item], key_a: Callable[[Item], Hashable], key_b: Callable[[Item], Hashable]
-) -> Pairs[Item]:
+) -> MatchedPairs[Item]:
     named = _match(a, b, lambda item: item.id, lambda item: item.id)
-    nameless_a, rest_a = _split(named.only_in_a)
-    nameless_b, rest_b = _split(named.only_in_b)
-    nameless = _match(sorted(nameless_a, key=_place), sorted(nameless_b, key=_place), key_a, key_b)
-    return Pairs(named.a + nameless.a, named.b + nameless.b, rest_a + nameless.only_in_a, rest_b + nameless.only_in_b)
+    nameless_a, rest_a = _split_nameless(named.only_in_a)
+    nameless_b, rest_b = _split_nameless(named.only_in_b)
+    nameless = _match(sorted(nameless_a, key=_pose_key), sorted(nameless_b, key=_pose_key), key_a, key_b)
+    return MatchedPairs(
+        named.a + nameless.a, named.b + nameless.b, rest_a + nameless.only_in_a, rest_b + nameless.only_in_b
+    )
 
 
 def _match(
     a: Iterable[Item], b: Iterable[Item], key_a: Callable[[Item], Hashable], key_b: Callable[[Item], Hashable]
-) -> Pairs[Item]:
+) -> MatchedPairs[Item]:
     """The first of a key with the first of that key, the second with the second."""
     waiting: dict[Hashable, list[Item]] = defaultdict(list)
     for item in b:
         waiting[key_b(item)].append(item)
     for items in waiting.values():
         items.reverse()
-    pairs: Pairs[Item] = Pairs()
+    pairs: MatchedPairs[Item] = MatchedPairs()
     for item in a:
         if others := waiting.get(key_a(item)):
             pairs.a.append(item)
@@ -97,13 +97,13 @@ def _match(
     return pairs
 
 
-def _split(items: Iterable[Item]) -> tuple[list[Item], list[Item]]:
+def _split_nameless(items: Iterable[Item]) -> tuple[list[Item], list[Item]]:
     nameless: list[Item] = []
     named: list[Item] = []
     for item in items:
-        (nameless if is_label(item.iri) else named).append(item)
+        (nameless if is_blank_node(item.iri) else named).append(item)
     return nameless, named
 
 
-def _place(item: Item) -> tuple[float, ...]:
+def _pose_key(item: Item) -> tuple[float, ...]:
     return (*item.pose.position, *item.pose.quaternion)

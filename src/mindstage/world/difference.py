@@ -1,6 +1,6 @@
 """The judge: everything that two worlds do not agree on, and by how much.
 
-`difference` compares all that a World holds. Order carries no meaning, so tags, facts and things are compared as sets
+`diff` compares all that a World holds. Order carries no meaning, so tags, facts and things are compared as sets
 that count repetitions; only materials keep their order, since a mesh names its surfaces by number. What a world holds
 twice under one id is compared in its order. Names that mean something only inside their own world may differ, what
 they stand for may not.
@@ -16,46 +16,46 @@ from typing import Any, TypeVar
 import msgspec
 from msgspec.structs import replace
 
-from mindstage.world.comparison_facts import Forms, Statement
+from mindstage.world.comparison_facts import Statement, StatementCanonicalizer
 from mindstage.world.comparison_fields import (
     BODY_FIELDS,
-    CONSTRAINT_FIELDS,
+    JOINT_FIELDS,
     LIGHT_FIELDS,
-    MEASURED,
+    MEASURED_KINDS,
     WORLD_FIELDS,
-    Change,
-    Kind,
-    columns,
-    material_columns,
+    ChangeKind,
+    FieldChange,
+    compare_columns,
+    compare_materials,
 )
-from mindstage.world.comparison_names import is_label, part_names, same_names
-from mindstage.world.comparison_pairs import Pairs, pair_bodies, pair_constraints, pair_lights
-from mindstage.world.comparison_statements import Statements
+from mindstage.world.comparison_names import is_blank_node, match_blank_nodes, part_name_pairs
+from mindstage.world.comparison_pairs import MatchedPairs, pair_bodies, pair_joints, pair_lights
+from mindstage.world.comparison_statements import StatementDiff
 from mindstage.world.display import counted, html_table
-from mindstage.world.facts import Fact
-from mindstage.world.values import Body, BodyId, Constraint, Light, World
+from mindstage.world.facts import PropertyAssertion
+from mindstage.world.values import Body, BodyId, Joint, Light, World
 
-__all__ = ["Difference", "difference"]
+__all__ = ["WorldDiff", "diff"]
 
 _MOST_SHOWN = 10
 """A summary lists so many of each; all are in the fields."""
 _LONGEST = 60
 """Longer values are cut in a summary [characters]."""
 
-Thing = TypeVar("Thing", World, Body, Constraint, Light)
+Entity = TypeVar("Entity", World, Body, Joint, Light)
 
 
-class Difference(msgspec.Struct, frozen=True, kw_only=True):
+class WorldDiff(msgspec.Struct, frozen=True, kw_only=True):
     """What two worlds, a and b, do not agree on; the same whatever the order that they hold things in."""
 
     only_in_a: tuple[str, ...] = ()
     """Ids of bodies, constraints and lights that b lacks."""
     only_in_b: tuple[str, ...] = ()
     """Ids of bodies, constraints and lights that a lacks."""
-    changed: tuple[Change, ...] = ()
+    changed: tuple[FieldChange, ...] = ()
     """The fields that differ of what stands in both, by id, then by field.
 
-    What a body hangs on is its field `attachment.parent`; a resource that only one world has is a change of its field
+    What a body hangs on is its field `attachment.parents`; a resource that only one world has is a change of its field
     `resource`.
     """
     lost: tuple[Statement, ...] = ()
@@ -75,28 +75,30 @@ class Difference(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def max_error(self) -> Mapping[str, float]:
-        """The largest error of each kind that is measured, 0 where nothing differs; see `Kind` for the units."""
-        largest = dict.fromkeys((str(kind) for kind in MEASURED), 0.0)
+        """The largest error of each kind that is measured, 0 where nothing differs; see `ChangeKind` for the units."""
+        largest = dict.fromkeys((str(kind) for kind in MEASURED_KINDS), 0.0)
         for change in self.changed:
             if change.error is not None:
                 largest[change.kind] = max(largest[change.kind], change.error)
         return largest
 
-    def identical(self, tolerance: float = 0.0, *, kinds: Container[Kind] | None = None) -> bool:
+    def identical(self, tolerance: float = 0.0, *, kinds: Container[ChangeKind] | None = None) -> bool:
         """Whether the worlds are the same, but for errors up to a tolerance.
 
         No tolerance forgives what has no error: a lost fact, another parent, a mass against none.
 
         Args:
             tolerance: the largest error that is forgiven, in the unit of each kind.
-            kinds: look only at changes of these kinds, such as `MECHANICS`; what stands in one world only still counts.
+            kinds: look only at changes of these kinds, such as `MECHANICAL_KINDS`; what stands in one world only still counts.
 
         Raises:
             ValueError: the tolerance is negative or NaN.
         """
-        return not (self.only_in_a or self.only_in_b or self.beyond(tolerance, kinds=kinds))
+        return not (self.only_in_a or self.only_in_b or self.exceeding(tolerance, kinds=kinds))
 
-    def beyond(self, tolerance: float = 0.0, *, kinds: Container[Kind] | None = None) -> tuple[Change, ...]:
+    def exceeding(
+        self, tolerance: float = 0.0, *, kinds: Container[ChangeKind] | None = None
+    ) -> tuple[FieldChange, ...]:
         """The changes that the tolerance does not forgive.
 
         Raises:
@@ -151,7 +153,7 @@ class Difference(msgspec.Struct, frozen=True, kw_only=True):
         statements = f"{self.lost_facts:,} statements lost, {self.gained_facts:,} gained"
         return f"{alone}, {counted(len(self.changed), 'changed field')}{listed}, {statements}"
 
-    def _largest(self) -> list[Change]:
+    def _largest(self) -> list[FieldChange]:
         """The changes by their error, those without one first."""
         return sorted(self.changed, key=lambda change: (change.error is not None, -(change.error or 0.0), change.id))
 
@@ -168,11 +170,11 @@ class Difference(msgspec.Struct, frozen=True, kw_only=True):
             "errors": dict(errors),
             "only_in_a": list(self.only_in_a),
             "only_in_b": list(self.only_in_b),
-            "changed": _rows(self.changed),
+            "changed": _change_rows(self.changed),
             "lost_facts": self.lost_facts,
             "gained_facts": self.gained_facts,
-            "lost": _lines(self.lost),
-            "gained": _lines(self.gained),
+            "lost": _statement_rows(self.lost),
+            "gained": _statement_rows(self.gained),
         }
 
     def to_json(self, delta: float = 0.0) -> str:
@@ -180,7 +182,7 @@ class Difference(msgspec.Struct, frozen=True, kw_only=True):
         return msgspec.json.encode(self.to_builtins(delta)).decode()
 
 
-def difference(a: World, b: World) -> Difference:
+def diff(a: World, b: World) -> WorldDiff:
     """Compares everything that two worlds hold.
 
     Rotations are compared as rotations, numbers in facts by value. NaN is equal to NaN and to nothing else. Takes a
@@ -195,82 +197,86 @@ class _Comparison:
     def __init__(self, a: World, b: World) -> None:
         self.a, self.b = a, b
         self.bodies = pair_bodies(a.bodies, b.bodies)
-        self.ids = {y.id: x.id for x, y in self.bodies.same() if x.id != y.id}
+        self.ids = {y.id: x.id for x, y in self.bodies.matched() if x.id != y.id}
         """What a calls the bodies of b that have another id there."""
-        self.constraints = pair_constraints(a.constraints, b.constraints, self.ids)
+        self.joints = pair_joints(a.joints, b.joints, self.ids)
         self.lights = pair_lights(a.lights, b.lights)
-        forms = Forms()
-        self.names = same_names(a, b, self._known_names(), forms)
+        forms = StatementCanonicalizer()
+        self.names = match_blank_nodes(a, b, self._known_names(), forms)
         """What a calls the things that b calls otherwise."""
-        self.said = Statements(self.names, forms)
+        self.statements = StatementDiff(self.names, forms)
 
     @property
-    def things(self) -> Iterator[Pairs[Body] | Pairs[Constraint] | Pairs[Light]]:
-        yield from (self.bodies, self.constraints, self.lights)
+    def matched_pairs(self) -> Iterator[MatchedPairs[Body] | MatchedPairs[Joint] | MatchedPairs[Light]]:
+        yield from (self.bodies, self.joints, self.lights)
 
-    def result(self) -> Difference:
-        changes = [*self._fields(), *self._attachments()]
+    def result(self) -> WorldDiff:
+        changes = [*self._field_changes(), *self._attachment_changes()]
         self._compare_statements()
-        changes.extend(self.said.changes)
-        return Difference(
-            only_in_a=tuple(sorted(item.id for pairs in self.things for item in pairs.only_in_a)),
-            only_in_b=tuple(sorted(item.id for pairs in self.things for item in pairs.only_in_b)),
+        changes.extend(self.statements.changes)
+        return WorldDiff(
+            only_in_a=tuple(sorted(item.id for pairs in self.matched_pairs for item in pairs.only_in_a)),
+            only_in_b=tuple(sorted(item.id for pairs in self.matched_pairs for item in pairs.only_in_b)),
             changed=tuple(sorted(changes, key=lambda change: (change.id, change.field))),
-            lost=self.said.lost,
-            gained=self.said.gained,
+            lost=self.statements.lost,
+            gained=self.statements.gained,
         )
 
     def _known_names(self) -> Iterator[tuple[str, str]]:
         yield self.a.iri, self.b.iri
-        for pairs in self.things:
-            yield from ((x.iri, y.iri) for x, y in pairs.same() if x.iri != y.iri or is_label(x.iri))
-        for pairs in self.things:
-            for x, y in pairs.same():
-                yield from part_names(x.facts, y.facts)
+        for pairs in self.matched_pairs:
+            yield from ((x.iri, y.iri) for x, y in pairs.matched() if x.iri != y.iri or is_blank_node(x.iri))
+        for pairs in self.matched_pairs:
+            for x, y in pairs.matched():
+                yield from part_name_pairs(x.facts, y.facts)
 
-    def _fields(self) -> Iterator[Change]:
-        bodies, constraints, lights = self.bodies, self.constraints, self.lights
-        yield from columns(WORLD_FIELDS, [self.a.iri], [self.a], [self._named(self.a, self.b)])
-        yield from columns(BODY_FIELDS, bodies.ids, bodies.a, [self._body(x, y) for x, y in bodies.same()])
-        yield from material_columns(bodies.ids, bodies.a, bodies.b)
-        joined = [self._constraint(x, y) for x, y in constraints.same()]
-        yield from columns(CONSTRAINT_FIELDS, constraints.ids, constraints.a, joined)
-        yield from columns(LIGHT_FIELDS, lights.ids, lights.a, [self._named(x, y) for x, y in lights.same()])
+    def _field_changes(self) -> Iterator[FieldChange]:
+        bodies, constraints, lights = self.bodies, self.joints, self.lights
+        yield from compare_columns(WORLD_FIELDS, [self.a.iri], [self.a], [self._with_names_of_a(self.a, self.b)])
+        yield from compare_columns(
+            BODY_FIELDS, bodies.ids, bodies.a, [self._renamed_body(x, y) for x, y in bodies.matched()]
+        )
+        yield from compare_materials(bodies.ids, bodies.a, bodies.b)
+        joined = [self._renamed_joint(x, y) for x, y in constraints.matched()]
+        yield from compare_columns(JOINT_FIELDS, constraints.ids, constraints.a, joined)
+        yield from compare_columns(
+            LIGHT_FIELDS, lights.ids, lights.a, [self._with_names_of_a(x, y) for x, y in lights.matched()]
+        )
 
-    def _named(self, x: Thing, y: Thing) -> Thing:
+    def _with_names_of_a(self, x: Entity, y: Entity) -> Entity:
         """A thing of b under the name that a has for it, where both names are none."""
-        if is_label(x.iri) and is_label(y.iri):
+        if is_blank_node(x.iri) and is_blank_node(y.iri):
             return replace(y, iri=self.names.get(y.iri, y.iri))
         return y
 
-    def _body(self, x: Body, y: Body) -> Body:
-        if is_label(x.cls) and is_label(y.cls):
+    def _renamed_body(self, x: Body, y: Body) -> Body:
+        if is_blank_node(x.cls) and is_blank_node(y.cls):
             y = replace(y, cls=self.names.get(y.cls, y.cls))
-        return self._named(x, y)
+        return self._with_names_of_a(x, y)
 
-    def _constraint(self, x: Constraint, y: Constraint) -> Constraint:
+    def _renamed_joint(self, x: Joint, y: Joint) -> Joint:
         if self.ids:
             y = replace(y, parent=self.ids.get(y.parent, y.parent), child=self.ids.get(y.child, y.child))
-        return self._named(x, y)
+        return self._with_names_of_a(x, y)
 
-    def _attachments(self) -> Iterator[Change]:
+    def _attachment_changes(self) -> Iterator[FieldChange]:
         mine, theirs = _parents(self.a, {}), _parents(self.b, self.ids)
         for child in mine.keys() | theirs.keys():
             x, y = _one_or_more(mine.get(child, [])), _one_or_more(theirs.get(child, []))
             if x != y:
-                yield Change(id=child, field="attachment.parent", kind=Kind.STRUCTURE, a=x, b=y)
+                yield FieldChange(id=child, field="attachment.parent", kind=ChangeKind.STRUCTURE, a=x, b=y)
 
     def _compare_statements(self) -> None:
-        self.said.facts(self.a.iri, self.a.facts, self.b.facts)
-        self.said.resources(self.a.resources, self.b.resources)
-        for pairs in self.things:
-            for x, y in pairs.same():
-                self.said.facts(x.id, x.facts, y.facts)
-                self.said.tags(x.id, x.tags, y.tags)
+        self.statements.facts(self.a.iri, self.a.facts, self.b.facts)
+        self.statements.resources(self.a.resources, self.b.resources)
+        for pairs in self.matched_pairs:
+            for x, y in pairs.matched():
+                self.statements.facts(x.id, x.facts, y.facts)
+                self.statements.tags(x.id, x.tags, y.tags)
             for x in pairs.only_in_a:
-                self.said.only_in_a(x.id, (*x.facts, *x.tags))
+                self.statements.only_in_a(x.id, (*x.facts, *x.tags))
             for y in pairs.only_in_b:
-                self.said.only_in_b(y.id, (*y.facts, *y.tags))
+                self.statements.only_in_b(y.id, (*y.facts, *y.tags))
 
 
 def _parents(world: World, ids: Mapping[BodyId, BodyId]) -> Mapping[BodyId, list[BodyId]]:
@@ -289,7 +295,7 @@ def _some(ids: Sequence[str]) -> str:
     return ", ".join(ids[:_MOST_SHOWN]) + (f" and {left:,} more" if left > 0 else "")
 
 
-def _change(change: Change) -> str:
+def _change(change: FieldChange) -> str:
     error = "" if change.error is None else f" ({change.kind} {change.error:.4g})"
     return f"{_shown(change.a)} -> {_shown(change.b)}{error}"
 
@@ -301,29 +307,29 @@ def _shown(value: object) -> str:
     return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}…"
 
 
-def _rows(changes: Iterable[Change]) -> list[dict[str, Any]]:
+def _change_rows(changes: Iterable[FieldChange]) -> list[dict[str, Any]]:
     return [
         {
             "id": change.id,
             "field": change.field,
             "kind": change.kind.value,
-            "a": _plain(change.a),
-            "b": _plain(change.b),
+            "a": _jsonable(change.a),
+            "b": _jsonable(change.b),
             "error": change.error,
         }
         for change in changes
     ]
 
 
-def _lines(statements: Iterable[Statement]) -> list[dict[str, str]]:
+def _statement_rows(statements: Iterable[Statement]) -> list[dict[str, str]]:
     return [{"id": statement.id, "said": str(statement)} for statement in statements]
 
 
-def _plain(value: Any) -> Any:
+def _jsonable(value: Any) -> Any:
     """What JSON can say of a change's value."""
     if isinstance(value, tuple):
-        return [_plain(part) for part in value]
-    if isinstance(value, Fact):
+        return [_jsonable(part) for part in value]
+    if isinstance(value, PropertyAssertion):
         return str(Statement("", value))
     if isinstance(value, float) and not isfinite(value):
         return str(value)

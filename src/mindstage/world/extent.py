@@ -8,15 +8,15 @@ from __future__ import annotations
 import msgspec
 import numpy as np
 
-from mindstage.world.boxes import Boxes
+from mindstage.world.boxes import OrientedBoxes
 from mindstage.world.facts import Iri
-from mindstage.world.geometry import pose_array, unit
+from mindstage.world.geometry import normalize, pose_array
 from mindstage.world.values import BodyId, Vector, World
 
-__all__ = ["Extent", "extent_of"]
+__all__ = ["Bounds", "world_bounds"]
 
 
-class Extent(msgspec.Struct, frozen=True, kw_only=True):
+class Bounds(msgspec.Struct, frozen=True, kw_only=True):
     """The upright box around all bodies."""
 
     low: Vector
@@ -35,19 +35,19 @@ class Extent(msgspec.Struct, frozen=True, kw_only=True):
         return x - left, y - back, z - bottom
 
 
-def extent_of(world: World) -> Extent | None:
+def world_bounds(world: World) -> Bounds | None:
     """The extent of a world; None where it has no bodies. What has no size is a point."""
     if not world.bodies:
         return None
     poses = pose_array(body.pose for body in world.bodies)
-    poses[:, 3:] = unit(poses[:, 3:])
+    poses[:, 3:] = normalize(poses[:, 3:])
     sizes = np.array([body.size or (0.0, 0.0, 0.0) for body in world.bodies])
-    low, high = Boxes.of(poses, sizes).bounds()
+    low, high = OrientedBoxes.from_poses(poses, sizes).bounds()
     heights = high[:, 2] - low[:, 2]
     tallest = world.bodies[int(np.argmax(heights))]
     left, back, bottom = low.min(axis=0).tolist()
     right, front, top = high.max(axis=0).tolist()
-    return Extent(
+    return Bounds(
         low=(left, back, bottom),
         high=(right, front, top),
         tallest=tallest.id,

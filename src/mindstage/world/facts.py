@@ -10,13 +10,13 @@ from typing import NewType
 
 import msgspec
 
-__all__ = ["Anonymous", "Fact", "FactValue", "Iri", "Literal", "Reference", "Resource"]
+__all__ = ["BlankNode", "FactValue", "Iri", "IriRef", "Literal", "NamedResource", "PropertyAssertion"]
 
 Iri = NewType("Iri", str)
 """An absolute IRI; a name that starts with `_:` is a label which means something only inside one world."""
 
 
-class Reference(msgspec.Struct, frozen=True, tag="iri", forbid_unknown_fields=True):
+class IriRef(msgspec.Struct, frozen=True, tag="iri", forbid_unknown_fields=True):
     """A named thing."""
 
     iri: Iri
@@ -31,25 +31,25 @@ class Literal(msgspec.Struct, frozen=True, tag="literal", forbid_unknown_fields=
     language: str | None = None
 
 
-class Anonymous(msgspec.Struct, frozen=True, tag="anonymous", forbid_unknown_fields=True):
+class BlankNode(msgspec.Struct, frozen=True, tag="anonymous", forbid_unknown_fields=True):
     """A thing without a name; two of them are the same when their facts are."""
 
-    facts: tuple[Fact, ...] = ()
+    facts: tuple[PropertyAssertion, ...] = ()
     """Sorted by property, then value, so that equal things are equal values."""
 
 
-FactValue = Reference | Literal | Anonymous
+FactValue = IriRef | Literal | BlankNode
 
 
-class Fact(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class PropertyAssertion(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """One statement about the thing that holds it."""
 
     property: Iri
     value: FactValue
 
 
-class Resource(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class NamedResource(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A named thing that is neither a body nor a constraint, and what is said about it."""
 
     iri: Iri
-    facts: tuple[Fact, ...] = ()
+    facts: tuple[PropertyAssertion, ...] = ()

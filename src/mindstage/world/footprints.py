@@ -11,53 +11,53 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from mindstage.world.boxes import Boxes, Indices
+from mindstage.world.boxes import Indices, OrientedBoxes
 from mindstage.world.geometry import Array
 
-__all__ = ["areas", "footprints", "gaps", "overlaps"]
+__all__ = ["footprints", "polygon_areas", "polygon_gaps", "polygon_overlap_areas"]
 
 _CORNERS = 6
-_NO_LENGTH_M = 1e-9
+_MIN_EDGE_M = 1e-9
 """An edge shorter than this comes from rounding; it has no direction to trust."""
-_CHUNK = 1 << 14
+_CHUNK_SIZE = 1 << 14
 """So many pairs are looked at in one go; it bounds the memory."""
 
 
-def footprints(boxes: Boxes) -> Array:
+def footprints(boxes: OrientedBoxes) -> Array:
     """The shadows of boxes on the ground: n x 6 x 2 corners, counter-clockwise."""
     # A box is the sum of three segments, so its shadow is that of three flat ones: walk along them by their angle.
-    edges = np.swapaxes(boxes.rotation[:, :2, :] * boxes.half[:, None, :], 1, 2)
-    edges = np.where(np.linalg.norm(edges, axis=2, keepdims=True) < _NO_LENGTH_M, 0.0, edges)
+    edges = np.swapaxes(boxes.rotation[:, :2, :] * boxes.half_extents[:, None, :], 1, 2)
+    edges = np.where(np.linalg.norm(edges, axis=2, keepdims=True) < _MIN_EDGE_M, 0.0, edges)
     backwards = (edges[..., 1] < 0.0) | ((edges[..., 1] == 0.0) & (edges[..., 0] < 0.0))
     edges = np.where(backwards[..., None], -edges, edges)
     order = np.argsort(np.arctan2(edges[..., 1], edges[..., 0]), axis=1)
     edges = np.take_along_axis(edges, order[..., None], axis=1)
     round_it = np.concatenate([edges, -edges], axis=1) * 2
     corners = np.cumsum(round_it, axis=1) - round_it - edges.sum(axis=1, keepdims=True)
-    return np.asarray(boxes.centre[:, None, :2] + corners)
+    return np.asarray(boxes.center[:, None, :2] + corners)
 
 
-def areas(polygons: Array) -> Array:
+def polygon_areas(polygons: Array) -> Array:
     """The areas of convex polygons, n x k x 2 [m2]."""
     corners = polygons - polygons[:, :1]
     return np.asarray(_cross(corners, np.roll(corners, -1, axis=1)).sum(axis=1) / 2)
 
 
-def overlaps(polygons: Array, a: Indices, b: Indices) -> Array:
+def polygon_overlap_areas(polygons: Array, a: Indices, b: Indices) -> Array:
     """How much of the ground both polygons of each pair cover [m2]."""
-    return _in_chunks(_overlap, polygons, a, b)
+    return _in_chunks(_overlap_area, polygons, a, b)
 
 
-def gaps(polygons: Array, a: Indices, b: Indices) -> Array:
+def polygon_gaps(polygons: Array, a: Indices, b: Indices) -> Array:
     """The shortest way between the edges of each pair of polygons that do not overlap [m]."""
-    return _in_chunks(_gap, polygons, a, b)
+    return _in_chunks(_polygon_gap, polygons, a, b)
 
 
-def _overlap(one: Array, other: Array) -> Array:
+def _overlap_area(one: Array, other: Array) -> Array:
     clipped = one
     for at in range(_CORNERS):
         clipped = _clip(clipped, other[:, at], other[:, (at + 1) % _CORNERS])
-    return areas(clipped)
+    return polygon_areas(clipped)
 
 
 def _clip(polygons: Array, start: Array, end: Array) -> Array:
@@ -81,11 +81,11 @@ def _clip(polygons: Array, start: Array, end: Array) -> Array:
     return np.asarray(np.where(spare[..., None], corners[:, :1], corners))
 
 
-def _gap(one: Array, other: Array) -> Array:
-    return np.minimum(_from_corners(one, other), _from_corners(other, one))
+def _polygon_gap(one: Array, other: Array) -> Array:
+    return np.minimum(_corner_to_edge_distance(one, other), _corner_to_edge_distance(other, one))
 
 
-def _from_corners(corners: Array, polygons: Array) -> Array:
+def _corner_to_edge_distance(corners: Array, polygons: Array) -> Array:
     """The shortest way from any corner to any side."""
     sides = (np.roll(polygons, -1, axis=1) - polygons)[:, None]
     away = corners[:, :, None] - polygons[:, None]
@@ -95,11 +95,11 @@ def _from_corners(corners: Array, polygons: Array) -> Array:
     return np.asarray(np.sqrt(np.sum(off * off, axis=-1).min(axis=(1, 2))))
 
 
-def _in_chunks(measure: Callable[[Array, Array], Array], polygons: Array, a: Indices, b: Indices) -> Array:
+def _in_chunks(function: Callable[[Array, Array], Array], polygons: Array, a: Indices, b: Indices) -> Array:
     found: NDArray[np.float64] = np.zeros(len(a))
-    for start in range(0, len(a), _CHUNK):
-        part = slice(start, start + _CHUNK)
-        found[part] = measure(polygons[a[part]], polygons[b[part]])
+    for start in range(0, len(a), _CHUNK_SIZE):
+        part = slice(start, start + _CHUNK_SIZE)
+        found[part] = function(polygons[a[part]], polygons[b[part]])
     return found
 
 

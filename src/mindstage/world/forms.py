@@ -2,7 +2,7 @@
 
 A map says how large a drawer is; a form says that it is open at the top. Forms are worked out when a world is spawned
 (from mesh files, else from what is known about classes) and are no part of `World`: nothing of them is logged or
-written back. All lengths are metres in the body's own frame, whose origin is the middle of the body's size.
+written back. All lengths are meters in the body's own frame, whose origin is the middle of the body's size.
 """
 
 from __future__ import annotations
@@ -17,12 +17,23 @@ from numpy import uint8, uint32
 from numpy.typing import NDArray
 
 from mindstage.world.geometry import Array
-from mindstage.world.values import IDENTITY, BodyId, Colour, LightKind, Pose, Value, Vector
+from mindstage.world.values import IDENTITY, BodyId, Color, FrozenStruct, LightType, Pose, Vector
 
-__all__ = ["NO_FORMS", "Form", "FormSource", "Forms", "Glow", "Place", "Skin", "Solid", "SolidKind", "Surface"]
+__all__ = [
+    "NO_GEOMETRY",
+    "AttachedLight",
+    "BodyGeometry",
+    "CollisionShape",
+    "CollisionShapeType",
+    "GeometryMap",
+    "GeometrySource",
+    "PbrMaterial",
+    "SupportSurface",
+    "VisualMesh",
+]
 
 
-class SolidKind(StrEnum):
+class CollisionShapeType(StrEnum):
     """The convex things that every engine can let collide."""
 
     BOX = "box"
@@ -34,10 +45,10 @@ class SolidKind(StrEnum):
     """The smallest convex body round its points."""
 
 
-class Solid(Value, frozen=True, kw_only=True):
+class CollisionShape(FrozenStruct, frozen=True, kw_only=True):
     """One convex part that can be touched."""
 
-    kind: SolidKind = SolidKind.BOX
+    type: CollisionShapeType = CollisionShapeType.BOX
     size: Vector
     """Extents along its own axes."""
     pose: Pose = IDENTITY
@@ -46,108 +57,108 @@ class Solid(Value, frozen=True, kw_only=True):
     """Of a hull, in the solid's own frame."""
 
 
-class Surface(Value, frozen=True, kw_only=True):
+class PbrMaterial(FrozenStruct, frozen=True, kw_only=True):
     """How light falls back from a skin: glTF's metallic-roughness model, linear factors from 0 to 1."""
 
-    material: str = ""
+    name: str = ""
     """In a word ("wood"), for people and reports."""
-    colour: Colour = (0.8, 0.8, 0.8)
+    color: Color = (0.8, 0.8, 0.8)
     """sRGB, as `Material.colour` is."""
     metalness: float = 0.0
     roughness: float = 0.8
     opacity: float = 1.0
-    glow: float = 0.0
-    """How much of its colour it gives off by itself."""
+    emission: float = 0.0
+    """How much of its color it gives off by itself."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Skin:
+class VisualMesh:
     """What is seen: one closed surface of triangles."""
 
     points: Array
     """n x 3."""
     faces: NDArray[uint32]
     """m x 3 numbers of points, counterclockwise seen from outside."""
-    surface: Surface
+    material: PbrMaterial
     normals: Array | None = None
     """n x 3, of norm 1; None where each face has its own."""
     uv: Array | None = None
     """n x 2, where it has an image: from that image's lower left corner (0, 0) to its upper right one."""
     image: NDArray[uint8] | None = None
-    """h x w x 4 (sRGB and opacity): the texture, multiplied by the surface's colour."""
+    """h x w x 4 (sRGB and opacity): the texture, multiplied by the surface's color."""
 
 
-class Place(Value, frozen=True, kw_only=True):
+class SupportSurface(FrozenStruct, frozen=True, kw_only=True):
     """A level rectangle on which something can be put, parallel to one of the body's sides."""
 
-    centre: Vector
+    center: Vector
     """On the surface itself."""
     size: tuple[float, float]
     """Along the other two axes than `up`'s, in their order: x and y, unless the body lies on its side."""
-    height: float | None = None
+    clearance: float | None = None
     """Free above it; None where there is nothing above."""
-    inside: bool = False
+    is_inside: bool = False
     """Whether it is in the body (a shelf, a drawer's floor) rather than on it."""
-    up: Vector = (0.0, 0.0, 1.0)
+    normal: Vector = (0.0, 0.0, 1.0)
     """Where it looks; along one of the body's axes."""
 
 
-class Glow(Value, frozen=True, kw_only=True):
+class AttachedLight(FrozenStruct, frozen=True, kw_only=True):
     """Light that a body gives."""
 
-    kind: LightKind = LightKind.POINT
+    type: LightType = LightType.POINT
     pose: Pose = IDENTITY
     """In the body's frame."""
-    colour: Colour = (1.0, 1.0, 1.0)
+    color: Color = (1.0, 1.0, 1.0)
     intensity: float = 1.0
     """As that of `Light`."""
 
 
-class FormSource(StrEnum):
+class GeometrySource(StrEnum):
     """Where a form comes from, the most trusted first."""
 
     MESH = "mesh"
     """A mesh file."""
-    KNOWLEDGE = "knowledge"
+    ONTOLOGY = "knowledge"
     """The ontology says how things of that class are shaped."""
-    NAME = "name"
+    CLASS_NAME = "name"
     """A word in the class's name, which no ontology knows: a guess."""
     MAP = "map"
     """The map's own shape, or a box of its size."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Form:
+class BodyGeometry:
     """What a body is made of. Forms of one key are the same, so engines and pages build each only once."""
 
     key: str
-    """A digest of everything below but `source` and `why`."""
-    skins: tuple[Skin, ...]
-    solids: tuple[Solid, ...]
-    source: FormSource = FormSource.MAP
-    why: str = ""
+    """A digest of everything below but `source_xml` and `why`."""
+    visuals: tuple[VisualMesh, ...]
+    collision_shapes: tuple[CollisionShape, ...]
+    source: GeometrySource = GeometrySource.MAP
+    reason: str = ""
     """One line for reports: "a drawer, because ms:Drawer is shaped as one; open to the top"."""
-    kind: str = "box"
+    shape_name: str = "box"
     """The name of the shape ("case", "drawer", "mesh")."""
     friction: float | None = None
     """Sliding, against something alike; None leaves it to the engine."""
     restitution: float | None = None
     density: float | None = None
     """Of its solids [kg/m³]; it counts where a map gives no mass."""
-    places: tuple[Place, ...] = ()
-    glows: tuple[Glow, ...] = ()
-    _draw: Callable[[], tuple[str, tuple[Skin, ...]]] | None = field(default=None, repr=False, compare=False)
+    support_surfaces: tuple[SupportSurface, ...] = ()
+    lights: tuple[AttachedLight, ...] = ()
+    _draw: Callable[[], tuple[str, tuple[VisualMesh, ...]]] | None = field(default=None, repr=False, compare=False)
     """Computes `key` and `skins` when one of them is first read, unless they were given."""
 
     @classmethod
-    def deferred(cls, draw: Callable[[], tuple[str, tuple[Skin, ...]]], **fields: Any) -> Self:
+    def deferred(cls, draw: Callable[[], tuple[str, tuple[VisualMesh, ...]]], **fields: Any) -> Self:
         """A form whose `key` and `skins` are computed when they are first read: physics alone needs neither.
 
         Args:
             draw: computes both; it is called at most once a thread, and must return the same objects each time.
             fields: all other fields.
         """
-        form = cls(key="", skins=(), _draw=draw, **fields)
+        form = cls(key="", visuals=(), _draw=draw, **fields)
         # A slot that is not set is looked up by `__getattr__`.
         object.__delattr__(form, "key")
         object.__delattr__(form, "skins")
@@ -164,7 +175,7 @@ class Form:
             return key if name == "key" else skins
 
 
-Forms = Mapping[BodyId, Form]
-"""The forms of a world's bodies; a body without one is its `Shape`, in its size."""
+GeometryMap = Mapping[BodyId, BodyGeometry]
+"""The forms of a world's bodies; a body without one is its `PrimitiveShape`, in its size."""
 
-NO_FORMS: Forms = MappingProxyType({})
+NO_GEOMETRY: GeometryMap = MappingProxyType({})

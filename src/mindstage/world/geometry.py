@@ -1,7 +1,7 @@
 """Rotations and poses in bulk: every function takes one or many, as arrays whose last axis is the value.
 
 Quaternions are w x y z (Hamilton). None of these needs unit quaternions unless it says so; a pose's quaternion may
-be off by the digits that a map writes, so `unit` comes first wherever that matters.
+be off by the digits that a map writes, so `normalize` comes first wherever that matters.
 """
 
 from __future__ import annotations
@@ -14,26 +14,26 @@ from numpy.typing import ArrayLike, NDArray
 from mindstage.world.values import Pose, Vector
 
 __all__ = [
-    "compose",
-    "conjugate",
     "cross",
-    "fitting_scale",
-    "invert",
-    "multiply",
+    "mesh_scale",
+    "normalize",
+    "normalized_pose_array",
     "pose_array",
-    "pose_from",
+    "pose_from_array",
+    "pose_inverse",
+    "pose_multiply",
+    "quat_angle",
+    "quat_conjugate",
+    "quat_multiply",
+    "quat_rotate",
     "quaternion_from_matrix",
-    "rotate",
-    "rotation_angle",
     "rotation_matrix",
-    "unit",
-    "unit_pose",
 ]
 
 Array = NDArray[np.float64]
 
 
-_ALIKE = 0.01
+_SIZE_TOLERANCE = 0.01
 """Sizes that differ by less than this part are the same: maps round."""
 
 _NEXT, _LAST = np.array([1, 2, 0]), np.array([2, 0, 1])
@@ -49,27 +49,27 @@ def pose_array(poses: Iterable[Pose]) -> Array:
     return np.array([(*pose.position, *pose.quaternion) for pose in poses], dtype=np.float64).reshape(-1, 7)
 
 
-def unit_pose(pose: Pose) -> Array:
+def normalized_pose_array(pose: Pose) -> Array:
     """One pose as seven numbers whose quaternion has norm 1."""
     row = pose_array([pose])[0]
-    return np.concatenate([row[:3], unit(row[3:])])
+    return np.concatenate([row[:3], normalize(row[3:])])
 
 
-def pose_from(row: ArrayLike) -> Pose:
+def pose_from_array(row: ArrayLike) -> Pose:
     """One row of seven numbers as a `Pose`."""
     x, y, z, *quaternion = np.asarray(row, dtype=np.float64).tolist()
     w, i, j, k = quaternion
     return Pose((x, y, z), (w, i, j, k))
 
 
-def unit(quaternion: ArrayLike) -> Array:
+def normalize(quaternion: ArrayLike) -> Array:
     """The same rotations with norm 1; a quaternion of zeros gives NaN."""
     q = np.asarray(quaternion, dtype=np.float64)
     with np.errstate(invalid="ignore", divide="ignore"):
         return np.asarray(q / np.linalg.norm(q, axis=-1, keepdims=True))
 
 
-def multiply(left: ArrayLike, right: ArrayLike) -> Array:
+def quat_multiply(left: ArrayLike, right: ArrayLike) -> Array:
     """The Hamilton product: first `right` turns, then `left`."""
     a, b = np.asarray(left, dtype=np.float64), np.asarray(right, dtype=np.float64)
     scalar = a[..., :1] * b[..., :1] - np.sum(a[..., 1:] * b[..., 1:], axis=-1, keepdims=True)
@@ -77,12 +77,12 @@ def multiply(left: ArrayLike, right: ArrayLike) -> Array:
     return np.concatenate([scalar, vector], axis=-1)
 
 
-def conjugate(quaternion: ArrayLike) -> Array:
+def quat_conjugate(quaternion: ArrayLike) -> Array:
     """The inverse of unit quaternions."""
     return np.asarray(np.asarray(quaternion, dtype=np.float64) * np.array([1.0, -1.0, -1.0, -1.0]))
 
 
-def rotate(quaternion: ArrayLike, vector: ArrayLike) -> Array:
+def quat_rotate(quaternion: ArrayLike, vector: ArrayLike) -> Array:
     """Vectors turned by unit quaternions."""
     q, v = np.asarray(quaternion, dtype=np.float64), np.asarray(vector, dtype=np.float64)
     twice = 2.0 * cross(q[..., 1:], v)
@@ -92,7 +92,7 @@ def rotate(quaternion: ArrayLike, vector: ArrayLike) -> Array:
 def rotation_matrix(quaternion: ArrayLike) -> Array:
     """Matrices ... x 3 x 3 of unit quaternions; their columns are the turned axes."""
     q = np.asarray(quaternion, dtype=np.float64)[..., None, :]
-    return np.swapaxes(rotate(q, np.eye(3)), -1, -2)
+    return np.swapaxes(quat_rotate(q, np.eye(3)), -1, -2)
 
 
 def quaternion_from_matrix(rotation: Array) -> Array:
@@ -115,27 +115,27 @@ def quaternion_from_matrix(rotation: Array) -> Array:
     return np.asarray(quaternion if quaternion[0] >= 0.0 else -quaternion)
 
 
-def rotation_angle(a: ArrayLike, b: ArrayLike) -> Array:
+def quat_angle(a: ArrayLike, b: ArrayLike) -> Array:
     """The smallest angle between rotations [rad]: q and -q are one, and lengths do not count.
 
     The sine and cosine halves go into one arctangent, which stays exact for tiny angles where an arccosine loses
     half its digits.
     """
-    relative = multiply(conjugate(a), b)
+    relative = quat_multiply(quat_conjugate(a), b)
     return np.asarray(2.0 * np.arctan2(np.linalg.norm(relative[..., 1:], axis=-1), np.abs(relative[..., 0])))
 
 
-def compose(outer: ArrayLike, inner: ArrayLike) -> Array:
+def pose_multiply(outer: ArrayLike, inner: ArrayLike) -> Array:
     """The inner pose seen from where the outer one is told; poses are ... x 7, their quaternions unit ones.
 
-    So written, the frames cancel: `world_from_cup = compose(world_from_table, table_from_cup)`.
+    So written, the frames cancel: `world_from_cup = pose_multiply(world_from_table, table_from_cup)`.
     """
     a, b = np.asarray(outer, dtype=np.float64), np.asarray(inner, dtype=np.float64)
-    position = a[..., :3] + rotate(a[..., 3:], b[..., :3])
-    return np.concatenate([position, multiply(a[..., 3:], b[..., 3:])], axis=-1)
+    position = a[..., :3] + quat_rotate(a[..., 3:], b[..., :3])
+    return np.concatenate([position, quat_multiply(a[..., 3:], b[..., 3:])], axis=-1)
 
 
-def fitting_scale(extents: Array, size: Vector | None) -> Array:
+def mesh_scale(extents: Array, size: Vector | None) -> Array:
     """What makes a mesh of such extents as large as a body, along x, y, z.
 
     1 where the two are alike but for a hundredth, because maps round, or where one of them is not known.
@@ -143,14 +143,14 @@ def fitting_scale(extents: Array, size: Vector | None) -> Array:
     if size is None or not extents.all():
         return np.ones(3)
     scale = np.array(size) / extents
-    return scale if scale.min() > 0.0 and np.abs(scale - 1.0).max() >= _ALIKE else np.ones(3)
+    return scale if scale.min() > 0.0 and np.abs(scale - 1.0).max() >= _SIZE_TOLERANCE else np.ones(3)
 
 
-def invert(pose: ArrayLike) -> Array:
+def pose_inverse(pose: ArrayLike) -> Array:
     """The same told from the other end; poses are ... x 7, their quaternions unit ones.
 
-    So `table_from_world = invert(world_from_table)`.
+    So `table_from_world = pose_inverse(world_from_table)`.
     """
     p = np.asarray(pose, dtype=np.float64)
-    back = conjugate(p[..., 3:])
-    return np.concatenate([-rotate(back, p[..., :3]), back], axis=-1)
+    back = quat_conjugate(p[..., 3:])
+    return np.concatenate([-quat_rotate(back, p[..., :3]), back], axis=-1)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from mindstage.world.geometry import Array, cross
 
-__all__ = ["Hull", "hull_round"]
+__all__ = ["Hull", "convex_hull"]
 
 _FLAT = 1e-6
 """Points whose least extent is at most this part of the largest one are coplanar: float32 files round by 1e-7."""
@@ -45,7 +45,7 @@ class Hull:
         return volume, inside + middle, second - volume * np.outer(middle, middle)
 
 
-def hull_round(points: Array) -> Hull | None:
+def convex_hull(points: Array) -> Hull | None:
     """Returns the convex hull of n x 3 points; None where they are coplanar, fewer than four, or not finite."""
     if len(points) < 4 or not np.isfinite(points).all():
         return None

@@ -29,21 +29,21 @@ __all__ = [
     "joined",
     "lathe",
     "loft",
-    "pierced",
+    "panel_with_cutouts",
+    "scaled",
     "sphere",
-    "stretched",
     "sweep",
 ]
 
 Faces = NDArray[np.uint32]
 
-_ROUNDING_M = 0.008
+_EDGE_RADIUS_M = 0.008
 """How much of a primitive's edges is taken off, at most."""
 _SEGMENTS = 40
 """Corners of a primitive's circle, a multiple of four."""
 _LEAST_M = 2e-4
 """Primitives are at least so large along each axis."""
-_SHARP_RAD = 0.6
+_SHARP_EDGE_RAD = 0.6
 """Profiles that turn by more have an edge there, which is bevelled."""
 
 
@@ -73,11 +73,11 @@ def joined(meshes: Sequence[TriangleMesh]) -> TriangleMesh:
     )
 
 
-def stretched(mesh: TriangleMesh, scale: Array, shift: Array) -> TriangleMesh:
+def scaled(mesh: TriangleMesh, scale: Array, shift: Array) -> TriangleMesh:
     """The mesh larger or smaller along each axis, then moved."""
     normals = mesh.normals
     if normals is not None and not np.allclose(scale, scale[0], rtol=1e-9):
-        normals = _of_norm_one(normals / scale)
+        normals = _normalized(normals / scale)
     return TriangleMesh(mesh.points * scale + shift, mesh.faces, normals)
 
 
@@ -87,7 +87,7 @@ def stretched(mesh: TriangleMesh, scale: Array, shift: Array) -> TriangleMesh:
 def box(size: Vector) -> TriangleMesh:
     """A box around the origin, with slightly bevelled edges."""
     half = np.maximum(np.array(size), _LEAST_M)[None] / 2
-    return boxes(-half, half, np.minimum(_ROUNDING_M, 0.3 * half.min(axis=1)))
+    return boxes(-half, half, np.minimum(_EDGE_RADIUS_M, 0.3 * half.min(axis=1)))
 
 
 def cylinder(size: Vector) -> TriangleMesh:
@@ -123,9 +123,9 @@ def arrow(size: Vector) -> TriangleMesh:
 
 def _turned(size: Vector, profile: Sequence[tuple[float, float]]) -> TriangleMesh:
     """A surface of revolution, stretched to a size."""
-    mesh = lathe(profile, bevel=_ROUNDING_M, around=_SEGMENTS)
+    mesh = lathe(profile, bevel=_EDGE_RADIUS_M, segments=_SEGMENTS)
     scale = np.maximum(np.array(size), _LEAST_M) / np.ptp(mesh.points, axis=0)
-    return stretched(mesh, scale, np.zeros(3))
+    return scaled(mesh, scale, np.zeros(3))
 
 
 def box_edges(size: Vector, *, margin: float = 0.0) -> NDArray[np.float32]:
@@ -142,7 +142,7 @@ _EDGES = [(a, b) for a in range(8) for b in range(a + 1, 8) if np.sum(_CORNERS[a
 # -- boxes -------------------------------------------------------------------------------------------------------------
 
 
-def boxes(low: Array, high: Array, rounding: Array, *, steps: int = 1) -> TriangleMesh:
+def boxes(low: Array, high: Array, radii: Array, *, steps: int = 1) -> TriangleMesh:
     """Boxes with rounded edges, as one mesh.
 
     Args:
@@ -151,9 +151,9 @@ def boxes(low: Array, high: Array, rounding: Array, *, steps: int = 1) -> Triang
         rounding: the radius of each one's edges [m], at most half its least extent.
         steps: flat pieces a rounded edge has; one is a bevel.
     """
-    signs, turns, faces = _rounded(steps)
-    half, centre, radius = (high - low) / 2, (high + low) / 2, rounding[:, None, None]
-    points = centre[:, None] + signs * (half[:, None] - radius) + turns * radius
+    signs, turns, faces = _rounded_unit_box(steps)
+    half, center, radius = (high - low) / 2, (high + low) / 2, radii[:, None, None]
+    points = center[:, None] + signs * (half[:, None] - radius) + turns * radius
     starts = np.arange(len(low), dtype=np.uint32) * np.uint32(len(signs))
     return TriangleMesh(
         points.reshape(-1, 3),
@@ -163,7 +163,7 @@ def boxes(low: Array, high: Array, rounding: Array, *, steps: int = 1) -> Triang
 
 
 @cache
-def _rounded(steps: int) -> tuple[Array, Array, Faces]:
+def _rounded_unit_box(steps: int) -> tuple[Array, Array, Faces]:
     """A rounded box as a sphere cut in eight: the corner that each point belongs to, its direction, and the faces."""
     quarter = np.linspace(0.0, np.pi / 2, steps + 1)
     around = np.concatenate([quarter + turn * np.pi / 2 for turn in range(4)])
@@ -181,26 +181,26 @@ def _rounded(steps: int) -> tuple[Array, Array, Faces]:
     return kept[:, :3], kept[:, 3:], faces[(a != b) & (b != c) & (c != a)].astype(np.uint32)
 
 
-def _grid(rings: int, around: int, *, closed: bool = False) -> NDArray[np.int64]:
+def _grid(rings: int, segments: int, *, closed: bool = False) -> NDArray[np.int64]:
     """The faces between rings of points, each of which is closed; the last ring meets the first one if asked to."""
-    ring, step = np.meshgrid(np.arange(rings if closed else rings - 1), np.arange(around), indexing="ij")
-    here, beside = ring * around + step, ring * around + (step + 1) % around
-    above = (ring + 1) % rings * around
-    over, across = above + step, above + (step + 1) % around
+    ring, step = np.meshgrid(np.arange(rings if closed else rings - 1), np.arange(segments), indexing="ij")
+    here, beside = ring * segments + step, ring * segments + (step + 1) % segments
+    above = (ring + 1) % rings * segments
+    over, across = above + step, above + (step + 1) % segments
     lower, upper = np.stack([here, beside, across], axis=-1), np.stack([here, across, over], axis=-1)
     return np.concatenate([lower.reshape(-1, 3), upper.reshape(-1, 3)])
 
 
-def _caps(rings: int, around: int) -> NDArray[np.int64]:
+def _caps(rings: int, segments: int) -> NDArray[np.int64]:
     """A fan over the first ring and one over the last."""
-    fan = np.array([(0, step, step + 1) for step in range(1, around - 1)], dtype=np.int64)
-    return np.concatenate([fan[:, ::-1], fan + (rings - 1) * around])
+    fan = np.array([(0, step, step + 1) for step in range(1, segments - 1)], dtype=np.int64)
+    return np.concatenate([fan[:, ::-1], fan + (rings - 1) * segments])
 
 
 # -- round things ------------------------------------------------------------------------------------------------------
 
 
-def lathe(profile: Sequence[tuple[float, float]], *, bevel: float, around: int, closed: bool = False) -> TriangleMesh:
+def lathe(profile: Sequence[tuple[float, float]], *, bevel: float, segments: int, closed: bool = False) -> TriangleMesh:
     """Turns a profile round z.
 
     Args:
@@ -211,17 +211,19 @@ def lathe(profile: Sequence[tuple[float, float]], *, bevel: float, around: int, 
         closed: whether the profile is such a loop.
     """
     corners = np.array(profile, dtype=np.float64)
-    line, headings = _bevelled(corners, bevel, closed=closed)
-    angle = np.arange(around) * (2 * np.pi / around)
+    line, headings = _bevel_profile(corners, bevel, closed=closed)
+    angle = np.arange(segments) * (2 * np.pi / segments)
     circle = np.stack([np.cos(angle), np.sin(angle)], axis=1).round(15)
-    rings = np.concatenate([line[:, None, :1] * circle, np.broadcast_to(line[:, None, 1:], (len(line), around, 1))], 2)
+    rings = np.concatenate(
+        [line[:, None, :1] * circle, np.broadcast_to(line[:, None, 1:], (len(line), segments, 1))], 2
+    )
     normals = np.concatenate(
-        [headings[:, None, :1] * circle, np.broadcast_to(headings[:, None, 1:], (len(line), around, 1))], 2
+        [headings[:, None, :1] * circle, np.broadcast_to(headings[:, None, 1:], (len(line), segments, 1))], 2
     )
     return _tube(rings, normals, closed=closed)
 
 
-def sweep(path: Array, radius: float | Array, *, around: int = 12) -> TriangleMesh:
+def sweep(path: Array, radius: float | Array, *, segments: int = 12) -> TriangleMesh:
     """A round bar along a path, with rounded ends.
 
     Args:
@@ -232,18 +234,18 @@ def sweep(path: Array, radius: float | Array, *, around: int = 12) -> TriangleMe
     path = np.asarray(path, dtype=np.float64)
     radii = np.broadcast_to(np.asarray(radius, dtype=np.float64), (len(path),))
     steps = np.diff(path, axis=0)
-    along = _of_norm_one(np.concatenate([steps[:1], _of_norm_one(steps[:-1]) + _of_norm_one(steps[1:]), steps[-1:]]))
-    sides = _sides(along)
+    along = _normalized(np.concatenate([steps[:1], _normalized(steps[:-1]) + _normalized(steps[1:]), steps[-1:]]))
+    sides = _parallel_frames(along)
     spots, sizes = [path[0] - along[0] * radii[0] * 0.3, *path], [radii[0] * 0.7, *radii]
     spots, sizes = [*spots, path[-1] + along[-1] * radii[-1] * 0.3], [*sizes, radii[-1] * 0.7]
     frames = np.concatenate([sides[:1], sides, sides[-1:]])
-    angle = np.arange(around) * (2 * np.pi / around)
+    angle = np.arange(segments) * (2 * np.pi / segments)
     turns = np.cos(angle)[None, :, None] * frames[:, None, 0] + np.sin(angle)[None, :, None] * frames[:, None, 1]
     rings = np.array(spots)[:, None] + turns * np.array(sizes)[:, None, None]
-    turns[0] = _of_norm_one(turns[0] - 1.5 * along[0])
-    turns[-1] = _of_norm_one(turns[-1] + 1.5 * along[-1])
-    ends = [np.broadcast_to(spot, (1, around, 3)) for spot in (spots[0], spots[-1])]
-    caps = [np.broadcast_to(way, (1, around, 3)) for way in (-along[0], along[-1])]
+    turns[0] = _normalized(turns[0] - 1.5 * along[0])
+    turns[-1] = _normalized(turns[-1] + 1.5 * along[-1])
+    ends = [np.broadcast_to(spot, (1, segments, 3)) for spot in (spots[0], spots[-1])]
+    caps = [np.broadcast_to(way, (1, segments, 3)) for way in (-along[0], along[-1])]
     return _tube(np.concatenate([ends[0], rings, ends[1]]), np.concatenate([caps[0], turns, caps[1]]))
 
 
@@ -260,7 +262,7 @@ def loft(rings: Array) -> TriangleMesh:
     normals = np.zeros_like(mesh.points)
     for corner in range(3):
         np.add.at(normals, mesh.faces[:, corner], across)
-    return mesh._replace(normals=_of_norm_one(normals))
+    return mesh._replace(normals=_normalized(normals))
 
 
 def _tube(rings: Array, normals: Array | None, *, closed: bool = False) -> TriangleMesh:
@@ -274,11 +276,11 @@ def _tube(rings: Array, normals: Array | None, *, closed: bool = False) -> Trian
     faces = number[_grid(count, around, closed=closed)]
     a, b, c = faces.T
     faces = faces[(a != b) & (b != c) & (c != a)].astype(np.uint32)
-    flat = None if normals is None else _of_norm_one(normals.reshape(-1, 3)[kept])
+    flat = None if normals is None else _normalized(normals.reshape(-1, 3)[kept])
     return TriangleMesh(rings.reshape(-1, 3)[kept], faces, flat)
 
 
-def _bevelled(corners: Array, bevel: float, *, closed: bool) -> tuple[Array, Array]:
+def _bevel_profile(corners: Array, bevel: float, *, closed: bool) -> tuple[Array, Array]:
     """A profile whose sharp corners became two, and where each of its points looks."""
     steps = np.diff(corners, axis=0, append=corners[:1])
     lengths = np.linalg.norm(steps, axis=1)
@@ -293,17 +295,17 @@ def _bevelled(corners: Array, bevel: float, *, closed: bool) -> tuple[Array, Arr
             looks.append(np.array([0.0, np.sign(out[at - 1 if at else 0][1]) or 1.0]) if corner[0] == 0.0 else out[at])
             continue
         before, after = out[at - 1], out[at]
-        if before @ after > np.cos(_SHARP_RAD):
+        if before @ after > np.cos(_SHARP_EDGE_RAD):
             points.append(corner)
             looks.append(before + after)
             continue
         cut = min(bevel, 0.3 * float(lengths[at - 1]), 0.3 * float(lengths[at]))
         points += [corner - cut * ways[at - 1], corner + cut * ways[at]]
         looks += [before, after]
-    return _as_large(np.array(points), corners), _of_norm_one(np.array(looks))
+    return _restore_extents(np.array(points), corners), _normalized(np.array(looks))
 
 
-def _as_large(line: Array, corners: Array) -> Array:
+def _restore_extents(line: Array, corners: Array) -> Array:
     """What the bevels took off the outermost corners is given back, so that the extents are what they were."""
     radius = line[:, 0] * (corners[:, 0].max() / line[:, 0].max())
     low, high = corners[:, 1].min(), corners[:, 1].max()
@@ -313,17 +315,17 @@ def _as_large(line: Array, corners: Array) -> Array:
     return np.stack([radius, np.clip(height, low, high)], axis=1)
 
 
-def _sides(along: Array) -> Array:
+def _parallel_frames(along: Array) -> Array:
     """Two directions across each step of a path, n x 2 x 3, turned as little as can be from step to step."""
     first = np.eye(3)[int(np.argmin(np.abs(along[0])))]
     sides = []
     for way in along:
-        first = _of_norm_one(first - (first @ way) * way)
+        first = _normalized(first - (first @ way) * way)
         sides.append((first, np.cross(way, first)))
     return np.array(sides)
 
 
-def _of_norm_one(vectors: Array) -> Array:
+def _normalized(vectors: Array) -> Array:
     lengths = np.linalg.norm(vectors, axis=-1, keepdims=True)
     return np.asarray(vectors / np.where(lengths > 0.0, lengths, 1.0))
 
@@ -331,7 +333,9 @@ def _of_norm_one(vectors: Array) -> Array:
 # -- plates with holes -------------------------------------------------------------------------------------------------
 
 
-def pierced(cuts: tuple[Array, Array], kept: NDArray[np.bool_], thickness: tuple[float, float]) -> TriangleMesh:
+def panel_with_cutouts(
+    cuts: tuple[Array, Array], kept: NDArray[np.bool_], thickness: tuple[float, float]
+) -> TriangleMesh:
     """A plate with holes through it along z; each face has its own normal.
 
     Args:

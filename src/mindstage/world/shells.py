@@ -11,24 +11,24 @@ from collections.abc import Container
 import numpy as np
 from numpy.typing import NDArray
 
-from mindstage.world.boxes import Boxes, Indices
+from mindstage.world.boxes import Indices, OrientedBoxes
 
-__all__ = ["SHELL_HOLDS", "SHELL_SIZE_M", "find_shells"]
+__all__ = ["ENCLOSURE_MIN_CONTENTS", "ENCLOSURE_MIN_SIZE_M", "find_enclosing_bodies"]
 
-SHELL_SIZE_M = (1.0, 2.0, 2.0)
+ENCLOSURE_MIN_SIZE_M = (1.0, 2.0, 2.0)
 """A shell is at least so large along its shortest, middle and longest side: one can stand in it."""
-SHELL_HOLDS = 3
+ENCLOSURE_MIN_CONTENTS = 3
 """A shell holds at least so many pieces of furniture that do not hang on it."""
 
 
-def find_shells(
-    boxes: Boxes,
-    holds: tuple[Indices, Indices],
+def find_enclosing_bodies(
+    boxes: OrientedBoxes,
+    containing_pairs: tuple[Indices, Indices],
     *,
-    moves: NDArray[np.bool_],
-    loose: NDArray[np.bool_],
-    assembly: NDArray[np.intp],
-    joined: Container[tuple[int, int]],
+    is_dynamic: NDArray[np.bool_],
+    is_free: NDArray[np.bool_],
+    group: NDArray[np.intp],
+    jointed_pairs: Container[tuple[int, int]],
 ) -> dict[int, int]:
     """Shells, and how many pieces of furniture each holds.
 
@@ -40,15 +40,18 @@ def find_shells(
         assembly: for each body, the number of those that hang together rigidly.
         joined: pairs of assemblies, in one order or the other, that a constraint joins.
     """
-    large = np.all(np.sort(2 * boxes.half, axis=1) >= SHELL_SIZE_M, axis=1) & ~moves
-    outer, inner = holds
-    furniture = large[outer] & ~loose[inner]
+    large = np.all(np.sort(2 * boxes.half_extents, axis=1) >= ENCLOSURE_MIN_SIZE_M, axis=1) & ~is_dynamic
+    outer, inner = containing_pairs
+    furniture = large[outer] & ~is_free[inner]
     held: dict[int, set[int]] = {}
-    for o, i in zip(outer[furniture].tolist(), assembly[inner[furniture]].tolist(), strict=True):
+    for o, i in zip(outer[furniture].tolist(), group[inner[furniture]].tolist(), strict=True):
         held.setdefault(o, set()).add(i)
     found = {}
     for o, inside in sorted(held.items()):
-        own = int(assembly[o])
-        if sum((own, i) not in joined and (i, own) not in joined for i in inside) >= SHELL_HOLDS:
+        own = int(group[o])
+        if (
+            sum((own, i) not in jointed_pairs and (i, own) not in jointed_pairs for i in inside)
+            >= ENCLOSURE_MIN_CONTENTS
+        ):
             found[o] = len(inside)
     return found

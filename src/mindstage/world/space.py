@@ -20,7 +20,7 @@ two things *hang together* by attachments.
   together, and no constraint joins them: the milk in the fridge is not next to the cup outside, nor is a door next to
   the cupboard that it closes.
 
-A shell (see `shells`) is where everything is and takes part in nothing, and neither does what has no size.
+A shell (see `enclosing_bodies`) is where everything is and takes part in nothing, and neither does what has no size.
 """
 
 from __future__ import annotations
@@ -33,25 +33,25 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mindstage.world.assemblies import Assemblies
-from mindstage.world.boxes import Boxes, Indices, contains, neighbours
-from mindstage.world.footprints import areas, footprints, gaps, overlaps
-from mindstage.world.geometry import Array, pose_array, unit
-from mindstage.world.shells import find_shells
+from mindstage.world.assemblies import RigidGroups
+from mindstage.world.boxes import Indices, OrientedBoxes, contains, overlapping_pairs
+from mindstage.world.footprints import footprints, polygon_areas, polygon_gaps, polygon_overlap_areas
+from mindstage.world.geometry import Array, normalize, pose_array
+from mindstage.world.shells import find_enclosing_bodies
 from mindstage.world.values import Body, BodyId, World
 
-__all__ = ["Related", "Relation", "Space"]
+__all__ = ["RelatedPair", "SpatialRelation", "SpatialRelations"]
 
-_INSIDE = 0.8
-_FLOATS_M, _SINKS_M = 0.005, 0.02
-_STOREY_M = 3.0
-_FOOTING = 0.1
-_BESIDE_M, _BESIDE = 0.25, 0.5
-_SLACK = 1e-9
+_MIN_INSIDE_FRACTION = 0.8
+_ON_MAX_GAP_M, _ON_MAX_DEPTH_M = 0.005, 0.02
+_ABOVE_MAX_GAP_M = 3.0
+_MIN_FOOTPRINT_OVERLAP = 0.1
+_NEXT_TO_MAX_GAP_M, _MIN_HEIGHT_OVERLAP = 0.25, 0.5
+_ROUNDING_TOLERANCE = 1e-9
 """A limit counts as kept within rounding, so that a world that is turned or moved as a whole answers the same."""
 
 
-class Relation(StrEnum):
+class SpatialRelation(StrEnum):
     """How one thing stands to another."""
 
     ON = "on"
@@ -61,76 +61,76 @@ class Relation(StrEnum):
     NEXT_TO = "next_to"
 
 
-class Related(NamedTuple):
+class RelatedPair(NamedTuple):
     """One thing and another."""
 
-    thing: Body
-    relation: Relation
+    body: Body
+    relation: SpatialRelation
     other: Body
     gap: float
     """[m], to the micrometre."""
-    share: float
+    overlap: float
     """0 to 1."""
 
 
-class _Pairs(NamedTuple):
+class _RelationRows(NamedTuple):
     """Many of one relation, as rows of the bodies."""
 
-    relation: Relation
-    thing: Indices
+    relation: SpatialRelation
+    body: Indices
     other: Indices
     gap: Array
-    share: Array
+    overlap: Array
 
 
-class Space:
+class SpatialRelations:
     """The bodies of a world as boxes, at one moment."""
 
     def __init__(self, world: World) -> None:
         rows = [row for row, body in enumerate(world.bodies) if _has_extent(body)]
         self.bodies = tuple(world.bodies[row] for row in rows)
-        self._rows = {body.id: row for row, body in enumerate(self.bodies)}
+        self._row_by_id = {body.id: row for row, body in enumerate(self.bodies)}
         poses = pose_array(body.pose for body in self.bodies)
-        poses[:, 3:] = unit(poses[:, 3:])
+        poses[:, 3:] = normalize(poses[:, 3:])
         sizes = np.array([body.size for body in self.bodies], dtype=np.float64).reshape(-1, 3)
-        self._boxes = Boxes.of(poses, sizes)
+        self._boxes = OrientedBoxes.from_poses(poses, sizes)
         low, high = self._boxes.bounds()
         self._low, self._high = low[:, 2], high[:, 2]
         self._footprints = footprints(self._boxes)
-        self._areas = areas(self._footprints)
+        self._areas = polygon_areas(self._footprints)
         self._volume = np.prod(sizes, axis=1)
-        assemblies = Assemblies.of(world)
-        self._assembly, self._hung = assemblies.number[rows], assemblies.hung[rows]
-        self._moves, self._joined = assemblies.moves[rows], assemblies.joined
-        outer, inner = self._holding()
-        apart = self._assembly[outer] != self._assembly[inner]
+        assemblies = RigidGroups.from_world(world)
+        self._group, self._is_jointed = assemblies.root_row[rows], assemblies.is_jointed[rows]
+        self._is_dynamic, self._jointed_pairs = assemblies.is_dynamic[rows], assemblies.jointed_pairs
+        outer, inner = self._containing_pairs()
+        apart = self._group[outer] != self._group[inner]
         apart &= contains(self._boxes, outer, inner)
-        self._shells = find_shells(
+        self._enclosing = find_enclosing_bodies(
             self._boxes,
             (outer[apart], inner[apart]),
-            moves=self._moves,
-            loose=self._moves & ~self._hung,
-            assembly=self._assembly,
-            joined=self._joined,
+            is_dynamic=self._is_dynamic,
+            is_free=self._is_dynamic & ~self._is_jointed,
+            group=self._group,
+            jointed_pairs=self._jointed_pairs,
         )
-        self._is_thing = np.ones(len(rows), dtype=bool)
-        self._is_thing[list(self._shells)] = False
-        things = self._is_thing[outer] & self._is_thing[inner]
+        self._is_related = np.ones(len(rows), dtype=bool)
+        self._is_related[list(self._enclosing)] = False
+        things = self._is_related[outer] & self._is_related[inner]
         self._outer, self._inner = outer[things], inner[things]
-        self._place = self._smallest(self._outer, self._inner)
+        self._container = self._smallest_container(self._outer, self._inner)
 
     @property
-    def shells(self) -> tuple[BodyId, ...]:
+    def enclosing_bodies(self) -> tuple[BodyId, ...]:
         """What takes part in nothing because everything is in it."""
-        return tuple(self.bodies[row].id for row in self._shells)
+        return tuple(self.bodies[row].id for row in self._enclosing)
 
     def related(
         self,
         *,
-        things: Collection[BodyId] | None = None,
+        subjects: Collection[BodyId] | None = None,
         others: Collection[BodyId] | None = None,
-        relations: Collection[Relation] = tuple(Relation),
-    ) -> Iterator[Related]:
+        relations: Collection[SpatialRelation] = tuple(SpatialRelation),
+    ) -> Iterator[RelatedPair]:
         """How things stand to one another, each relation once, in no order that means anything.
 
         Args:
@@ -138,115 +138,127 @@ class Space:
             others: only to these; None for all.
             relations: only these.
         """
-        chosen = self._mask(things), self._mask(others)
+        chosen = self._mask(subjects), self._mask(others)
         for found in self._pairs(*chosen, frozenset(relations)):
-            kept = chosen[0][found.thing] & chosen[1][found.other]
-            columns = (found.thing[kept], found.other[kept], found.gap[kept].round(6), found.share[kept].round(6))
+            kept = chosen[0][found.body] & chosen[1][found.other]
+            columns = (found.body[kept], found.other[kept], found.gap[kept].round(6), found.overlap[kept].round(6))
             for thing, other, gap, share in zip(*(column.tolist() for column in columns), strict=True):
-                yield Related(self.bodies[thing], found.relation, self.bodies[other], gap + 0.0, share)
+                yield RelatedPair(self.bodies[thing], found.relation, self.bodies[other], gap + 0.0, share)
 
     def _mask(self, ids: Collection[BodyId] | None) -> NDArray[np.bool_]:
         if ids is None:
-            return self._is_thing
+            return self._is_related
         mask = np.zeros(len(self.bodies), dtype=bool)
-        mask[[self._rows[id] for id in ids if id in self._rows]] = True
-        return mask & self._is_thing
+        mask[[self._row_by_id[id] for id in ids if id in self._row_by_id]] = True
+        return mask & self._is_related
 
     def _pairs(
-        self, things: NDArray[np.bool_], others: NDArray[np.bool_], relations: frozenset[Relation]
-    ) -> Iterator[_Pairs]:
-        if Relation.INSIDE in relations:
-            yield self._insides()
-        if relations & {Relation.ON, Relation.ABOVE, Relation.BELOW}:
-            for a, b in neighbours(self._boxes, things, others, within=(0.0, 0.0, _STOREY_M)):
-                yield from (each for each in self._stacked(a, b) if each.relation in relations)
-        if Relation.NEXT_TO in relations:
-            for a, b in neighbours(self._boxes, things, others, within=(_BESIDE_M, _BESIDE_M, 0.0)):
-                yield self._beside(a, b)
+        self, subjects: NDArray[np.bool_], others: NDArray[np.bool_], relations: frozenset[SpatialRelation]
+    ) -> Iterator[_RelationRows]:
+        if SpatialRelation.INSIDE in relations:
+            yield self._inside_rows()
+        if relations & {SpatialRelation.ON, SpatialRelation.ABOVE, SpatialRelation.BELOW}:
+            for a, b in overlapping_pairs(self._boxes, subjects, others, margin=(0.0, 0.0, _ABOVE_MAX_GAP_M)):
+                yield from (each for each in self._vertical_rows(a, b) if each.relation in relations)
+        if SpatialRelation.NEXT_TO in relations:
+            for a, b in overlapping_pairs(
+                self._boxes, subjects, others, margin=(_NEXT_TO_MAX_GAP_M, _NEXT_TO_MAX_GAP_M, 0.0)
+            ):
+                yield self._next_to_rows(a, b)
 
     # -- inside ------------------------------------------------------------------------------------------------
 
-    def _holding(self) -> tuple[Indices, Indices]:
+    def _containing_pairs(self) -> tuple[Indices, Indices]:
         """Pairs (outer, inner), shells among them."""
         everything = np.ones(len(self.bodies), dtype=bool)
         found = [np.zeros((2, 0), dtype=np.intp)]
-        for a, b in neighbours(self._boxes, everything, everything):
+        for a, b in overlapping_pairs(self._boxes, everything, everything):
             larger = self._volume[a] > self._volume[b]
             outer, inner = np.where(larger, a, b), np.where(larger, b, a)
-            holds = contains(self._boxes, outer, inner, share=_INSIDE) & (self._volume[a] != self._volume[b])
+            holds = contains(self._boxes, outer, inner, min_fraction=_MIN_INSIDE_FRACTION) & (
+                self._volume[a] != self._volume[b]
+            )
             found.append(np.stack([outer[holds], inner[holds]]))
         outer, inner = np.concatenate(found, axis=1)
         return outer, inner
 
-    def _smallest(self, outer: Indices, inner: Indices) -> Indices:
+    def _smallest_container(self, outer: Indices, inner: Indices) -> Indices:
         """For each body, the smallest one that it is inside of; -1 for none."""
         place = np.full(len(self.bodies), -1)
         order = np.lexsort((outer, -self._volume[outer]))
         place[inner[order]] = outer[order]  # of several the last one stays
         return place
 
-    def _insides(self) -> _Pairs:
+    def _inside_rows(self) -> _RelationRows:
         boxes, outer, inner = self._boxes, self._outer, self._inner
         turn = np.swapaxes(boxes.rotation[outer], 1, 2)
-        offset = np.abs(np.einsum("pij,pj->pi", turn, boxes.centre[inner] - boxes.centre[outer]))
-        reach = np.einsum("pij,pj->pi", np.abs(turn @ boxes.rotation[inner]), boxes.half[inner])
-        room = boxes.half[outer] - offset
-        held = np.clip((np.minimum(room, reach) + reach) / np.maximum(2 * reach, _SLACK), 0.0, 1.0)
-        return _Pairs(Relation.INSIDE, inner, outer, (room - reach).min(axis=1), held.prod(axis=1))
+        offset = np.abs(np.einsum("pij,pj->pi", turn, boxes.center[inner] - boxes.center[outer]))
+        reach = np.einsum("pij,pj->pi", np.abs(turn @ boxes.rotation[inner]), boxes.half_extents[inner])
+        room = boxes.half_extents[outer] - offset
+        held = np.clip((np.minimum(room, reach) + reach) / np.maximum(2 * reach, _ROUNDING_TOLERANCE), 0.0, 1.0)
+        return _RelationRows(SpatialRelation.INSIDE, inner, outer, (room - reach).min(axis=1), held.prod(axis=1))
 
     # -- over and under ----------------------------------------------------------------------------------------
 
-    def _stacked(self, a: Indices, b: Indices) -> Iterator[_Pairs]:
-        a, b = self._in_one_place(a, b)
+    def _vertical_rows(self, a: Indices, b: Indices) -> Iterator[_RelationRows]:
+        a, b = self._in_same_container(a, b)
         middle = self._low + self._high
         over = middle[a] > middle[b]
         upper, lower = np.where(over, a, b), np.where(over, b, a)
         gap = self._low[upper] - self._high[lower]
         height = (self._high - self._low) / 2
-        sinks = np.minimum(_SINKS_M, np.minimum(height[upper], height[lower]))
-        clear = (middle[a] != middle[b]) & (gap >= -sinks - _SLACK) & (gap <= _STOREY_M + _SLACK)
+        sinks = np.minimum(_ON_MAX_DEPTH_M, np.minimum(height[upper], height[lower]))
+        clear = (
+            (middle[a] != middle[b])
+            & (gap >= -sinks - _ROUNDING_TOLERANCE)
+            & (gap <= _ABOVE_MAX_GAP_M + _ROUNDING_TOLERANCE)
+        )
         upper, lower, gap = upper[clear], lower[clear], gap[clear]
-        share = self._shared(upper, lower)
-        over = share >= _FOOTING - _SLACK
+        share = self._footprint_overlap(upper, lower)
+        over = share >= _MIN_FOOTPRINT_OVERLAP - _ROUNDING_TOLERANCE
         upper, lower, gap, share = upper[over], lower[over], gap[over], share[over]
-        rests = (gap <= _FLOATS_M + _SLACK) & ~self._hung[upper] & (self._moves[upper] | ~self._hung[lower])
-        yield _Pairs(Relation.ON, upper[rests], lower[rests], gap[rests], share[rests])
-        yield _Pairs(Relation.ABOVE, upper[~rests], lower[~rests], gap[~rests], share[~rests])
-        yield _Pairs(Relation.BELOW, lower, upper, gap, share)
+        rests = (
+            (gap <= _ON_MAX_GAP_M + _ROUNDING_TOLERANCE)
+            & ~self._is_jointed[upper]
+            & (self._is_dynamic[upper] | ~self._is_jointed[lower])
+        )
+        yield _RelationRows(SpatialRelation.ON, upper[rests], lower[rests], gap[rests], share[rests])
+        yield _RelationRows(SpatialRelation.ABOVE, upper[~rests], lower[~rests], gap[~rests], share[~rests])
+        yield _RelationRows(SpatialRelation.BELOW, lower, upper, gap, share)
 
-    def _shared(self, a: Indices, b: Indices) -> Array:
+    def _footprint_overlap(self, a: Indices, b: Indices) -> Array:
         """How much of the smaller footprint of each pair both cover."""
         smaller = np.minimum(self._areas[a], self._areas[b])
-        both = overlaps(self._footprints, a, b)
+        both = polygon_overlap_areas(self._footprints, a, b)
         return np.divide(both, smaller, out=np.zeros(len(a)), where=smaller > 0.0).clip(0.0, 1.0)
 
     # -- side by side ------------------------------------------------------------------------------------------
 
-    def _beside(self, a: Indices, b: Indices) -> _Pairs:
-        a, b = self._in_one_place(a, b)
+    def _next_to_rows(self, a: Indices, b: Indices) -> _RelationRows:
+        a, b = self._in_same_container(a, b)
         shared = np.minimum(self._high[a], self._high[b]) - np.maximum(self._low[a], self._low[b])
         lower = np.minimum(self._high[a] - self._low[a], self._high[b] - self._low[b])
         share = np.divide(shared, lower, out=np.zeros(len(a)), where=lower > 0.0)
-        level = (share >= _BESIDE - _SLACK) & self._apart(a, b)
+        level = (share >= _MIN_HEIGHT_OVERLAP - _ROUNDING_TOLERANCE) & self._unconnected(a, b)
         a, b, share = a[level], b[level], share[level]
-        covered = self._shared(a, b)
-        aside = covered < _FOOTING - _SLACK
+        covered = self._footprint_overlap(a, b)
+        aside = covered < _MIN_FOOTPRINT_OVERLAP - _ROUNDING_TOLERANCE
         a, b, share, covered = a[aside], b[aside], share[aside], covered[aside]
-        gap = np.where(covered > 0.0, 0.0, gaps(self._footprints, a, b))
-        near = gap <= _BESIDE_M + _SLACK
+        gap = np.where(covered > 0.0, 0.0, polygon_gaps(self._footprints, a, b))
+        near = gap <= _NEXT_TO_MAX_GAP_M + _ROUNDING_TOLERANCE
         a, b, gap, share = a[near], b[near], gap[near], share[near]
         both = (np.concatenate([a, b]), np.concatenate([b, a]))
-        return _Pairs(Relation.NEXT_TO, *both, np.tile(gap, 2), np.tile(share, 2).clip(0.0, 1.0))
+        return _RelationRows(SpatialRelation.NEXT_TO, *both, np.tile(gap, 2), np.tile(share, 2).clip(0.0, 1.0))
 
-    def _apart(self, a: Indices, b: Indices) -> NDArray[np.bool_]:
+    def _unconnected(self, a: Indices, b: Indices) -> NDArray[np.bool_]:
         """Whether two bodies neither hang together nor are joined by a constraint."""
-        one, other, count = self._assembly[a], self._assembly[b], int(self._assembly.max(initial=0)) + 1
-        joined = [first * count + second for pair in self._joined for first, second in (pair, pair[::-1])]
+        one, other, count = self._group[a], self._group[b], int(self._group.max(initial=0)) + 1
+        joined = [first * count + second for pair in self._jointed_pairs for first, second in (pair, pair[::-1])]
         return np.asarray((one != other) & ~np.isin(one * count + other, joined))
 
-    def _in_one_place(self, a: Indices, b: Indices) -> tuple[Indices, Indices]:
+    def _in_same_container(self, a: Indices, b: Indices) -> tuple[Indices, Indices]:
         """The pairs of things that are inside of the same one, or both of none."""
-        same = (self._place[a] == self._place[b]) & self._is_thing[a] & self._is_thing[b]
+        same = (self._container[a] == self._container[b]) & self._is_related[a] & self._is_related[b]
         return a[same], b[same]
 
 

@@ -12,30 +12,30 @@ from typing import NewType
 
 import msgspec
 
-from mindstage.errors import BodyUnknown
+from mindstage.errors import BodyNotFoundError
 from mindstage.world.display import counted, html_table, short_name
-from mindstage.world.facts import Fact, Iri, Resource
+from mindstage.world.facts import Iri, NamedResource, PropertyAssertion
 
 __all__ = [
     "IDENTITY",
-    "AngularMotion",
+    "AngularLimits",
     "Attachment",
+    "AxisMotion",
     "Body",
     "BodyId",
-    "Colour",
-    "Constraint",
+    "BodyPhysics",
+    "Color",
+    "Joint",
     "Light",
-    "LightKind",
-    "LinearMotion",
+    "LightType",
+    "LinearLimits",
     "Material",
     "Mobility",
-    "Motion",
-    "Physics",
     "Pose",
+    "PrimitiveShape",
+    "PrimitiveType",
     "Quaternion",
-    "Shape",
-    "ShapeKind",
-    "Soft",
+    "SoftLimit",
     "Tag",
     "Vector",
     "World",
@@ -46,11 +46,11 @@ BodyId = NewType("BodyId", str)
 
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
-Colour = tuple[float, float, float]
+Color = tuple[float, float, float]
 """Red, green, blue, each 0 to 1."""
 
 
-class Value(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True):
+class FrozenStruct(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True):
     """What all parts of a world are: frozen, hashable, made by keyword."""
 
 
@@ -60,7 +60,7 @@ class Pose(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     position: Vector = (0.0, 0.0, 0.0)
     """x, y, z [m]."""
     quaternion: Quaternion = (1.0, 0.0, 0.0, 0.0)
-    """w, x, y, z as given: it may be normalised only to the digits that a map writes."""
+    """w, x, y, z as given: it may be normalized only to the digits that a map writes."""
 
 
 IDENTITY = Pose()
@@ -72,14 +72,14 @@ class Mobility(StrEnum):
     STATIC = "static"
     """Nobody: it is part of the building."""
     STATIONARY = "stationary"
-    """Nobody: a light that may change its colour, but not its place."""
+    """Nobody: a light that may change its color, but not its place."""
     DYNAMIC = "dynamic"
     """The physics."""
     KINEMATIC = "kinematic"
     """A program; it pushes dynamic bodies and is never pushed."""
 
 
-class Physics(Value, frozen=True, kw_only=True):
+class BodyPhysics(FrozenStruct, frozen=True, kw_only=True):
     """How a body takes part in the physics; None means that the map does not say."""
 
     mobility: Mobility | None = None
@@ -92,12 +92,12 @@ class Physics(Value, frozen=True, kw_only=True):
     """[kg]. None or 0 is not a mass; an engine that needs one estimates it from the size and says so."""
 
     @property
-    def simulates(self) -> bool:
+    def is_dynamic(self) -> bool:
         """Whether the physics moves the body."""
         return self.mobility is Mobility.DYNAMIC
 
 
-class Tag(Value, frozen=True, kw_only=True):
+class Tag(FrozenStruct, frozen=True, kw_only=True):
     """One key and value that an engine keeps with a body ("UTag")."""
 
     type: str
@@ -105,15 +105,15 @@ class Tag(Value, frozen=True, kw_only=True):
     value: str
 
 
-class Material(Value, frozen=True, kw_only=True):
-    """A named surface; the path says where an engine finds it, the colour how to paint it without."""
+class Material(FrozenStruct, frozen=True, kw_only=True):
+    """A named surface; the path says where an engine finds it, the color how to paint it without."""
 
     name: str
     path: str = ""
-    colour: Colour | None = None
+    color: Color | None = None
 
 
-class ShapeKind(StrEnum):
+class PrimitiveType(StrEnum):
     """The forms that a body without a mesh can have."""
 
     BOX = "box"
@@ -122,13 +122,13 @@ class ShapeKind(StrEnum):
     """Upright: its axis is z."""
 
 
-class Shape(Value, frozen=True, kw_only=True):
+class PrimitiveShape(FrozenStruct, frozen=True, kw_only=True):
     """The form of a body inside its size; a mesh, where it is found, is what one sees instead."""
 
-    kind: ShapeKind = ShapeKind.BOX
+    type: PrimitiveType = PrimitiveType.BOX
 
 
-class Body(Value, frozen=True, kw_only=True):
+class Body(FrozenStruct, frozen=True, kw_only=True):
     """One individual that has a place."""
 
     id: BodyId
@@ -141,12 +141,12 @@ class Body(Value, frozen=True, kw_only=True):
     """Depth, width, height: the extents along its own x, y, z [m]."""
     mesh: str | None = None
     """A path (`package://…`) or a name."""
-    shape: Shape | None = None
+    shape: PrimitiveShape | None = None
     """None is taken as a box."""
-    physics: Physics = Physics()
+    physics: BodyPhysics = BodyPhysics()
     materials: tuple[Material, ...] = ()
     tags: tuple[Tag, ...] = ()
-    facts: tuple[Fact, ...] = ()
+    facts: tuple[PropertyAssertion, ...] = ()
     """Every other statement about the individual."""
 
     def __repr__(self) -> str:
@@ -154,7 +154,7 @@ class Body(Value, frozen=True, kw_only=True):
         return f"<{type(self).__name__} {self.id} ({short_name(self.cls)}) at ({at}) m>"
 
 
-class Motion(IntEnum):
+class AxisMotion(IntEnum):
     """What one axis of a constraint allows; the numbers are those of maps and of the wire."""
 
     FREE = 0
@@ -162,7 +162,7 @@ class Motion(IntEnum):
     LOCKED = 2
 
 
-class Soft(Value, frozen=True, kw_only=True):
+class SoftLimit(FrozenStruct, frozen=True, kw_only=True):
     """A limit as a spring instead of a wall, where `enabled`."""
 
     enabled: bool = False
@@ -172,33 +172,33 @@ class Soft(Value, frozen=True, kw_only=True):
     """[Ns/m] or [Nms/rad]."""
 
 
-class LinearMotion(Value, frozen=True, kw_only=True):
+class LinearLimits(FrozenStruct, frozen=True, kw_only=True):
     """How far the child may slide along the axes of the joint frame, either way from the middle of its range.
 
     The middle is where it was spawned, unless it may go farther one way than the other: a drawer that is shut and
     opens by 0.4 m has its middle, and its limit, at 0.2 m.
     """
 
-    x: Motion = Motion.LOCKED
-    y: Motion = Motion.LOCKED
-    z: Motion = Motion.LOCKED
+    x: AxisMotion = AxisMotion.LOCKED
+    y: AxisMotion = AxisMotion.LOCKED
+    z: AxisMotion = AxisMotion.LOCKED
     limit: float = 0.0
     """[m], for every limited axis."""
     x_middle: float = 0.0
     """Of the range along x, from where the child was spawned [m]; of no meaning where x is not limited."""
     y_middle: float = 0.0
     z_middle: float = 0.0
-    soft: Soft = Soft()
+    soft_limit: SoftLimit = SoftLimit()
 
 
-class AngularMotion(Value, frozen=True, kw_only=True):
+class AngularLimits(FrozenStruct, frozen=True, kw_only=True):
     """How far the child may turn about the axes of the joint frame, either way from the middle of its range."""
 
-    swing1: Motion = Motion.LOCKED
+    swing1: AxisMotion = AxisMotion.LOCKED
     """About z."""
-    swing2: Motion = Motion.LOCKED
+    swing2: AxisMotion = AxisMotion.LOCKED
     """About y."""
-    twist: Motion = Motion.LOCKED
+    twist: AxisMotion = AxisMotion.LOCKED
     """About x."""
     swing1_limit: float = 0.0
     """[rad]."""
@@ -207,14 +207,14 @@ class AngularMotion(Value, frozen=True, kw_only=True):
     twist_limit: float = 0.0
     """[rad]."""
     swing1_middle: float = 0.0
-    """Of the range about z, from where the child was spawned [rad]; see `LinearMotion`."""
+    """Of the range about z, from where the child was spawned [rad]; see `LinearLimits`."""
     swing2_middle: float = 0.0
     twist_middle: float = 0.0
-    swing_soft: Soft = Soft()
-    twist_soft: Soft = Soft()
+    swing_soft_limit: SoftLimit = SoftLimit()
+    twist_soft_limit: SoftLimit = SoftLimit()
 
 
-class Constraint(Value, frozen=True, kw_only=True):
+class Joint(FrozenStruct, frozen=True, kw_only=True):
     """A joint with up to six degrees of freedom between two bodies (PhysX calls it D6)."""
 
     id: BodyId
@@ -224,25 +224,25 @@ class Constraint(Value, frozen=True, kw_only=True):
     """Roles as the map has them; the heavier side may well be the child."""
     pose: Pose
     """The joint's frame when spawned, in the world."""
-    linear: LinearMotion = LinearMotion()
-    angular: AngularMotion = AngularMotion()
+    linear: LinearLimits = LinearLimits()
+    angular: AngularLimits = AngularLimits()
     disable_collision: bool | None = None
     """Between the two bodies; None is taken as true."""
     tags: tuple[Tag, ...] = ()
-    facts: tuple[Fact, ...] = ()
+    facts: tuple[PropertyAssertion, ...] = ()
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__} {self.id}: {self.parent} -> {self.child}>"
 
 
-class Attachment(Value, frozen=True, kw_only=True):
+class Attachment(FrozenStruct, frozen=True, kw_only=True):
     """The child goes where the parent goes, and never the other way round."""
 
     parent: BodyId
     child: BodyId
 
 
-class LightKind(StrEnum):
+class LightType(StrEnum):
     """How a light shines."""
 
     POINT = "point"
@@ -251,38 +251,38 @@ class LightKind(StrEnum):
     DIRECTIONAL = "directional"
 
 
-class Light(Value, frozen=True, kw_only=True):
+class Light(FrozenStruct, frozen=True, kw_only=True):
     """A source of light."""
 
     id: BodyId
     iri: Iri
-    kind: LightKind
+    type: LightType
     pose: Pose
-    colour: Colour = (1.0, 1.0, 1.0)
+    color: Color = (1.0, 1.0, 1.0)
     intensity: float = 1.0
     """[cd] for point and spot, [lx] for directional, as glTF's KHR_lights_punctual has it."""
     tags: tuple[Tag, ...] = ()
-    facts: tuple[Fact, ...] = ()
+    facts: tuple[PropertyAssertion, ...] = ()
 
 
-class World(Value, frozen=True, kw_only=True):
+class World(FrozenStruct, frozen=True, kw_only=True):
     """A whole place. Order carries no meaning; ids are unique across bodies, constraints and lights."""
 
     iri: Iri
     """The map's individual."""
     name: str = ""
     bodies: tuple[Body, ...] = ()
-    constraints: tuple[Constraint, ...] = ()
+    joints: tuple[Joint, ...] = ()
     attachments: tuple[Attachment, ...] = ()
     lights: tuple[Light, ...] = ()
-    facts: tuple[Fact, ...] = ()
+    facts: tuple[PropertyAssertion, ...] = ()
     """What is said about the map itself."""
-    resources: tuple[Resource, ...] = ()
+    resources: tuple[NamedResource, ...] = ()
     """What the map's source says about anything else: its classes, its properties, the ontology it is part of."""
     format_version: int = 1
 
     def __repr__(self) -> str:
-        counts = (counted(len(self.bodies), "body"), counted(len(self.constraints), "joint"))
+        counts = (counted(len(self.bodies), "body"), counted(len(self.joints), "joint"))
         return f"<{type(self).__name__} {self.name or short_name(self.iri)}: {', '.join(counts)}>"
 
     def _repr_html_(self) -> str:
@@ -303,9 +303,9 @@ class World(Value, frozen=True, kw_only=True):
         """The body of that id; made for tests and consoles, since it looks through all of them.
 
         Raises:
-            BodyUnknown: no body has that id.
+            BodyNotFoundError: no body has that id.
         """
         for body in self.bodies:
             if body.id == id:
                 return body
-        raise BodyUnknown(id, known=[body.id for body in self.bodies], world=self.name)
+        raise BodyNotFoundError(id, known=[body.id for body in self.bodies], world=self.name)

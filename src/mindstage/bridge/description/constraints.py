@@ -9,48 +9,50 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from mindstage.bridge.description.geometry import pose_from, pose_message
-from mindstage.bridge.description.models import individual
-from mindstage.bridge.description.remarks import Remark
+from mindstage.bridge.description.geometry import pose_from_message, pose_message
+from mindstage.bridge.description.models import iri_from_id
+from mindstage.bridge.description.remarks import ConversionNote
 from mindstage.msgs import geometry_msgs, world_control_msgs
-from mindstage.world import AngularMotion, BodyId, Constraint, LinearMotion, Motion, Soft
+from mindstage.world import AngularLimits, AxisMotion, BodyId, Joint, LinearLimits, SoftLimit
 
-__all__ = ["constraint_description", "constraint_from", "unsaid_of_constraint"]
+__all__ = ["joint_from_message", "joint_message", "untranslatable_joint_fields"]
 
-LINEAR = ("x", "y", "z")
-ANGULAR = ("swing1", "swing2", "twist")
+LINEAR_AXES = ("x", "y", "z")
+ANGULAR_AXES = ("swing1", "swing2", "twist")
 
 
-def constraint_description(constraint: Constraint) -> world_control_msgs.ConstraintDescription:
+def joint_message(joint: Joint) -> world_control_msgs.ConstraintDescription:
     """A constraint for the wire."""
     return world_control_msgs.ConstraintDescription(
-        id=constraint.id,
+        id=joint.id,
         constraint_details=world_control_msgs.PhysicsConstraintDetails(
-            id_first_model=constraint.parent,
-            id_second_model=constraint.child,
-            disable_collision=constraint.disable_collision is not False,
-            linear_limits=_linear(constraint.linear),
-            angular_limits=_angular(constraint.angular),
+            id_first_model=joint.parent,
+            id_second_model=joint.child,
+            disable_collision=joint.disable_collision is not False,
+            linear_limits=_linear_message(joint.linear),
+            angular_limits=_angular_message(joint.angular),
         ),
-        pose=pose_message(constraint.pose),
+        pose=pose_message(joint.pose),
     )
 
 
-def unsaid_of_constraint(constraint: Constraint) -> Iterator[Remark]:
+def untranslatable_joint_fields(joint: Joint) -> Iterator[ConversionNote]:
     """What the wire cannot say of a constraint."""
-    if constraint.facts:
-        yield Remark("facts", (constraint.id,), "a constraint has no place for facts there")
-    if constraint.tags:
-        yield Remark("tags", (constraint.id,), "a constraint has no place for tags there")
-    if constraint.disable_collision is None:
-        yield Remark("disable_collision", (constraint.id,), "what is not told is written as true there")
-    if _shifted(constraint.linear, LINEAR) or _shifted(constraint.angular, ANGULAR):
-        yield Remark("middle", (constraint.id,), "a range is the same either way there, so it is widened until it is")
+    if joint.facts:
+        yield ConversionNote("facts", (joint.id,), "a constraint has no place for facts there")
+    if joint.tags:
+        yield ConversionNote("tags", (joint.id,), "a constraint has no place for tags there")
+    if joint.disable_collision is None:
+        yield ConversionNote("disable_collision", (joint.id,), "what is not told is written as true there")
+    if _shifted_axes(joint.linear, LINEAR_AXES) or _shifted_axes(joint.angular, ANGULAR_AXES):
+        yield ConversionNote(
+            "middle", (joint.id,), "a range is the same either way there, so it is widened until it is"
+        )
 
 
-def constraint_from(
-    description: world_control_msgs.ConstraintDescription, *, id: str = "", namespace: str
-) -> tuple[Constraint, tuple[Remark, ...]]:
+def joint_from_message(
+    message: world_control_msgs.ConstraintDescription, *, id: str = "", namespace: str
+) -> tuple[Joint, tuple[ConversionNote, ...]]:
     """The constraint that is described, and what was left aside.
 
     Args:
@@ -58,96 +60,98 @@ def constraint_from(
         id: its id, where the description has none.
         namespace: what comes before the id in its IRI, which the wire does not tell.
     """
-    name = BodyId(description.id or id)
-    details = description.constraint_details
+    name = BodyId(message.id or id)
+    details = message.constraint_details
     linear, angular = details.linear_limits, details.angular_limits
-    constraint = Constraint(
+    constraint = Joint(
         id=name,
-        iri=individual(name, namespace),
+        iri=iri_from_id(name, namespace),
         parent=BodyId(details.id_first_model),
         child=BodyId(details.id_second_model),
-        pose=pose_from(description.pose),
-        linear=LinearMotion(
-            x=Motion(linear.x_motion),
-            y=Motion(linear.y_motion),
-            z=Motion(linear.z_motion),
+        pose=pose_from_message(message.pose),
+        linear=LinearLimits(
+            x=AxisMotion(linear.x_motion),
+            y=AxisMotion(linear.y_motion),
+            z=AxisMotion(linear.z_motion),
             limit=linear.limit,
-            soft=_soft(linear.use_advanced, linear.soft_constraint, linear.stiffness, linear.damping),
+            soft_limit=_soft_limit(linear.use_advanced, linear.soft_constraint, linear.stiffness, linear.damping),
         ),
-        angular=AngularMotion(
-            swing1=Motion(angular.swing_1_motion),
-            swing2=Motion(angular.swing_2_motion),
-            twist=Motion(angular.twist_motion),
+        angular=AngularLimits(
+            swing1=AxisMotion(angular.swing_1_motion),
+            swing2=AxisMotion(angular.swing_2_motion),
+            twist=AxisMotion(angular.twist_motion),
             swing1_limit=angular.swing_1_limit_angle,
             swing2_limit=angular.swing_2_limit_angle,
             twist_limit=angular.twist_limit_angle,
-            swing_soft=_soft(
+            swing_soft_limit=_soft_limit(
                 angular.use_advanced, angular.swing_soft_constraint, angular.swing_stiffness, angular.swing_damping
             ),
-            twist_soft=_soft(
+            twist_soft_limit=_soft_limit(
                 angular.use_advanced, angular.twist_soft_constraint, angular.twist_stiffness, angular.twist_damping
             ),
         ),
         disable_collision=details.disable_collision,
     )
-    return constraint, tuple(_left_aside(name, details))
+    return constraint, tuple(_ignored_note(name, details))
 
 
-def _linear(motion: LinearMotion) -> world_control_msgs.LinearLimits:
-    reach = [abs(getattr(motion, f"{axis}_middle")) for axis in LINEAR if getattr(motion, axis) is Motion.LIMITED]
+def _linear_message(motion: LinearLimits) -> world_control_msgs.LinearLimits:
+    reach = [
+        abs(getattr(motion, f"{axis}_middle")) for axis in LINEAR_AXES if getattr(motion, axis) is AxisMotion.LIMITED
+    ]
     return world_control_msgs.LinearLimits(
         x_motion=world_control_msgs.MotionCode(motion.x),
         y_motion=world_control_msgs.MotionCode(motion.y),
         z_motion=world_control_msgs.MotionCode(motion.z),
         limit=motion.limit + max(reach, default=0.0),
         use_advanced=True,
-        soft_constraint=motion.soft.enabled,
-        stiffness=motion.soft.stiffness,
-        damping=motion.soft.damping,
+        soft_constraint=motion.soft_limit.enabled,
+        stiffness=motion.soft_limit.stiffness,
+        damping=motion.soft_limit.damping,
     )
 
 
-def _angular(motion: AngularMotion) -> world_control_msgs.AngularLimits:
+def _angular_message(motion: AngularLimits) -> world_control_msgs.AngularLimits:
     return world_control_msgs.AngularLimits(
         swing_1_motion=world_control_msgs.MotionCode(motion.swing1),
         swing_2_motion=world_control_msgs.MotionCode(motion.swing2),
         twist_motion=world_control_msgs.MotionCode(motion.twist),
-        swing_1_limit_angle=_reach(motion, "swing1"),
-        swing_2_limit_angle=_reach(motion, "swing2"),
-        twist_limit_angle=_reach(motion, "twist"),
+        swing_1_limit_angle=_joint_reach(motion, "swing1"),
+        swing_2_limit_angle=_joint_reach(motion, "swing2"),
+        twist_limit_angle=_joint_reach(motion, "twist"),
         use_advanced=True,
-        swing_soft_constraint=motion.swing_soft.enabled,
-        swing_stiffness=motion.swing_soft.stiffness,
-        swing_damping=motion.swing_soft.damping,
-        twist_soft_constraint=motion.twist_soft.enabled,
-        twist_stiffness=motion.twist_soft.stiffness,
-        twist_damping=motion.twist_soft.damping,
+        swing_soft_constraint=motion.swing_soft_limit.enabled,
+        swing_stiffness=motion.swing_soft_limit.stiffness,
+        swing_damping=motion.swing_soft_limit.damping,
+        twist_soft_constraint=motion.twist_soft_limit.enabled,
+        twist_stiffness=motion.twist_soft_limit.stiffness,
+        twist_damping=motion.twist_soft_limit.damping,
     )
 
 
-def _reach(motion: AngularMotion, axis: str) -> float:
+def _joint_reach(motion: AngularLimits, axis: str) -> float:
     limit: float = getattr(motion, f"{axis}_limit")
     middle: float = getattr(motion, f"{axis}_middle")
-    return limit + abs(middle) if getattr(motion, axis) is Motion.LIMITED else limit
+    return limit + abs(middle) if getattr(motion, axis) is AxisMotion.LIMITED else limit
 
 
-def _shifted(motion: LinearMotion | AngularMotion, axes: tuple[str, ...]) -> bool:
-    return any(getattr(motion, axis) is Motion.LIMITED and getattr(motion, f"{axis}_middle") for axis in axes)
+def _shifted_axes(motion: LinearLimits | AngularLimits, axes: tuple[str, ...]) -> bool:
+    return any(getattr(motion, axis) is AxisMotion.LIMITED and getattr(motion, f"{axis}_middle") for axis in axes)
 
 
-def _soft(use_advanced: bool, enabled: bool, stiffness: float, damping: float) -> Soft:
-    return Soft(enabled=use_advanced and enabled, stiffness=stiffness, damping=damping)
+def _soft_limit(use_advanced: bool, enabled: bool, stiffness: float, damping: float) -> SoftLimit:
+    return SoftLimit(enabled=use_advanced and enabled, stiffness=stiffness, damping=damping)
 
 
-def _left_aside(id: str, details: world_control_msgs.PhysicsConstraintDetails) -> Iterator[Remark]:
+def _ignored_note(id: str, details: world_control_msgs.PhysicsConstraintDetails) -> Iterator[ConversionNote]:
     linear, angular = details.linear_limits, details.angular_limits
     if linear.soft_constraint and not linear.use_advanced:
-        yield Remark("soft", (id,), "softness along the axes does not count without use_advanced")
+        yield ConversionNote("soft", (id,), "softness along the axes does not count without use_advanced")
     if (angular.swing_soft_constraint or angular.twist_soft_constraint) and not angular.use_advanced:
-        yield Remark("soft", (id,), "softness about the axes does not count without use_advanced")
+        yield ConversionNote("soft", (id,), "softness about the axes does not count without use_advanced")
     if angular.angular_roation_offset != geometry_msgs.Vector3():
-        yield Remark("angular_roation_offset", (id,), "it is left aside; turn the pose in its place")
+        yield ConversionNote("angular_roation_offset", (id,), "it is left aside; turn the pose in its place")
     if details.enable_projection:
-        yield Remark("enable_projection", (id,), "how an engine corrects errors is left to the engine")
+        yield ConversionNote("enable_projection", (id,), "how an engine corrects errors is left to the engine")
     if details.parent_dominates:
-        yield Remark("parent_dominates", (id,), "it is left aside; make the parent static in its place")
+        yield ConversionNote("parent_dominates", (id,), "it is left aside; make the parent static in its place")

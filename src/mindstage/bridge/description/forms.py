@@ -14,41 +14,65 @@ from typing import Any
 import msgspec
 
 from mindstage.bridge.description.worlds import from_json, to_json
-from mindstage.errors import MessageRefused
-from mindstage.world import BodyId, Form, Forms, FormSource, Glow, Place, Pose, Skin, Solid, SolidKind, Surface
-from mindstage.world.values import Value
+from mindstage.errors import MessageValidationError
+from mindstage.world import (
+    AttachedLight,
+    BodyGeometry,
+    BodyId,
+    CollisionShape,
+    CollisionShapeType,
+    GeometryMap,
+    GeometrySource,
+    PbrMaterial,
+    Pose,
+    SupportSurface,
+    VisualMesh,
+)
+from mindstage.world.values import FrozenStruct
 
-__all__ = ["forms_from_json", "forms_to_json", "mesh_name"]
+__all__ = ["geometry_from_json", "geometry_to_json", "mesh_name"]
 
 _MESH_NAME = re.compile(r"[0-9a-f]{8,64}\.glb")
-_LARGEST_M = 1e6
-_WRITTEN_ONLY = ("mesh", "surface")
+_MAX_SIZE_M = 1e6
+_MESSAGE_ONLY_FIELDS = ("mesh", "material")
 
 
-class WrittenForm(Value, frozen=True, kw_only=True):
-    """A form as it travels; what is left out has its default."""
+class GeometryMessage(
+    FrozenStruct,
+    frozen=True,
+    kw_only=True,
+    rename={
+        "collision_shapes": "solids",
+        "reason": "why",
+        "shape_name": "kind",
+        "support_surfaces": "places",
+        "lights": "glows",
+        "material": "surface",
+    },
+):
+    """The JSON of a body geometry; fields that are missing have their defaults."""
 
-    solids: tuple[Solid, ...] = ()
-    source: FormSource = FormSource.MAP
-    why: str = ""
-    kind: str = "box"
+    collision_shapes: tuple[CollisionShape, ...] = ()
+    source: GeometrySource = GeometrySource.MAP
+    reason: str = ""
+    shape_name: str = "box"
     friction: float | None = None
     restitution: float | None = None
     density: float | None = None
-    places: tuple[Place, ...] = ()
-    glows: tuple[Glow, ...] = ()
+    support_surfaces: tuple[SupportSurface, ...] = ()
+    lights: tuple[AttachedLight, ...] = ()
     mesh: str = ""
     """Of the file that shows it; empty where there is none."""
-    surface: Surface | None = None
+    material: PbrMaterial | None = None
     """Of its solids, where those are shown."""
 
 
-class WrittenForms(Value, frozen=True, kw_only=True):
+class GeometryMapMessage(FrozenStruct, frozen=True, kw_only=True, rename={"geometries": "forms"}):
     """The forms of some bodies; equal ones stand there once."""
 
     bodies: dict[BodyId, str] = msgspec.field(default_factory=dict)
     """The key of each body's form."""
-    forms: dict[str, WrittenForm] = msgspec.field(default_factory=dict)
+    geometries: dict[str, GeometryMessage] = msgspec.field(default_factory=dict)
 
 
 def mesh_name(key: str) -> str:
@@ -57,7 +81,7 @@ def mesh_name(key: str) -> str:
     return name if _MESH_NAME.fullmatch(name) else ""
 
 
-def forms_to_json(forms: Forms, *, mesh: Callable[[Form], str] = lambda form: "") -> str:
+def geometry_to_json(geometry: GeometryMap, *, mesh: Callable[[BodyGeometry], str] = lambda form: "") -> str:
     """Forms as JSON; an empty string where there are none.
 
     Args:
@@ -65,72 +89,80 @@ def forms_to_json(forms: Forms, *, mesh: Callable[[Form], str] = lambda form: ""
         mesh: the name of the file that shows a form, or an empty string.
 
     Raises:
-        MessageRefused: a form holds what JSON cannot, such as NaN.
+        MessageValidationError: a form holds what JSON cannot, such as NaN.
     """
-    if not forms:
+    if not geometry:
         return ""
-    each = {form.key: form for form in forms.values()}
-    written = WrittenForms(
-        bodies={id: form.key for id, form in forms.items()},
-        forms={key: _written(form, mesh(form)) for key, form in each.items()},
+    each = {form.key: form for form in geometry.values()}
+    written = GeometryMapMessage(
+        bodies={id: form.key for id, form in geometry.items()},
+        geometries={key: _to_message(form, mesh(form)) for key, form in each.items()},
     )
     return to_json(written)
 
 
-def forms_from_json(text: str, *, skins: Callable[[str], tuple[Skin, ...]] = lambda mesh: ()) -> Mapping[BodyId, Form]:
-    """The forms that `forms_to_json` wrote.
+def geometry_from_json(
+    text: str, *, load_visuals: Callable[[str], tuple[VisualMesh, ...]] = lambda mesh: ()
+) -> Mapping[BodyId, BodyGeometry]:
+    """The forms that `geometry_to_json` wrote.
 
     Args:
         text: as it came.
         skins: what is in a mesh file of that name; nothing where it is not at hand.
 
     Raises:
-        MessageRefused: it is no such JSON, or says what cannot be built.
+        MessageValidationError: it is no such JSON, or says what cannot be built.
     """
     if not text:
         return {}
-    written = from_json(text, WrittenForms)
-    forms = {key: _read(key, form, skins) for key, form in written.forms.items()}
+    written = from_json(text, GeometryMapMessage)
+    forms = {key: _from_message(key, form, load_visuals) for key, form in written.geometries.items()}
     for id, key in written.bodies.items():
         if key not in forms:
-            raise MessageRefused("forms", path=f"bodies.{id}", cause=f"there is no form {key!r} among them")
+            raise MessageValidationError("forms", path=f"bodies.{id}", cause=f"there is no form {key!r} among them")
     return {id: forms[key] for id, key in written.bodies.items()}
 
 
-def _shared(form: Form | WrittenForm) -> dict[str, Any]:
+def _shared_fields(geometry: BodyGeometry | GeometryMessage) -> dict[str, Any]:
     """What both writings of a form have."""
-    return {name: getattr(form, name) for name in WrittenForm.__struct_fields__ if name not in _WRITTEN_ONLY}
+    return {
+        name: getattr(geometry, name) for name in GeometryMessage.__struct_fields__ if name not in _MESSAGE_ONLY_FIELDS
+    }
 
 
-def _written(form: Form, mesh: str) -> WrittenForm:
-    return WrittenForm(
-        **_shared(form),
+def _to_message(geometry: BodyGeometry, mesh: str) -> GeometryMessage:
+    return GeometryMessage(
+        **_shared_fields(geometry),
         mesh=mesh,
-        surface=max(form.skins, key=lambda skin: len(skin.faces)).surface if form.skins else None,
+        material=max(geometry.visuals, key=lambda skin: len(skin.faces)).material if geometry.visuals else None,
     )
 
 
-def _read(key: str, form: WrittenForm, skins: Callable[[str], tuple[Skin, ...]]) -> Form:
-    if form.mesh and form.mesh != mesh_name(key):
-        raise MessageRefused("forms", path=f"forms.{key}.mesh", cause=f"{form.mesh!r} is no mesh of that form")
-    for number, solid in enumerate(form.solids):
-        if cause := _why_no_solid(solid):
-            raise MessageRefused("forms", path=f"forms.{key}.solids[{number}]", cause=cause)
-    return Form(
+def _from_message(
+    key: str, message: GeometryMessage, load_visuals: Callable[[str], tuple[VisualMesh, ...]]
+) -> BodyGeometry:
+    if message.mesh and message.mesh != mesh_name(key):
+        raise MessageValidationError(
+            "forms", path=f"forms.{key}.mesh", cause=f"{message.mesh!r} is no mesh of that form"
+        )
+    for number, solid in enumerate(message.collision_shapes):
+        if cause := _shape_error(solid):
+            raise MessageValidationError("forms", path=f"forms.{key}.solids[{number}]", cause=cause)
+    return BodyGeometry(
         key=key,
-        skins=skins(form.mesh) if form.mesh else (),
-        **_shared(form),
+        visuals=load_visuals(message.mesh) if message.mesh else (),
+        **_shared_fields(message),
     )
 
 
-def _why_no_solid(solid: Solid) -> str:
+def _shape_error(shape: CollisionShape) -> str:
     """Why nothing can be built of it, or an empty string."""
-    if not all(0.0 < extent <= _LARGEST_M for extent in solid.size):
-        return f"its size {solid.size} is none"
-    if not _is_rigid(solid.pose):
+    if not all(0.0 < extent <= _MAX_SIZE_M for extent in shape.size):
+        return f"its size {shape.size} is none"
+    if not _is_rigid(shape.pose):
         return "its pose is none: a place, and a quaternion of norm 1"
-    if solid.kind is SolidKind.HULL and len(solid.points) < 4:
-        return f"a hull has at least 4 points, not {len(solid.points)}"
+    if shape.type is CollisionShapeType.HULL and len(shape.points) < 4:
+        return f"a hull has at least 4 points, not {len(shape.points)}"
     return ""
 
 

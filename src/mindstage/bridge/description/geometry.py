@@ -1,7 +1,7 @@
-"""Geometry: poses, points and colours on the wire. Nothing is converted but where the numbers stand.
+"""Geometry: poses, points and colors on the wire. Nothing is converted but where the numbers stand.
 
-The wire is in ROS's frame and in metres, as a world is; a quaternion is w x y z in memory and has four names there.
-Digits stay as they are, so a quaternion that a map has normalised to six digits only arrives as it was.
+The wire is in ROS's frame and in meters, as a world is; a quaternion is w x y z in memory and has four names there.
+Digits stay as they are, so a quaternion that a map has normalized to six digits only arrives as it was.
 """
 
 from __future__ import annotations
@@ -12,26 +12,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mindstage.msgs import geometry_msgs, std_msgs, world_control_msgs
-from mindstage.world import Colour, Pose, Vector
-from mindstage.world.colours import COLOURS
+from mindstage.world import Color, Pose, Vector
+from mindstage.world.colors import COLORS
 
 __all__ = [
-    "colour_code",
-    "colour_from",
-    "colour_from_code",
-    "colour_message",
-    "point_from",
+    "color_code",
+    "color_from_code",
+    "color_from_message",
+    "color_message",
+    "point_from_message",
     "point_message",
-    "pose_from",
+    "pose_array_from_messages",
+    "pose_array_messages",
+    "pose_from_message",
     "pose_message",
-    "pose_messages",
-    "pose_rows",
-    "vector_from",
+    "vector_from_message",
     "vector_message",
 ]
 
-_COLOURS: dict[world_control_msgs.ColourCode, Colour] = {
-    world_control_msgs.ColourCode(code): colour for code, colour in enumerate(COLOURS.values(), start=1)
+_COLORS: dict[world_control_msgs.ColorCode, Color] = {
+    world_control_msgs.ColorCode(code): color for code, color in enumerate(COLORS.values(), start=1)
 }
 
 
@@ -43,13 +43,13 @@ def pose_message(pose: Pose) -> geometry_msgs.Pose:
     )
 
 
-def pose_from(message: geometry_msgs.Pose) -> Pose:
+def pose_from_message(message: geometry_msgs.Pose) -> Pose:
     """A pose from the wire."""
     turn = message.orientation
-    return Pose(point_from(message.position), (turn.w, turn.x, turn.y, turn.z))
+    return Pose(point_from_message(message.position), (turn.w, turn.x, turn.y, turn.z))
 
 
-def pose_messages(rows: NDArray[np.float64]) -> tuple[geometry_msgs.Pose, ...]:
+def pose_array_messages(rows: NDArray[np.float64]) -> tuple[geometry_msgs.Pose, ...]:
     """Many poses for the wire, from an array n x 7: x y z, then w x y z."""
     return tuple(
         geometry_msgs.Pose(
@@ -59,12 +59,12 @@ def pose_messages(rows: NDArray[np.float64]) -> tuple[geometry_msgs.Pose, ...]:
     )
 
 
-def pose_rows(messages: Sequence[geometry_msgs.Pose]) -> NDArray[np.float64]:
+def pose_array_from_messages(messages: Sequence[geometry_msgs.Pose]) -> NDArray[np.float64]:
     """Many poses from the wire, as an array n x 7: x y z, then w x y z."""
-    return np.array([_row(message) for message in messages], dtype=np.float64).reshape(-1, 7)
+    return np.array([_pose_row(message) for message in messages], dtype=np.float64).reshape(-1, 7)
 
 
-def _row(message: geometry_msgs.Pose) -> Iterable[float]:
+def _pose_row(message: geometry_msgs.Pose) -> Iterable[float]:
     at, turn = message.position, message.orientation
     return at.x, at.y, at.z, turn.w, turn.x, turn.y, turn.z
 
@@ -75,7 +75,7 @@ def point_message(vector: Vector) -> geometry_msgs.Point:
     return geometry_msgs.Point(x=x, y=y, z=z)
 
 
-def point_from(message: geometry_msgs.Point) -> Vector:
+def point_from_message(message: geometry_msgs.Point) -> Vector:
     """A place from the wire."""
     return message.x, message.y, message.z
 
@@ -86,29 +86,29 @@ def vector_message(vector: Vector) -> geometry_msgs.Vector3:
     return geometry_msgs.Vector3(x=x, y=y, z=z)
 
 
-def vector_from(message: geometry_msgs.Vector3) -> Vector:
+def vector_from_message(message: geometry_msgs.Vector3) -> Vector:
     """A direction or a force from the wire."""
     return message.x, message.y, message.z
 
 
-def colour_message(colour: Colour, *, opacity: float = 1.0) -> std_msgs.ColorRGBA:
-    """A colour for the wire."""
-    red, green, blue = colour
+def color_message(color: Color, *, opacity: float = 1.0) -> std_msgs.ColorRGBA:
+    """A color for the wire."""
+    red, green, blue = color
     return std_msgs.ColorRGBA(r=red, g=green, b=blue, a=opacity)
 
 
-def colour_from(message: std_msgs.ColorRGBA) -> Colour:
-    """A colour from the wire, without its opacity."""
+def color_from_message(message: std_msgs.ColorRGBA) -> Color:
+    """A color from the wire, without its opacity."""
     return message.r, message.g, message.b
 
 
-def colour_from_code(code: world_control_msgs.ColourCode) -> Colour | None:
-    """The colour of a code; None puts out."""
-    return _COLOURS.get(code)
+def color_from_code(code: world_control_msgs.ColorCode) -> Color | None:
+    """The color of a code; None puts out."""
+    return _COLORS.get(code)
 
 
-def colour_code(colour: Colour | None) -> world_control_msgs.ColourCode:
-    """The code whose colour is nearest; only five colours have one, so what comes back may be another colour."""
-    if colour is None:
-        return world_control_msgs.ColourCode.NONE
-    return min(_COLOURS, key=lambda code: sum((a - b) ** 2 for a, b in zip(_COLOURS[code], colour, strict=True)))
+def color_code(color: Color | None) -> world_control_msgs.ColorCode:
+    """The code whose color is nearest; only five colors have one, so what comes back may be another color."""
+    if color is None:
+        return world_control_msgs.ColorCode.NONE
+    return min(_COLORS, key=lambda code: sum((a - b) ** 2 for a, b in zip(_COLORS[code], color, strict=True)))

@@ -7,7 +7,7 @@ them:
 
     Iri, Class, Mesh, Shape ("box"), Size ("depth width height"), Untold (the names of fields that the map leaves out)
 
-Facts, and the colours of materials, stay behind.
+Facts, and the colors of materials, stay behind.
 """
 
 from __future__ import annotations
@@ -15,44 +15,55 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import PurePosixPath
 
-from mindstage.bridge.description.geometry import pose_from, pose_message
-from mindstage.bridge.description.remarks import Remark
-from mindstage.errors import MessageRefused
+from mindstage.bridge.description.geometry import pose_from_message, pose_message
+from mindstage.bridge.description.remarks import ConversionNote
+from mindstage.errors import MessageValidationError
 from mindstage.msgs import world_control_msgs
-from mindstage.world import Body, BodyId, Iri, Material, Mobility, Physics, Shape, ShapeKind, Tag, Vector
+from mindstage.world import (
+    Body,
+    BodyId,
+    BodyPhysics,
+    Iri,
+    Material,
+    Mobility,
+    PrimitiveShape,
+    PrimitiveType,
+    Tag,
+    Vector,
+)
 
 __all__ = [
     "CLASS_NAMESPACE",
-    "body_from",
     "body_from_box",
-    "individual",
-    "materials_from",
-    "model_description",
-    "model_request",
+    "body_from_message",
+    "iri_from_id",
+    "materials_from_lists",
+    "model_message",
     "model_tags",
-    "physics_from",
+    "physics_from_message",
     "physics_message",
+    "spawn_model_request",
     "tag_message",
-    "unsaid_of_body",
+    "untranslatable_body_fields",
 ]
 
 CLASS_NAMESPACE = "http://knowrob.org/kb/knowrob.owl#"
 """Where a model's class is looked for when only its name is told: the community's maps have theirs there."""
 
-TYPE = "Mindstage"
-KEYS = ("Iri", "Class", "Mesh", "Shape", "Size", "Untold")
-CODES = {
+TAG_TYPE = "Mindstage"
+TAG_KEYS = ("Iri", "Class", "Mesh", "Shape", "Size", "Untold")
+MOBILITY_CODES = {
     Mobility.STATIC: world_control_msgs.MobilityCode.STATIC,
     Mobility.STATIONARY: world_control_msgs.MobilityCode.STATIONARY,
     Mobility.DYNAMIC: world_control_msgs.MobilityCode.DYNAMIC,
     Mobility.KINEMATIC: world_control_msgs.MobilityCode.KINEMATIC,
 }
-MOBILITIES = {code: mobility for mobility, code in CODES.items()}
+MOBILITY_BY_CODE = {code: mobility for mobility, code in MOBILITY_CODES.items()}
 
 # -- to the wire -------------------------------------------------------------------------------------------------------
 
 
-def model_description(body: Body) -> world_control_msgs.ModelDescription:
+def model_message(body: Body) -> world_control_msgs.ModelDescription:
     """A body for `spawn_semantic_map`."""
     return world_control_msgs.ModelDescription(
         name=_mesh_name(body),
@@ -67,7 +78,7 @@ def model_description(body: Body) -> world_control_msgs.ModelDescription:
     )
 
 
-def model_request(
+def spawn_model_request(
     body: Body, *, parent: str = "", spawn_collision_check: bool = False
 ) -> world_control_msgs.SpawnModel.Request:
     """A body for `spawn_model`.
@@ -77,7 +88,7 @@ def model_request(
         parent: the id of what it hangs on.
         spawn_collision_check: do not spawn it into something else.
     """
-    model = model_description(body)
+    model = model_message(body)
     return world_control_msgs.SpawnModel.Request(
         **{name: getattr(model, name) for name in world_control_msgs.ModelDescription.__struct_fields__},
         parent_id=parent,
@@ -85,10 +96,10 @@ def model_request(
     )
 
 
-def physics_message(physics: Physics) -> world_control_msgs.PhysicsProperties:
+def physics_message(physics: BodyPhysics) -> world_control_msgs.PhysicsProperties:
     """Physics for the wire; what is not told is written as what it is taken for."""
     return world_control_msgs.PhysicsProperties(
-        mobility=CODES[physics.mobility or Mobility.STATIC],
+        mobility=MOBILITY_CODES[physics.mobility or Mobility.STATIC],
         gravity=physics.gravity is not False,
         generate_overlap_events=physics.overlap_events is True,
         mass=physics.mass_kg or 0.0,
@@ -103,33 +114,37 @@ def tag_message(tag: Tag) -> world_control_msgs.Tag:
 def model_tags(body: Body) -> tuple[world_control_msgs.Tag, ...]:
     """A body's own tags, and behind them what a model has no field for."""
     told = {name: getattr(body, name) for name in ("label", "mesh", "shape", "size")}
-    told |= {name: getattr(body.physics, name) for name in Physics.__struct_fields__}
+    told |= {name: getattr(body.physics, name) for name in BodyPhysics.__struct_fields__}
     values = (
         body.iri,
         body.cls,
         body.mesh or "",
-        body.shape.kind.value if body.shape else "",
+        body.shape.type.value if body.shape else "",
         " ".join(repr(float(extent)) for extent in body.size or ()),
         " ".join(name for name, value in told.items() if value is None),
     )
-    own = (world_control_msgs.Tag(type=TYPE, key=key, value=value) for key, value in zip(KEYS, values, strict=True))
+    own = (
+        world_control_msgs.Tag(type=TAG_TYPE, key=key, value=value) for key, value in zip(TAG_KEYS, values, strict=True)
+    )
     return (*map(tag_message, body.tags), *own)
 
 
-def unsaid_of_body(body: Body) -> Iterator[Remark]:
+def untranslatable_body_fields(body: Body) -> Iterator[ConversionNote]:
     """What a model cannot say of a body."""
     if body.facts:
-        yield Remark("facts", (body.id,), "a model has no place for facts")
-    if any(material.colour is not None for material in body.materials):
-        yield Remark("materials", (body.id,), "a model's materials have names and paths, and no colours")
+        yield ConversionNote("facts", (body.id,), "a model has no place for facts")
+    if any(material.color is not None for material in body.materials):
+        yield ConversionNote("materials", (body.id,), "a model's materials have names and paths, and no colours")
     if any(set(tag.type + tag.key + tag.value) & set(";,") for tag in body.tags):
-        yield Remark("tags", (body.id,), "they travel, but Unreal keeps tags as text in which ';' and ',' part them")
+        yield ConversionNote(
+            "tags", (body.id,), "they travel, but Unreal keeps tags as text in which ';' and ',' part them"
+        )
 
 
 def _mesh_name(body: Body) -> str:
     if body.mesh:
         return PurePosixPath(body.mesh).stem.removeprefix("SM_") or body.mesh
-    return _local(body.cls)
+    return _local_name(body.cls)
 
 
 def _content_folder(body: Body) -> str:
@@ -137,7 +152,7 @@ def _content_folder(body: Body) -> str:
     return str(PurePosixPath(body.mesh).parent) if body.mesh and body.mesh.startswith("/Game/") else ""
 
 
-def _local(iri: str) -> str:
+def _local_name(iri: str) -> str:
     return iri.rpartition("#")[2] or iri.rstrip("#").rpartition("/")[2]
 
 
@@ -146,7 +161,9 @@ def _local(iri: str) -> str:
 Model = world_control_msgs.ModelDescription | world_control_msgs.SpawnModel.Request
 
 
-def body_from(model: Model, *, id: str = "", namespace: str, path: str = "") -> tuple[Body, tuple[Remark, ...]]:
+def body_from_message(
+    message: Model, *, id: str = "", namespace: str, path: str = ""
+) -> tuple[Body, tuple[ConversionNote, ...]]:
     """The body that a model describes, and what was assumed.
 
     Args:
@@ -156,27 +173,27 @@ def body_from(model: Model, *, id: str = "", namespace: str, path: str = "") -> 
         path: where the model stands in the message, for errors.
 
     Raises:
-        MessageRefused: its `Mindstage` tags are broken.
+        MessageValidationError: its `Mindstage` tags are broken.
     """
-    name = BodyId(model.id or id)
-    tags = tuple(Tag(type=tag.type, key=tag.key, value=tag.value) for tag in model.tags)
+    name = BodyId(message.id or id)
+    tags = tuple(Tag(type=tag.type, key=tag.key, value=tag.value) for tag in message.tags)
     plain = Body(
         id=name,
-        iri=individual(name, namespace),
-        cls=Iri(CLASS_NAMESPACE + _class_name(tags, model.name)),
-        pose=pose_from(model.pose),
-        label=model.actor_label or None,
-        mesh=f"{model.path.rstrip('/')}/{model.name}" if model.path else model.name or None,
-        physics=physics_from(model.physics_properties),
-        materials=materials_from(model.material_names, model.material_paths),
+        iri=iri_from_id(name, namespace),
+        cls=Iri(CLASS_NAMESPACE + _class_name(tags, message.name)),
+        pose=pose_from_message(message.pose),
+        label=message.actor_label or None,
+        mesh=f"{message.path.rstrip('/')}/{message.name}" if message.path else message.name or None,
+        physics=physics_from_message(message.physics_properties),
+        materials=materials_from_lists(message.material_names, message.material_paths),
         tags=tags,
     )
-    own = tags[-len(KEYS) :]
-    if tuple((tag.type, tag.key) for tag in own) == tuple((TYPE, key) for key in KEYS):
-        return _told_whole(
-            plain, tags[: -len(KEYS)], dict(zip(KEYS, (tag.value for tag in own), strict=True)), path
+    own = tags[-len(TAG_KEYS) :]
+    if tuple((tag.type, tag.key) for tag in own) == tuple((TAG_TYPE, key) for key in TAG_KEYS):
+        return _with_tag_fields(
+            plain, tags[: -len(TAG_KEYS)], dict(zip(TAG_KEYS, (tag.value for tag in own), strict=True)), path
         ), ()
-    return plain, tuple(_assumed(name, model))
+    return plain, tuple(_assumption_notes(name, message))
 
 
 def body_from_box(request: world_control_msgs.SpawnProMesh.Request, *, id: str = "", namespace: str) -> Body:
@@ -191,77 +208,77 @@ def body_from_box(request: world_control_msgs.SpawnProMesh.Request, *, id: str =
     tags = tuple(Tag(type=tag.type, key=tag.key, value=tag.value) for tag in request.tags)
     return Body(
         id=name,
-        iri=individual(name, namespace),
+        iri=iri_from_id(name, namespace),
         cls=Iri(CLASS_NAMESPACE + _class_name(tags, "Box")),
-        pose=pose_from(request.pose),
+        pose=pose_from_message(request.pose),
         label=request.actor_label or None,
         size=(request.depth, request.width, request.height),
-        shape=Shape(kind=ShapeKind.BOX),
-        physics=physics_from(request.physics_properties),
+        shape=PrimitiveShape(type=PrimitiveType.BOX),
+        physics=physics_from_message(request.physics_properties),
         tags=tags,
     )
 
 
-def individual(id: str, namespace: str) -> Iri:
+def iri_from_id(id: str, namespace: str) -> Iri:
     """The IRI of something that the wire knows by its id only; some programs have IRIs for ids."""
     return Iri(id if "://" in id else namespace + id)
 
 
-def physics_from(message: world_control_msgs.PhysicsProperties) -> Physics:
+def physics_from_message(message: world_control_msgs.PhysicsProperties) -> BodyPhysics:
     """Physics from the wire, where everything is told."""
-    return Physics(
-        mobility=MOBILITIES[message.mobility],
+    return BodyPhysics(
+        mobility=MOBILITY_BY_CODE[message.mobility],
         gravity=message.gravity,
         overlap_events=message.generate_overlap_events,
         mass_kg=message.mass,
     )
 
 
-def materials_from(names: tuple[str, ...], paths: tuple[str, ...]) -> tuple[Material, ...]:
+def materials_from_lists(names: tuple[str, ...], paths: tuple[str, ...]) -> tuple[Material, ...]:
     """Materials from two lists that run in parallel; what one of them lacks is empty."""
     count = max(len(names), len(paths))
     names, paths = names + ("",) * (count - len(names)), paths + ("",) * (count - len(paths))
     return tuple(Material(name=name, path=path) for name, path in zip(names, paths, strict=True))
 
 
-def _told_whole(body: Body, tags: tuple[Tag, ...], said: dict[str, str], path: str) -> Body:
+def _with_tag_fields(body: Body, tags: tuple[Tag, ...], notes: dict[str, str], path: str) -> Body:
     """The body as the tags of ours complete it."""
-    untold = set(said["Untold"].split())
-    physics = {name: None if name in untold else getattr(body.physics, name) for name in Physics.__struct_fields__}
+    untold = set(notes["Untold"].split())
+    physics = {name: None if name in untold else getattr(body.physics, name) for name in BodyPhysics.__struct_fields__}
     try:
-        shape = None if "shape" in untold else Shape(kind=ShapeKind(said["Shape"]))
-        size = None if "size" in untold else _size(said["Size"])
+        shape = None if "shape" in untold else PrimitiveShape(type=PrimitiveType(notes["Shape"]))
+        size = None if "size" in untold else _parse_size(notes["Size"])
     except ValueError as error:
-        raise MessageRefused(
+        raise MessageValidationError(
             "world_control_msgs/ModelDescription",
             path=f"{path}.tags" if path else "tags",
-            cause=f"a tag of the type {TYPE} is broken: {error}",
+            cause=f"a tag of the type {TAG_TYPE} is broken: {error}",
             remedy="send a shape that is known and three sizes, or leave all tags of that type out",
         ) from error
     return Body(
         id=body.id,
-        iri=Iri(said["Iri"]),
-        cls=Iri(said["Class"]),
+        iri=Iri(notes["Iri"]),
+        cls=Iri(notes["Class"]),
         pose=body.pose,
         label=None if "label" in untold else body.label or "",
         size=size,
-        mesh=None if "mesh" in untold else said["Mesh"],
+        mesh=None if "mesh" in untold else notes["Mesh"],
         shape=shape,
-        physics=Physics(**physics),
+        physics=BodyPhysics(**physics),
         materials=body.materials,
         tags=tags,
     )
 
 
-def _assumed(id: str, model: Model) -> Iterator[Remark]:
+def _assumption_notes(id: str, model: Model) -> Iterator[ConversionNote]:
     """What is guessed of a model that somebody else described."""
-    yield Remark("size", (id,), "a model does not say how large it is")
-    yield Remark("class", (id,), "only the name of a class is told, and it is taken as one of knowrob's")
+    yield ConversionNote("size", (id,), "a model does not say how large it is")
+    yield ConversionNote("class", (id,), "only the name of a class is told, and it is taken as one of knowrob's")
     if len(model.material_names) != len(model.material_paths):
-        yield Remark("materials", (id,), "names and paths differ in number; what is missing is taken as empty")
+        yield ConversionNote("materials", (id,), "names and paths differ in number; what is missing is taken as empty")
 
 
-def _size(text: str) -> Vector:
+def _parse_size(text: str) -> Vector:
     depth, width, height = map(float, text.split())
     return depth, width, height
 

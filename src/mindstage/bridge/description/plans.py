@@ -1,7 +1,7 @@
 """Plans: what Mindstage decided for an engine that leaves decisions to it, on the wire.
 
 Who moves rigidly with whom, who collides with whom, what is touched, how much it weighs, and which constraints hold. A
-`PlanChange` tells what is new; whatever it does not name runs on as it was.
+`PhysicsModelDelta` tells what is new; whatever it does not name runs on as it was.
 """
 
 from __future__ import annotations
@@ -9,13 +9,13 @@ from __future__ import annotations
 import msgspec
 
 from mindstage.bridge.description.worlds import to_json
-from mindstage.world import IDENTITY, BodyId, Mobility, Pose, Solid, Vector
-from mindstage.world.values import Value
+from mindstage.world import IDENTITY, BodyId, CollisionShape, Mobility, Pose, Vector
+from mindstage.world.values import FrozenStruct
 
-__all__ = ["BodyChange", "JointChange", "PlanChange", "plan_to_json"]
+__all__ = ["BodyModelDelta", "JointModelDelta", "PhysicsModelDelta", "model_delta_to_json"]
 
 
-class BodyChange(Value, frozen=True, kw_only=True):
+class BodyModelDelta(FrozenStruct, frozen=True, kw_only=True):
     """How a body takes part in the physics from now on."""
 
     size: Vector
@@ -32,14 +32,14 @@ class BodyChange(Value, frozen=True, kw_only=True):
     """In force: estimated where the map has none; 0 for what the physics does not move."""
     ghost: bool = False
     """Whether it collides with nothing."""
-    solids: tuple[Solid, ...] = ()
+    solids: tuple[CollisionShape, ...] = ()
     """All that can be touched of it, in its own frame."""
     friction: float | None = None
     """None leaves it to the engine."""
     restitution: float | None = None
 
 
-class JointChange(Value, frozen=True, kw_only=True):
+class JointModelDelta(FrozenStruct, frozen=True, kw_only=True):
     """Where a constraint's frame is, as seen from either end; its ranges are about where these two coincide."""
 
     parent: BodyId
@@ -48,25 +48,25 @@ class JointChange(Value, frozen=True, kw_only=True):
     of_child: Pose = IDENTITY
 
 
-class PlanChange(Value, frozen=True, kw_only=True):
+class PhysicsModelDelta(FrozenStruct, frozen=True, kw_only=True):
     """What is different from before, or all of it for a world that is new."""
 
-    bodies: dict[BodyId, BodyChange] = msgspec.field(default_factory=dict)
+    bodies: dict[BodyId, BodyModelDelta] = msgspec.field(default_factory=dict)
     """By id."""
     apart: tuple[tuple[BodyId, BodyId], ...] = ()
     """Pairs that do not collide from now on."""
     together: tuple[tuple[BodyId, BodyId], ...] = ()
     """Pairs that may collide again."""
-    joints: dict[BodyId, JointChange | None] = msgspec.field(default_factory=dict)
+    joints: dict[BodyId, JointModelDelta | None] = msgspec.field(default_factory=dict)
     """Constraints that hold, by id; None for one that does not."""
     poses: dict[BodyId, Pose] = msgspec.field(default_factory=dict)
     """Bodies that are put somewhere else, at rest: all that go there, not only the first."""
 
 
-def plan_to_json(change: PlanChange) -> str:
+def model_delta_to_json(change: PhysicsModelDelta) -> str:
     """A change as JSON; what is left out has its default.
 
     Raises:
-        MessageRefused: it holds what JSON cannot, such as NaN.
+        MessageValidationError: it holds what JSON cannot, such as NaN.
     """
     return to_json(change)

@@ -12,44 +12,51 @@ from collections.abc import Callable
 import msgspec
 
 from mindstage.errors import (
-    AttachmentRefused,
-    BodyExists,
-    BodyUnknown,
-    EngineClosed,
+    AttachmentError,
+    BodyExistsError,
+    BodyNotFoundError,
+    EngineClosedError,
     EngineError,
-    EngineTimedOut,
-    EngineUnable,
-    EngineUnavailable,
-    PoseUnreachable,
-    SimulationUnstable,
+    EngineTimeoutError,
+    EngineUnavailableError,
+    PoseUnreachableError,
+    SimulationDivergedError,
+    UnsupportedByEngineError,
     WorldError,
 )
 from mindstage.msgs import mindstage_msgs
 
-__all__ = ["error_from_text", "error_text", "refusal", "world_error"]
+__all__ = ["error_from_text", "error_text", "error_to_message", "message_to_error"]
 
-WORLD_ERRORS: dict[str, Callable[[mindstage_msgs.Refusal], WorldError]] = {
-    "BodyUnknown": lambda said: BodyUnknown(said.body, known=said.near, world=said.world),
-    "BodyExists": lambda said: BodyExists(said.body),
-    "PoseUnreachable": lambda said: PoseUnreachable(said.body, reason=said.reason),
-    "AttachmentRefused": lambda said: AttachmentRefused(said.parent, said.child, reason=said.reason),
+WORLD_ERROR_FACTORIES: dict[str, Callable[[mindstage_msgs.Refusal], WorldError]] = {
+    "BodyUnknown": lambda said: BodyNotFoundError(said.body, known=said.near, world=said.world),
+    "BodyExists": lambda said: BodyExistsError(said.body),
+    "PoseUnreachable": lambda said: PoseUnreachableError(said.body, reason=said.reason),
+    "AttachmentRefused": lambda said: AttachmentError(said.parent, said.child, reason=said.reason),
 }
-ENGINE_ERRORS: dict[str, type[EngineError]] = {
-    cls.__name__: cls for cls in (EngineUnavailable, EngineTimedOut, EngineUnable, EngineClosed, SimulationUnstable)
+ENGINE_ERROR_TYPES: dict[str, type[EngineError]] = {
+    cls.__name__: cls
+    for cls in (
+        EngineUnavailableError,
+        EngineTimeoutError,
+        UnsupportedByEngineError,
+        EngineClosedError,
+        SimulationDivergedError,
+    )
 }
 
 
-def refusal(error: WorldError) -> mindstage_msgs.Refusal:
+def error_to_message(error: WorldError) -> mindstage_msgs.Refusal:
     """Why the world said no, for the wire."""
     facts = vars(error)
     said = {name: facts[name] for name in mindstage_msgs.Refusal.__struct_fields__ if name in facts}
     return mindstage_msgs.Refusal(kind=type(error).__name__, text=str(error), **said)
 
 
-def world_error(said: mindstage_msgs.Refusal) -> WorldError:
+def message_to_error(message: mindstage_msgs.Refusal) -> WorldError:
     """The error that was refused with; of a kind that is not known here, its sentence."""
-    made = WORLD_ERRORS.get(said.kind)
-    return made(said) if made else WorldError(said.text)
+    made = WORLD_ERROR_FACTORIES.get(message.kind)
+    return made(message) if made else WorldError(message.text)
 
 
 def error_text(error: EngineError) -> str:
@@ -63,6 +70,6 @@ def error_from_text(text: str) -> EngineError:
     sentence, _, facts = text.partition("\n")
     try:
         known = msgspec.json.decode(facts, type=dict[str, str | float])
-        return ENGINE_ERRORS[str(known.pop("kind"))](**known)
+        return ENGINE_ERROR_TYPES[str(known.pop("kind"))](**known)
     except (msgspec.MsgspecError, KeyError, TypeError):
         return EngineError(sentence)

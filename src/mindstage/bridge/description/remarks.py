@@ -7,10 +7,10 @@ from collections.abc import Iterable
 
 import msgspec
 
-__all__ = ["Remark", "gathered"]
+__all__ = ["ConversionNote", "merge_notes"]
 
 
-class Remark(msgspec.Struct, frozen=True):
+class ConversionNote(msgspec.Struct, frozen=True):
     """One thing that the other side will not know, or that was assumed because it was not told."""
 
     field: str
@@ -20,9 +20,9 @@ class Remark(msgspec.Struct, frozen=True):
     text: str
 
 
-def gathered(remarks: Iterable[Remark]) -> tuple[Remark, ...]:
+def merge_notes(notes: Iterable[ConversionNote]) -> tuple[ConversionNote, ...]:
     """The same with one remark for each field and text, which has all the ids."""
     ids: defaultdict[tuple[str, str], dict[str, None]] = defaultdict(dict)
-    for remark in remarks:
+    for remark in notes:
         ids[remark.field, remark.text].update(dict.fromkeys(remark.ids))
-    return tuple(Remark(field, tuple(about), text) for (field, text), about in ids.items())
+    return tuple(ConversionNote(field, tuple(about), text) for (field, text), about in ids.items())

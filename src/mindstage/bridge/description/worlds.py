@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 
 import msgspec
 
-from mindstage.errors import MessageRefused
+from mindstage.errors import MessageValidationError
 from mindstage.msgs.base import to_python_number, validation_error_details
 from mindstage.world import Iri, World
 
@@ -21,7 +21,7 @@ FORMAT_VERSION = World(iri=Iri("")).format_version
 """What this version writes and reads."""
 
 
-class Versioned(msgspec.Struct):
+class FormatVersion(msgspec.Struct):
     """As much of a world as tells whether the rest can be read."""
 
     format_version: int
@@ -31,12 +31,12 @@ def world_to_json(world: World) -> str:
     """A world as JSON; `format_version` is always in it.
 
     Raises:
-        MessageRefused: it holds what JSON cannot, such as NaN.
+        MessageValidationError: it holds what JSON cannot, such as NaN.
     """
     try:
         told = {**msgspec.to_builtins(world, enc_hook=to_python_number), "format_version": world.format_version}
     except (TypeError, RecursionError) as error:
-        raise MessageRefused("a world", cause=str(error)) from error
+        raise MessageValidationError("a world", cause=str(error)) from error
     return to_json(told, World)
 
 
@@ -44,11 +44,11 @@ def world_from_json(text: str | bytes) -> World:
     """The world that `world_to_json` wrote.
 
     Raises:
-        MessageRefused: it is no such JSON, or that of another version.
+        MessageValidationError: it is no such JSON, or that of another version.
     """
-    version = from_json(text, Versioned).format_version
+    version = from_json(text, FormatVersion).format_version
     if version != FORMAT_VERSION:
-        raise MessageRefused(
+        raise MessageValidationError(
             "a world",
             path="format_version",
             cause=f"it is {version}, and this Mindstage reads {FORMAT_VERSION}",
@@ -58,19 +58,19 @@ def world_from_json(text: str | bytes) -> World:
 
 
 def to_json(value: object, type: Any = None) -> str:
-    """A part of a world (`Physics`, a tuple of `Material`s) as JSON.
+    """A part of a world (`BodyPhysics`, a tuple of `Material`s) as JSON.
 
     Args:
         value: the part.
         type: how it will be read, where that is not its own type; a tuple's is `tuple[Material, ...]`.
 
     Raises:
-        MessageRefused: it holds what JSON cannot, such as NaN.
+        MessageValidationError: it holds what JSON cannot, such as NaN.
     """
     try:
         text = msgspec.json.encode(value, enc_hook=to_python_number).decode()
     except (TypeError, UnicodeError, RecursionError) as error:
-        raise MessageRefused(_called(type or value.__class__), cause=str(error)) from error
+        raise MessageValidationError(_type_name(type or value.__class__), cause=str(error)) from error
     # msgspec writes NaN and the infinities as null, and a null in the place of a number cannot be read: so read it.
     from_json(text, type or value.__class__)
     return text
@@ -80,16 +80,16 @@ def from_json(text: str | bytes, type: type[T]) -> T:
     """A part of a world from JSON.
 
     Raises:
-        MessageRefused: it is no JSON, or not of that type.
+        MessageValidationError: it is no JSON, or not of that type.
     """
     try:
         return msgspec.json.decode(text, type=type)
     except msgspec.ValidationError as error:
         cause, path = validation_error_details(error)
-        raise MessageRefused(_called(type), path=path, cause=cause) from error
+        raise MessageValidationError(_type_name(type), path=path, cause=cause) from error
     except (msgspec.DecodeError, UnicodeError, RecursionError) as error:
-        raise MessageRefused(_called(type), cause=f"it is no JSON: {error}") from error
+        raise MessageValidationError(_type_name(type), cause=f"it is no JSON: {error}") from error
 
 
-def _called(type: Any) -> str:
-    return "a world" if type in {World, Versioned} else getattr(type, "__name__", str(type))
+def _type_name(type: Any) -> str:
+    return "a world" if type in {World, FormatVersion} else getattr(type, "__name__", str(type))

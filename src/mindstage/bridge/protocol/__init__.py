@@ -1,7 +1,7 @@
 """Protocol: rosbridge v2 without I/O; text or bytes in, typed operations out, and back."""
 
-from mindstage.bridge.protocol.codec import Frame, Outgoing, Reader
-from mindstage.bridge.protocol.limits import USUAL_LIMITS, Limits
+from mindstage.bridge.protocol.codec import Frame, MessageDecoder, MessageEncoder
+from mindstage.bridge.protocol.limits import DEFAULT_LIMITS, BridgeLimits
 from mindstage.bridge.protocol.operations import (
     ActionFeedback,
     ActionResult,
@@ -15,7 +15,6 @@ from mindstage.bridge.protocol.operations import (
     Fragment,
     GoalStatus,
     Id,
-    Level,
     Operation,
     Png,
     Publish,
@@ -23,6 +22,7 @@ from mindstage.bridge.protocol.operations import (
     ServiceResponse,
     SetLevel,
     Status,
+    StatusLevel,
     Subscribe,
     Unadvertise,
     UnadvertiseAction,
@@ -32,13 +32,14 @@ from mindstage.bridge.protocol.operations import (
 )
 
 __all__ = [
-    "USUAL_LIMITS",
+    "DEFAULT_LIMITS",
     "ActionFeedback",
     "ActionResult",
     "Advertise",
     "AdvertiseAction",
     "AdvertiseService",
     "Auth",
+    "BridgeLimits",
     "CallService",
     "CancelActionGoal",
     "Compression",
@@ -46,17 +47,16 @@ __all__ = [
     "Frame",
     "GoalStatus",
     "Id",
-    "Level",
-    "Limits",
+    "MessageDecoder",
+    "MessageEncoder",
     "Operation",
-    "Outgoing",
     "Png",
     "Publish",
-    "Reader",
     "SendActionGoal",
     "ServiceResponse",
     "SetLevel",
     "Status",
+    "StatusLevel",
     "Subscribe",
     "Unadvertise",
     "UnadvertiseAction",

@@ -13,15 +13,15 @@ from typing import Any
 import cbor2
 import msgspec
 
-from mindstage.errors import MessageRefused
+from mindstage.errors import MessageValidationError
 
 __all__ = ["read_cbor", "write_cbor"]
 
-_DOUBLES = 86
+_FLOAT64_ARRAY_TAG = 86
 """The tag of little-endian doubles."""
-_SELF_DESCRIBED = 55799
-_KNOWN_TO_THE_LIBRARY = (0, 1, 2, 3, 4, 5, 25, 28, 29, 30, 35, 36, 37, 52, 54, 100, 256, 258, 260, 261, 1004, 43000)
-_TYPED = {
+_SELF_DESCRIBED_TAG = 55799
+_BUILTIN_TAGS = (0, 1, 2, 3, 4, 5, 25, 28, 29, 30, 35, 36, 37, 52, 54, 100, 256, 258, 260, 261, 1004, 43000)
+_TYPED_ARRAY_TAGS = {
     65: ">H", 66: ">I", 67: ">Q", 69: "<H", 70: "<I", 71: "<Q",
     72: "<b", 73: ">h", 74: ">i", 75: ">q", 77: "<h", 78: "<i", 79: "<q",
     80: ">e", 81: ">f", 82: ">d", 84: "<e", 85: "<f", 86: "<d",
@@ -31,7 +31,7 @@ _TYPED = {
 
 def write_cbor(text: str | bytes) -> bytes:
     """A JSON text as CBOR; arrays of doubles become typed arrays."""
-    return cbor2.dumps(_packed(msgspec.json.decode(text)))
+    return cbor2.dumps(_encode_arrays(msgspec.json.decode(text)))
 
 
 def read_cbor(data: bytes, *, depth: int) -> bytes:
@@ -42,23 +42,23 @@ def read_cbor(data: bytes, *, depth: int) -> bytes:
         depth: how deep it may nest.
 
     Raises:
-        MessageRefused: it is no CBOR, nests deeper, or holds what JSON cannot say.
+        MessageValidationError: it is no CBOR, nests deeper, or holds what JSON cannot say.
     """
     try:
-        value = cbor2.loads(data, max_depth=depth, semantic_decoders=_DECODERS, tag_hook=_refuse_tag)
+        value = cbor2.loads(data, max_depth=depth, semantic_decoders=_DECODERS, tag_hook=_reject_tag)
         return msgspec.json.encode(value)
     except (cbor2.CBORDecodeError, ValueError, TypeError, OverflowError, RecursionError, MemoryError) as error:
-        raise MessageRefused("binary frame", cause=f"it is no CBOR that JSON could say ({error})") from None
+        raise MessageValidationError("binary frame", cause=f"it is no CBOR that JSON could say ({error})") from None
 
 
-def _packed(value: object) -> object:
+def _encode_arrays(value: object) -> object:
     if isinstance(value, dict):
-        return {key: _packed(each) for key, each in value.items()}
+        return {key: _encode_arrays(each) for key, each in value.items()}
     if not isinstance(value, list):
         return value
     if len(value) > 1 and all(type(each) is float for each in value):
-        return cbor2.CBORTag(_DOUBLES, _little_endian(array("d", value)))
-    return [_packed(each) for each in value]
+        return cbor2.CBORTag(_FLOAT64_ARRAY_TAG, _little_endian(array("d", value)))
+    return [_encode_arrays(each) for each in value]
 
 
 def _little_endian(numbers: array[float]) -> bytes:
@@ -67,37 +67,37 @@ def _little_endian(numbers: array[float]) -> bytes:
     return numbers.tobytes()
 
 
-def _unpacked(kind: str) -> Callable[..., list[float]]:
+def _inflate(format: str) -> Callable[..., list[float]]:
     from struct import Struct, calcsize
 
-    width = calcsize(kind)
+    width = calcsize(format)
 
     def unpack(data: object, *_: object) -> list[float]:
         if not isinstance(data, bytes) or len(data) % width:
             raise ValueError("a typed array of another length")
-        return list(Struct(f"{kind[0]}{len(data) // width}{kind[1]}").unpack(data))
+        return list(Struct(f"{format[0]}{len(data) // width}{format[1]}").unpack(data))
 
     return unpack
 
 
-def _bytes_only(data: object, *_: object) -> bytes:
+def _reject_text_default(data: object, *_: object) -> bytes:
     if not isinstance(data, bytes):
         raise ValueError("a typed array that is no byte string")
     return data
 
 
-def _refuse(*_: object) -> object:
+def _reject(*_: object) -> object:
     raise ValueError("a tag other than those of typed arrays")
 
 
-def _refuse_tag(*_: object) -> object:
-    return _refuse()
+def _reject_tag(*_: object) -> object:
+    return _reject()
 
 
 _DECODERS: Mapping[int, Callable[..., Any]] = {
-    **dict.fromkeys(_KNOWN_TO_THE_LIBRARY, _refuse),
-    **{tag: _unpacked(kind) for tag, kind in _TYPED.items()},
-    64: _bytes_only,
-    68: _bytes_only,
-    _SELF_DESCRIBED: lambda value, *_: value,
+    **dict.fromkeys(_BUILTIN_TAGS, _reject),
+    **{tag: _inflate(kind) for tag, kind in _TYPED_ARRAY_TAGS.items()},
+    64: _reject_text_default,
+    68: _reject_text_default,
+    _SELF_DESCRIBED_TAG: lambda value, *_: value,
 }

@@ -1,6 +1,6 @@
 """Codec: frames in, operations out, and back; no socket, no clock, no thread.
 
-One `Reader` stands at the receiving end of a connection and joins what was cut in pieces; an `Outgoing` is an
+One `MessageDecoder` stands at the receiving end of a connection and joins what was cut in pieces; an `MessageEncoder` is an
 operation on its way out, encoded once however many peers it goes to.
 """
 
@@ -11,14 +11,14 @@ from itertools import count
 import msgspec
 
 from mindstage.bridge.protocol.cbor import read_cbor, write_cbor
-from mindstage.bridge.protocol.fragments import Assembly, cut
-from mindstage.bridge.protocol.limits import Limits
-from mindstage.bridge.protocol.nesting import depth_of
+from mindstage.bridge.protocol.fragments import FragmentBuffer, split_fragments
+from mindstage.bridge.protocol.limits import BridgeLimits
+from mindstage.bridge.protocol.nesting import json_depth
 from mindstage.bridge.protocol.operations import Compression, Fragment, Id, Operation, Png
 from mindstage.bridge.protocol.png import read_png, write_png
-from mindstage.errors import MessageRefused
+from mindstage.errors import MessageValidationError
 
-__all__ = ["Frame", "Outgoing", "Reader"]
+__all__ = ["Frame", "MessageDecoder", "MessageEncoder"]
 
 Frame = str | bytes
 """What a websocket carries: a text frame, or a binary one."""
@@ -38,19 +38,19 @@ class _Envelope(msgspec.Struct):
 _envelope_decoder = msgspec.json.Decoder(_Envelope)
 
 
-class Reader:
+class MessageDecoder:
     """Understands what one peer sends."""
 
-    def __init__(self, limits: Limits) -> None:
+    def __init__(self, limits: BridgeLimits) -> None:
         self._limits = limits
-        self._assembly = Assembly(limits)
+        self._fragments = FragmentBuffer(limits)
 
     @property
-    def unfinished(self) -> int:
+    def pending_messages(self) -> int:
         """How many messages wait for more of their fragments."""
-        return len(self._assembly)
+        return len(self._fragments)
 
-    def receive(self, frame: Frame, now_s: float) -> Operation | None:
+    def decode(self, frame: Frame, now_s: float) -> Operation | None:
         """What a frame says, or None where it is a fragment of something larger.
 
         Args:
@@ -58,56 +58,58 @@ class Reader:
             now_s: the present moment, on any clock that only goes forward [s]; fragments grow old by it.
 
         Raises:
-            MessageRefused: with the message's id, where it can be read.
+            MessageValidationError: with the message's id, where it can be read.
         """
-        return self._unwrapped(self._text(frame), now_s, may_be=(Fragment, Png))
+        return self._unwrap(self._decompress(frame), now_s, allowed=(Fragment, Png))
 
-    def forget_older(self, now_s: float) -> list[Id]:
+    def expire(self, now_s: float) -> list[Id]:
         """Forgets messages whose fragments stopped coming, and says which."""
-        return [key[1] for key in self._assembly.forget_older(now_s) if isinstance(key, tuple)]
+        return [key[1] for key in self._fragments.expire(now_s) if isinstance(key, tuple)]
 
-    def _text(self, frame: Frame) -> str:
+    def _decompress(self, frame: Frame) -> str:
         most = self._limits.message_bytes if isinstance(frame, str) else self._limits.cbor_bytes
         if len(frame) > most:
-            raise MessageRefused("frame", cause=f"{len(frame)} bytes are too many", remedy=f"at most {most}")
+            raise MessageValidationError("frame", cause=f"{len(frame)} bytes are too many", remedy=f"at most {most}")
         return frame if isinstance(frame, str) else read_cbor(frame, depth=self._limits.depth).decode()
 
-    def _operation(self, text: str) -> Operation:
-        if depth_of(text, limit=self._limits.depth) > self._limits.depth:
-            raise MessageRefused("message", cause=f"it nests deeper than {self._limits.depth} levels")
+    def _parse(self, text: str) -> Operation:
+        if json_depth(text, limit=self._limits.depth) > self._limits.depth:
+            raise MessageValidationError("message", cause=f"it nests deeper than {self._limits.depth} levels")
         try:
             return _decoder.decode(text)
         except msgspec.ValidationError as error:
-            raise _refused(text, error) from None
+            raise _decode_error(text, error) from None
         except (msgspec.DecodeError, UnicodeEncodeError, RecursionError) as error:
-            raise MessageRefused("message", cause=str(error)) from None
+            raise MessageValidationError("message", cause=str(error)) from None
 
-    def _unwrapped(self, text: str, now_s: float, may_be: tuple[type[Fragment | Png], ...]) -> Operation | None:
+    def _unwrap(self, text: str, now_s: float, allowed: tuple[type[Fragment | Png], ...]) -> Operation | None:
         """The operation itself; a PNG may come in fragments, and nothing else may be wrapped twice."""
-        operation = self._operation(text)
+        operation = self._parse(text)
         if not isinstance(operation, Fragment | Png):
             return operation
         kind = type(operation)
         try:
-            if kind not in may_be:
-                raise MessageRefused(_name(kind), cause="it comes out of another wrapping, which is too much")
-            inner = self._inner(operation, now_s)
-        except MessageRefused as error:
+            if kind not in allowed:
+                raise MessageValidationError(
+                    _type_name(kind), cause="it comes out of another wrapping, which is too much"
+                )
+            inner = self._decode_inner(operation, now_s)
+        except MessageValidationError as error:
             error.id = operation.id
             raise
-        return None if inner is None else self._unwrapped(inner, now_s, may_be[may_be.index(kind) + 1 :])
+        return None if inner is None else self._unwrap(inner, now_s, allowed[allowed.index(kind) + 1 :])
 
-    def _inner(self, wrapping: Fragment | Png, now_s: float) -> str | None:
+    def _decode_inner(self, wrapping: Fragment | Png, now_s: float) -> str | None:
         data: str | None = wrapping.data
         if wrapping.num is not None and wrapping.total is not None:
             key = (type(wrapping), wrapping.id)
-            data = self._assembly.add(key, wrapping.num, wrapping.total, wrapping.data, now_s)
+            data = self._fragments.add(key, wrapping.num, wrapping.total, wrapping.data, now_s)
         if data is None or isinstance(wrapping, Fragment):
             return data
-        return read_png(data, most=self._limits.png_bytes)
+        return read_png(data, max_bytes=self._limits.png_bytes)
 
 
-class Outgoing:
+class MessageEncoder:
     """One operation on its way out; each encoding of it is made when first wanted, and once."""
 
     __slots__ = ("_frames", "_text", "operation")
@@ -118,7 +120,11 @@ class Outgoing:
         self._frames: dict[tuple[Compression, int | None], tuple[Frame, ...]] = {}
 
     def frames(
-        self, compression: Compression = Compression.NONE, fragment_size: int | None = None, *, most: int = 4096
+        self,
+        compression: Compression = Compression.NONE,
+        fragment_size: int | None = None,
+        *,
+        max_fragments: int = 4096,
     ) -> tuple[Frame, ...]:
         """What to send, in this order.
 
@@ -129,10 +135,10 @@ class Outgoing:
         """
         key = (compression, fragment_size)
         if key not in self._frames:
-            self._frames[key] = self._made(compression, fragment_size, most)
+            self._frames[key] = self._encode(compression, fragment_size, max_fragments)
         return self._frames[key]
 
-    def _made(self, compression: Compression, fragment_size: int | None, most: int) -> tuple[Frame, ...]:
+    def _encode(self, compression: Compression, fragment_size: int | None, max_fragments: int) -> tuple[Frame, ...]:
         text = self._text = self._text or _encoder.encode(self.operation).decode()
         if compression is Compression.CBOR:
             return (write_cbor(text),)
@@ -140,7 +146,7 @@ class Outgoing:
             text = _encoder.encode(Png(id=self.operation.id, data=write_png(text))).decode()
         if fragment_size is None or len(text) <= fragment_size:
             return (text,)
-        pieces = cut(text, fragment_size, most=most)
+        pieces = split_fragments(text, fragment_size, max_fragments=max_fragments)
         id = f"fragment:{next(_fragment_numbers)}"
         return tuple(
             _encoder.encode(Fragment(id=id, data=piece, num=number, total=len(pieces))).decode()
@@ -148,15 +154,15 @@ class Outgoing:
         )
 
 
-def _name(kind: type[Operation]) -> str:
-    return str(kind.__struct_config__.tag)
+def _type_name(operation: type[Operation]) -> str:
+    return str(operation.__struct_config__.tag)
 
 
-def _refused(text: str, error: msgspec.ValidationError) -> MessageRefused:
+def _decode_error(text: str, error: msgspec.ValidationError) -> MessageValidationError:
     """What is wrong, where, and in which message."""
     cause, _, path = str(error).partition(" - at `$")
     try:
         envelope = _envelope_decoder.decode(text)
     except (msgspec.DecodeError, RecursionError):  # further on it is worse
         envelope = _Envelope()
-    return MessageRefused(envelope.op[:64], path=path.strip("`.") or "", cause=cause, id=envelope.id)
+    return MessageValidationError(envelope.op[:64], path=path.strip("`.") or "", cause=cause, id=envelope.id)

@@ -8,35 +8,35 @@ from __future__ import annotations
 
 from collections.abc import Hashable
 
-from mindstage.bridge.protocol.limits import Limits
-from mindstage.errors import MessageRefused
+from mindstage.bridge.protocol.limits import BridgeLimits
+from mindstage.errors import MessageValidationError
 
-__all__ = ["Assembly", "cut"]
+__all__ = ["FragmentBuffer", "split_fragments"]
 
 
-def cut(text: str, size: int, *, most: int) -> list[str]:
+def split_fragments(text: str, size: int, *, max_fragments: int) -> list[str]:
     """Pieces of that many characters; of more, if there would be more than `most` of them."""
-    size = max(size, -(-len(text) // most), 1)
+    size = max(size, -(-len(text) // max_fragments), 1)
     return [text[start : start + size] for start in range(0, len(text), size)] or [""]
 
 
-class _Unfinished:
+class _PartialMessage:
     def __init__(self, total: int, now_s: float) -> None:
         self.total = total
         self.pieces: dict[int, str] = {}
         self.length = 0
-        self.touched_s = now_s
+        self.last_update_s = now_s
 
 
-class Assembly:
+class FragmentBuffer:
     """What has come of messages whose other pieces are still on their way."""
 
-    def __init__(self, limits: Limits) -> None:
+    def __init__(self, limits: BridgeLimits) -> None:
         self._limits = limits
-        self._unfinished: dict[Hashable, _Unfinished] = {}
+        self._partial: dict[Hashable, _PartialMessage] = {}
 
     def __len__(self) -> int:
-        return len(self._unfinished)
+        return len(self._partial)
 
     def add(self, key: Hashable, num: int, total: int, data: str, now_s: float) -> str | None:
         """Takes a piece; gives the whole text with the last one.
@@ -49,51 +49,55 @@ class Assembly:
             now_s: the present moment, on any clock that only goes forward [s].
 
         Raises:
-            MessageRefused: it fits no message or exceeds a limit; the message is forgotten.
+            MessageValidationError: it fits no message or exceeds a limit; the message is forgotten.
         """
-        message = self._unfinished.get(key)
+        message = self._partial.get(key)
         try:
             if message is None:
                 message = self._begin(key, total, now_s)
-            self._take(message, num, total, data)
-        except MessageRefused:
-            self._unfinished.pop(key, None)
+            self._add_fragment(message, num, total, data)
+        except MessageValidationError:
+            self._partial.pop(key, None)
             raise
-        message.touched_s = now_s
+        message.last_update_s = now_s
         if len(message.pieces) < message.total:
             return None
-        del self._unfinished[key]
+        del self._partial[key]
         return "".join(message.pieces[number] for number in range(message.total))
 
-    def forget_older(self, now_s: float) -> list[Hashable]:
+    def expire(self, now_s: float) -> list[Hashable]:
         """Forgets messages whose next piece did not come in time, and says which."""
-        old = [key for key, each in self._unfinished.items() if now_s - each.touched_s > self._limits.fragment_age_s]
+        old = [
+            key for key, each in self._partial.items() if now_s - each.last_update_s > self._limits.fragment_timeout_s
+        ]
         for key in old:
-            del self._unfinished[key]
+            del self._partial[key]
         return old
 
-    def _begin(self, key: Hashable, total: int, now_s: float) -> _Unfinished:
+    def _begin(self, key: Hashable, total: int, now_s: float) -> _PartialMessage:
         if total > self._limits.fragments:
-            raise _refused(f"{total} pieces are too many", f"at most {self._limits.fragments}")
-        if len(self._unfinished) >= self._limits.fragmented_messages:
-            raise _refused(f"{len(self._unfinished)} messages are incomplete already", "finish one of them first")
-        self._unfinished[key] = message = _Unfinished(total, now_s)
+            raise _fragment_error(f"{total} pieces are too many", f"at most {self._limits.fragments}")
+        if len(self._partial) >= self._limits.fragmented_messages:
+            raise _fragment_error(f"{len(self._partial)} messages are incomplete already", "finish one of them first")
+        self._partial[key] = message = _PartialMessage(total, now_s)
         return message
 
-    def _take(self, message: _Unfinished, num: int, total: int, data: str) -> None:
+    def _add_fragment(self, message: _PartialMessage, num: int, total: int, data: str) -> None:
         if total != message.total:
-            raise _refused(f"a piece of {total}, where the others are of {message.total}", "begin the message again")
+            raise _fragment_error(
+                f"a piece of {total}, where the others are of {message.total}", "begin the message again"
+            )
         if num >= total:
-            raise _refused(f"there is no piece {num} of {total}", "pieces are counted from 0")
+            raise _fragment_error(f"there is no piece {num} of {total}", "pieces are counted from 0")
         if message.pieces.get(num, data) != data:
-            raise _refused(f"piece {num} came twice, and differs", "begin the message again")
+            raise _fragment_error(f"piece {num} came twice, and differs", "begin the message again")
         if num not in message.pieces:
             message.pieces[num] = data
             message.length += len(data)
-        held = sum(each.length for each in self._unfinished.values())
+        held = sum(each.length for each in self._partial.values())
         if held > self._limits.message_bytes:
-            raise _refused(f"{held} bytes in pieces are too many", f"at most {self._limits.message_bytes}")
+            raise _fragment_error(f"{held} bytes in pieces are too many", f"at most {self._limits.message_bytes}")
 
 
-def _refused(cause: str, remedy: str) -> MessageRefused:
-    return MessageRefused("fragment", cause=cause, remedy=remedy)
+def _fragment_error(cause: str, remedy: str) -> MessageValidationError:
+    return MessageValidationError("fragment", cause=cause, remedy=remedy)

@@ -7,12 +7,12 @@ from __future__ import annotations
 
 import msgspec
 
-__all__ = ["USUAL_LIMITS", "Limits"]
+__all__ = ["DEFAULT_LIMITS", "BridgeLimits"]
 
 _MIB = 1 << 20
 
 
-class Limits(msgspec.Struct, frozen=True, kw_only=True):
+class BridgeLimits(msgspec.Struct, frozen=True, kw_only=True):
     """The defaults are generous for a robot and its tools, and small beside a machine's memory."""
 
     message_bytes: int = 32 * _MIB
@@ -27,7 +27,7 @@ class Limits(msgspec.Struct, frozen=True, kw_only=True):
     """Of one message, in both directions."""
     fragmented_messages: int = 16
     """Begun and not yet complete, of one connection."""
-    fragment_age_s: float = 30.0
+    fragment_timeout_s: float = 30.0
     """A message whose next fragment does not come for so long is forgotten [s]."""
     connections: int = 256
     """At one server."""
@@ -35,9 +35,9 @@ class Limits(msgspec.Struct, frozen=True, kw_only=True):
     """Service calls of one client that wait for their answer."""
     goals: int = 64
     """Action goals of one client that are under way."""
-    orphaned_goal_s: float = 60.0
-    """So long does the hub wait for the end of a goal that it cancelled because its sender is gone [s]."""
-    offers: int = 1024
+    orphaned_goal_timeout_s: float = 60.0
+    """So long does the hub wait for the end of a goal that it canceled because its sender is gone [s]."""
+    advertisements: int = 1024
     """Services, actions and topics that one client may offer."""
     subscriptions: int = 1024
     """Of one client."""
@@ -45,13 +45,13 @@ class Limits(msgspec.Struct, frozen=True, kw_only=True):
     """Ready to be sent to one peer; a peer that reads so slowly that there are more is dropped."""
     waiting_bytes: int = 64 * _MIB
     """The same, counted in bytes."""
-    call_s: float = 10.0
+    call_timeout_s: float = 10.0
     """A service call that names no timeout has this one [s]."""
-    longest_call_s: float = 3600.0
+    max_call_timeout_s: float = 3600.0
     """No call may wait longer, whatever it names [s]."""
-    sign_in_s: float = 10.0
+    auth_timeout_s: float = 10.0
     """So long may a client that needs a token take to show it [s]."""
 
 
-USUAL_LIMITS = Limits()
+DEFAULT_LIMITS = BridgeLimits()
 """What holds where nobody says otherwise."""

@@ -1,6 +1,6 @@
 """Operations: what the two ends of a rosbridge connection say to one another, one struct for each `op`.
 
-What a message carries (`msg`, `args`, `values`) stays the JSON text it came as until somebody needs to look into it,
+What a message carries (`msg`, `args`, `call_raw`) stays the JSON text it came as until somebody needs to look into it,
 so that a hub passes it on untouched and unread. Fields nobody knows are ignored, as rosbridge does.
 The fields are those of the rosbridge v2 protocol document of rosbridge_suite; `auth` is rosauth's.
 """
@@ -26,7 +26,6 @@ __all__ = [
     "Fragment",
     "GoalStatus",
     "Id",
-    "Level",
     "Operation",
     "Png",
     "Publish",
@@ -34,6 +33,7 @@ __all__ = [
     "ServiceResponse",
     "SetLevel",
     "Status",
+    "StatusLevel",
     "Subscribe",
     "Unadvertise",
     "UnadvertiseAction",
@@ -62,7 +62,7 @@ class Compression(StrEnum):
     """A binary frame."""
 
 
-class Level(StrEnum):
+class StatusLevel(StrEnum):
     """How grave a status message is; a client hears of its level and what is graver."""
 
     NONE = "none"
@@ -70,10 +70,10 @@ class Level(StrEnum):
     WARNING = "warning"
     INFO = "info"
 
-    def hears(self, other: Level) -> bool:
+    def includes(self, other: StatusLevel) -> bool:
         """Whether a client that set this level is told of the other one."""
-        order = list(Level)
-        return Level.NONE is not other and order.index(other) <= order.index(self)
+        order = list(StatusLevel)
+        return StatusLevel.NONE is not other and order.index(other) <= order.index(self)
 
 
 class GoalStatus(IntEnum):
@@ -92,14 +92,14 @@ def _op(name: str) -> str:
     return re.sub(r"(?<!^)(?=[A-Z])", "_", name).lower()
 
 
-class _Named(Struct, frozen=True, kw_only=True, omit_defaults=True, tag_field="op", tag=_op):
+class _Operation(Struct, frozen=True, kw_only=True, omit_defaults=True, tag_field="op", tag=_op):
     id: Id | None = None
 
 
 # -- topics ------------------------------------------------------------------------------------------------------------
 
 
-class Advertise(_Named, frozen=True, kw_only=True):
+class Advertise(_Operation, frozen=True, kw_only=True):
     """I will publish on a topic."""
 
     topic: _Name
@@ -108,13 +108,13 @@ class Advertise(_Named, frozen=True, kw_only=True):
     """Whether the last message is kept for those who subscribe later."""
 
 
-class Unadvertise(_Named, frozen=True, kw_only=True):
+class Unadvertise(_Operation, frozen=True, kw_only=True):
     """I will not publish on it any more."""
 
     topic: _Name
 
 
-class Publish(_Named, frozen=True, kw_only=True):
+class Publish(_Operation, frozen=True, kw_only=True):
     """A message on a topic, in both directions."""
 
     topic: _Name
@@ -122,7 +122,7 @@ class Publish(_Named, frozen=True, kw_only=True):
     latch: bool | None = None
 
 
-class Subscribe(_Named, frozen=True, kw_only=True):
+class Subscribe(_Operation, frozen=True, kw_only=True):
     """I want a topic's messages."""
 
     topic: _Name
@@ -134,7 +134,7 @@ class Subscribe(_Named, frozen=True, kw_only=True):
     compression: Compression | None = None
 
 
-class Unsubscribe(_Named, frozen=True, kw_only=True):
+class Unsubscribe(_Operation, frozen=True, kw_only=True):
     """I do not want them any more; with an id, only that subscription ends."""
 
     topic: _Name
@@ -143,20 +143,20 @@ class Unsubscribe(_Named, frozen=True, kw_only=True):
 # -- services ----------------------------------------------------------------------------------------------------------
 
 
-class AdvertiseService(_Named, frozen=True, kw_only=True):
+class AdvertiseService(_Operation, frozen=True, kw_only=True):
     """Calls of this service are mine to answer."""
 
     service: _Name
     type: _Type
 
 
-class UnadvertiseService(_Named, frozen=True, kw_only=True):
+class UnadvertiseService(_Operation, frozen=True, kw_only=True):
     """I do not answer it any more."""
 
     service: _Name
 
 
-class CallService(_Named, frozen=True, kw_only=True):
+class CallService(_Operation, frozen=True, kw_only=True):
     """A question, in both directions."""
 
     service: _Name
@@ -168,7 +168,7 @@ class CallService(_Named, frozen=True, kw_only=True):
     compression: Compression | None = None
 
 
-class ServiceResponse(_Named, frozen=True, kw_only=True):
+class ServiceResponse(_Operation, frozen=True, kw_only=True):
     """Its answer."""
 
     service: _Name
@@ -180,20 +180,20 @@ class ServiceResponse(_Named, frozen=True, kw_only=True):
 # -- actions (ROS 2) ---------------------------------------------------------------------------------------------------
 
 
-class AdvertiseAction(_Named, frozen=True, kw_only=True):
+class AdvertiseAction(_Operation, frozen=True, kw_only=True):
     """Goals of this action are mine to reach."""
 
     action: _Name
     type: _Type
 
 
-class UnadvertiseAction(_Named, frozen=True, kw_only=True):
+class UnadvertiseAction(_Operation, frozen=True, kw_only=True):
     """I do not take its goals any more."""
 
     action: _Name
 
 
-class SendActionGoal(_Named, frozen=True, kw_only=True):
+class SendActionGoal(_Operation, frozen=True, kw_only=True):
     """A goal, in both directions."""
 
     action: _Name
@@ -205,14 +205,14 @@ class SendActionGoal(_Named, frozen=True, kw_only=True):
     compression: Compression | None = None
 
 
-class CancelActionGoal(_Named, frozen=True, kw_only=True):
+class CancelActionGoal(_Operation, frozen=True, kw_only=True):
     """Give that goal up."""
 
     id: Id
     action: _Name
 
 
-class ActionFeedback(_Named, frozen=True, kw_only=True):
+class ActionFeedback(_Operation, frozen=True, kw_only=True):
     """How a goal goes."""
 
     id: Id
@@ -220,7 +220,7 @@ class ActionFeedback(_Named, frozen=True, kw_only=True):
     values: Raw | UnsetType = UNSET
 
 
-class ActionResult(_Named, frozen=True, kw_only=True):
+class ActionResult(_Operation, frozen=True, kw_only=True):
     """How it ended; a goal that was given up is no error: its `result` is true and its `status` says so."""
 
     action: _Name
@@ -232,20 +232,20 @@ class ActionResult(_Named, frozen=True, kw_only=True):
 # -- about the connection itself ---------------------------------------------------------------------------------------
 
 
-class Status(_Named, frozen=True, kw_only=True):
+class Status(_Operation, frozen=True, kw_only=True):
     """A remark about something that was sent, by its id."""
 
-    level: Level
+    level: StatusLevel
     msg: str
 
 
-class SetLevel(_Named, frozen=True, kw_only=True):
+class SetLevel(_Operation, frozen=True, kw_only=True):
     """Which remarks I want to hear."""
 
-    level: Level
+    level: StatusLevel
 
 
-class Auth(_Named, frozen=True, kw_only=True):
+class Auth(_Operation, frozen=True, kw_only=True):
     """Who I am: either the token itself, or rosauth's proof that I know it."""
 
     token: str | None = None
@@ -261,7 +261,7 @@ class Auth(_Named, frozen=True, kw_only=True):
 # -- wrappings ---------------------------------------------------------------------------------------------------------
 
 
-class Fragment(_Named, frozen=True, kw_only=True):
+class Fragment(_Operation, frozen=True, kw_only=True):
     """A piece of the text of another message."""
 
     id: Id
@@ -271,7 +271,7 @@ class Fragment(_Named, frozen=True, kw_only=True):
     total: _Size
 
 
-class Png(_Named, frozen=True, kw_only=True):
+class Png(_Operation, frozen=True, kw_only=True):
     """Another message, or a piece of it, as the pixels of an image in base64."""
 
     data: str

@@ -12,7 +12,7 @@ import io
 import struct
 from math import isqrt
 
-from mindstage.errors import MessageRefused
+from mindstage.errors import MessageValidationError
 
 __all__ = ["read_png", "write_png"]
 
@@ -36,7 +36,7 @@ def write_png(text: str) -> str:
     return base64.b64encode(file.getvalue()).decode()
 
 
-def read_png(data: str, *, most: int) -> str:
+def read_png(data: str, *, max_bytes: int) -> str:
     """The text in an image.
 
     The size is checked before any pixel is decompressed, and no more pixels are than the header says.
@@ -46,7 +46,7 @@ def read_png(data: str, *, most: int) -> str:
         most: how many bytes of pixels are read at most.
 
     Raises:
-        MessageRefused: not such an image, too large, or its pixels are not UTF-8.
+        MessageValidationError: not such an image, too large, or its pixels are not UTF-8.
     """
     from PIL import Image
 
@@ -56,17 +56,17 @@ def read_png(data: str, *, most: int) -> str:
             raise ValueError("another signature")
         width, height, bits, color, _, _, interlaced = _HEADER.unpack_from(file, len(_SIGNATURE))
     except (binascii.Error, struct.error, ValueError) as error:
-        raise MessageRefused("png", cause=f"it is no PNG in base64 ({error})") from None
+        raise MessageValidationError("png", cause=f"it is no PNG in base64 ({error})") from None
     if bits != 8 or interlaced or color not in _CHANNELS or not width or not height:
-        raise MessageRefused("png", cause="only 8-bit grayscale, RGB and RGBA images are read, not interlaced")
-    if (size := height * width * _CHANNELS[color]) > most:
-        raise MessageRefused("png", cause=f"{size} bytes of pixels are too many", remedy=f"at most {most}")
+        raise MessageValidationError("png", cause="only 8-bit grayscale, RGB and RGBA images are read, not interlaced")
+    if (size := height * width * _CHANNELS[color]) > max_bytes:
+        raise MessageValidationError("png", cause=f"{size} bytes of pixels are too many", remedy=f"at most {max_bytes}")
     try:
         with Image.open(io.BytesIO(file), formats=["PNG"]) as image:
             pixels = (image.convert("RGB") if color == 6 else image).tobytes()
     except (OSError, SyntaxError, ValueError, EOFError, struct.error) as error:  # what Pillow raises for broken files
-        raise MessageRefused("png", cause=f"its pixels cannot be read ({error})") from None
+        raise MessageValidationError("png", cause=f"its pixels cannot be read ({error})") from None
     try:
         return pixels.decode()
     except UnicodeDecodeError as error:
-        raise MessageRefused("png", cause=f"its pixels are no text ({error.reason})") from None
+        raise MessageValidationError("png", cause=f"its pixels are no text ({error.reason})") from None

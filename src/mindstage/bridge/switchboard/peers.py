@@ -5,34 +5,34 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from typing import NamedTuple
 
-from mindstage.bridge.protocol import Compression, Id, Level, Outgoing, Status
+from mindstage.bridge.protocol import Compression, Id, MessageEncoder, Status, StatusLevel
 
-__all__ = ["PLAIN", "Peer", "Route"]
+__all__ = ["PLAIN_FORMAT", "Peer", "ReplyFormat"]
 
 
-class Route(NamedTuple):
+class ReplyFormat(NamedTuple):
     """How a peer wants to be sent something."""
 
     compression: Compression = Compression.NONE
     fragment_size: int | None = None
 
 
-PLAIN = Route()
+PLAIN_FORMAT = ReplyFormat()
 """As JSON, and whole."""
 
 
 class Peer(ABC):
     """Someone at the hub; compared by identity."""
 
-    local = False
+    is_local = False
     """Whether it lives in this process: then its offers are the hub's own, and nobody else may take their names."""
 
     def __init__(self, name: str) -> None:
         self.name = name
         """Such as `/client_3`, as tools that look around show it."""
-        self.gone = False
+        self.has_left = False
         """Whether it has left."""
-        self.level = Level.ERROR
+        self.level = StatusLevel.ERROR
         """Which remarks it wants to hear."""
 
     @property
@@ -41,7 +41,9 @@ class Peer(ABC):
         """Whether it reads more slowly than it is sent to; what can wait should wait."""
 
     @abstractmethod
-    def deliver(self, outgoing: Outgoing, route: Route = PLAIN, *, sender: Peer | None = None) -> None:
+    def deliver(
+        self, outgoing: MessageEncoder, route: ReplyFormat = PLAIN_FORMAT, *, sender: Peer | None = None
+    ) -> None:
         """Sends it something; never waits.
 
         Args:
@@ -50,7 +52,7 @@ class Peer(ABC):
             sender: on whose behalf.
         """
 
-    def remark(self, level: Level, message: str, id: Id | None = None) -> None:
+    def send_status(self, level: StatusLevel, message: str, id: Id | None = None) -> None:
         """Tells it something about what it sent, if it wants to hear it."""
-        if self.level.hears(level):
-            self.deliver(Outgoing(Status(id=id, level=level, msg=message)))
+        if self.level.includes(level):
+            self.deliver(MessageEncoder(Status(id=id, level=level, msg=message)))

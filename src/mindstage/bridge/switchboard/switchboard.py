@@ -14,30 +14,30 @@ from mindstage.bridge.protocol import (
     Advertise,
     AdvertiseAction,
     AdvertiseService,
+    BridgeLimits,
     CallService,
     CancelActionGoal,
-    Level,
-    Limits,
     Operation,
     Publish,
     SendActionGoal,
     ServiceResponse,
     SetLevel,
+    StatusLevel,
     Subscribe,
     Unadvertise,
     UnadvertiseAction,
     UnadvertiseService,
     Unsubscribe,
 )
-from mindstage.bridge.switchboard.actions import Actions
+from mindstage.bridge.switchboard.actions import ActionRouter
 from mindstage.bridge.switchboard.peers import Peer
-from mindstage.bridge.switchboard.services import Services
-from mindstage.bridge.switchboard.topics import Topics
+from mindstage.bridge.switchboard.services import ServiceRouter
+from mindstage.bridge.switchboard.topics import TopicRouter
 
-__all__ = ["Directory", "Listing", "Switchboard", "TopicListing"]
+__all__ = ["Broker", "GraphInfo", "ProviderInfo", "TopicInfo"]
 
 
-class Listing(msgspec.Struct, frozen=True):
+class ProviderInfo(msgspec.Struct, frozen=True):
     """A service or an action, and who provides it."""
 
     name: str
@@ -45,7 +45,7 @@ class Listing(msgspec.Struct, frozen=True):
     provider: str
 
 
-class TopicListing(msgspec.Struct, frozen=True):
+class TopicInfo(msgspec.Struct, frozen=True):
     """A topic, and who is at its ends."""
 
     name: str
@@ -55,24 +55,24 @@ class TopicListing(msgspec.Struct, frozen=True):
     subscribers: tuple[str, ...]
 
 
-class Directory(msgspec.Struct, frozen=True):
+class GraphInfo(msgspec.Struct, frozen=True):
     """Who and what is at a hub at one moment."""
 
     peers: tuple[str, ...]
-    services: tuple[Listing, ...]
-    actions: tuple[Listing, ...]
-    topics: tuple[TopicListing, ...]
+    services: tuple[ProviderInfo, ...]
+    actions: tuple[ProviderInfo, ...]
+    topics: tuple[TopicInfo, ...]
 
 
-class Switchboard:
+class Broker:
     """Brings peers together."""
 
-    def __init__(self, loop: asyncio.AbstractEventLoop, limits: Limits) -> None:
-        self.services = Services(loop, limits)
-        self.actions = Actions(loop, limits)
-        self.topics = Topics(loop, limits)
+    def __init__(self, loop: asyncio.AbstractEventLoop, limits: BridgeLimits) -> None:
+        self.services = ServiceRouter(loop, limits)
+        self.actions = ActionRouter(loop, limits)
+        self.topics = TopicRouter(loop, limits)
         self._peers: list[Peer] = []
-        self._ways: Mapping[type, Callable[[Peer, Any], None]] = {
+        self._handlers: Mapping[type, Callable[[Peer, Any], None]] = {
             Advertise: self.topics.advertise,
             Unadvertise: self.topics.unadvertise,
             Publish: self.topics.publish,
@@ -80,60 +80,64 @@ class Switchboard:
             Unsubscribe: self.topics.unsubscribe,
             AdvertiseService: self.services.advertise,
             UnadvertiseService: self.services.unadvertise,
-            CallService: self.services.call,
-            ServiceResponse: self.services.respond,
+            CallService: self.services.forward_call,
+            ServiceResponse: self.services.forward_response,
             AdvertiseAction: self.actions.advertise,
             UnadvertiseAction: self.actions.unadvertise,
-            SendActionGoal: self.actions.send,
-            CancelActionGoal: self.actions.cancel,
-            ActionFeedback: self.actions.feedback,
-            ActionResult: self.actions.result,
+            SendActionGoal: self.actions.send_goal,
+            CancelActionGoal: self.actions.cancel_goal,
+            ActionFeedback: self.actions.forward_feedback,
+            ActionResult: self.actions.forward_result,
             SetLevel: _set_level,
         }
 
-    def join(self, peer: Peer) -> None:
+    def add_peer(self, peer: Peer) -> None:
         """A peer is here."""
         self._peers.append(peer)
 
-    def leave(self, peer: Peer) -> None:
-        """A peer is gone: its offers end, its goals are cancelled, and whoever waits for it is told."""
+    def remove_peer(self, peer: Peer) -> None:
+        """A peer is gone: its offers end, its goals are canceled, and whoever waits for it is told."""
         if peer in self._peers:
             self._peers.remove(peer)
-            peer.gone = True
-            self.services.leave(peer)
-            self.actions.leave(peer)
-            self.topics.leave(peer)
+            peer.has_left = True
+            self.services.remove_peer(peer)
+            self.actions.remove_peer(peer)
+            self.topics.remove_peer(peer)
 
-    def receive(self, peer: Peer, operation: Operation) -> None:
+    def handle(self, peer: Peer, operation: Operation) -> None:
         """Does what a peer says.
 
         Raises:
-            OfferRefused: it cannot offer that.
-            MessageRefused: it cannot say that.
+            AdvertiseError: it cannot offer that.
+            MessageValidationError: it cannot say that.
         """
-        way = self._ways.get(type(operation))
+        way = self._handlers.get(type(operation))
         if way is None:
-            peer.remark(Level.WARNING, f"a {type(operation).__name__} makes no sense here", operation.id)
+            peer.send_status(StatusLevel.WARNING, f"a {type(operation).__name__} makes no sense here", operation.id)
         else:
             way(peer, operation)
 
-    def directory(self) -> Directory:
+    def graph_info(self) -> GraphInfo:
         """Who and what is here now."""
-        return Directory(
+        return GraphInfo(
             peers=tuple(peer.name for peer in self._peers),
-            services=tuple(Listing(each.name, each.type, each.provider.name) for each in self.services.exchange.offers),
-            actions=tuple(Listing(each.name, each.type, each.provider.name) for each in self.actions.exchange.offers),
+            services=tuple(
+                ProviderInfo(each.name, each.type, each.peer.name) for each in self.services.providers.providers
+            ),
+            actions=tuple(
+                ProviderInfo(each.name, each.type, each.peer.name) for each in self.actions.providers.providers
+            ),
             topics=tuple(
-                TopicListing(
+                TopicInfo(
                     topic.name,
                     topic.type,
                     tuple(peer.name for peer in topic.publishers),
-                    tuple(peer.name for peer in topic.feeds),
+                    tuple(peer.name for peer in topic.queues),
                 )
                 for topic in self.topics.all()
             ),
         )
 
 
-def _set_level(peer: Peer, wish: SetLevel) -> None:
-    peer.level = wish.level
+def _set_level(peer: Peer, request: SetLevel) -> None:
+    peer.level = request.level

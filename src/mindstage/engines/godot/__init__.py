@@ -1,6 +1,6 @@
 """Godot: a world in a Godot 4 that is started for it, and ends with it."""
 
 from mindstage.engines.godot.engine import GodotEngine
-from mindstage.engines.godot.program import Godot, find_godot
+from mindstage.engines.godot.program import GodotExecutable, find_godot
 
-__all__ = ["Godot", "GodotEngine", "find_godot"]
+__all__ = ["GodotEngine", "GodotExecutable", "find_godot"]

@@ -10,12 +10,12 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from mindstage.bridge.description import point_message
-from mindstage.engines.godot.line import GodotLine, GodotLink
+from mindstage.engines.godot.line import GodotBridge, GodotServiceClient
 from mindstage.engines.godot.process import GodotProcess
 from mindstage.engines.godot.program import find_godot
-from mindstage.engines.godot.project import ready_project
-from mindstage.engines.remote.planned import PlannedEngine
-from mindstage.exports import shelf_folder, shelve
+from mindstage.engines.godot.project import prepare_project
+from mindstage.engines.remote.planned import CompiledRemoteEngine
+from mindstage.exports import cache_geometry_glb, geometry_cache_dir
 from mindstage.msgs import mindstage_msgs as wire
 from mindstage.world import Vector
 
@@ -24,7 +24,7 @@ __all__ = ["GodotEngine"]
 _NAMESPACE = "godot"
 
 
-class GodotEngine(PlannedEngine):
+class GodotEngine(CompiledRemoteEngine):
     """The contract, kept by Godot 4 and its Jolt."""
 
     precision = 2e-6
@@ -37,7 +37,7 @@ class GodotEngine(PlannedEngine):
         window: bool = False,
         options: Sequence[str] = (),
         timeout_s: float = 20.0,
-        start_s: float = 60.0,
+        start_timeout_s: float = 60.0,
     ) -> None:
         """Starts Godot, and waits until it can be used.
 
@@ -49,18 +49,20 @@ class GodotEngine(PlannedEngine):
             start_s: how long it may take to start [s].
 
         Raises:
-            EngineUnavailable: there is none, it is too old, or it does not start.
+            EngineUnavailableError: there is none, it is too old, or it does not start.
         """
         godot = find_godot(program)
-        project, forms = ready_project(godot), shelf_folder()
-        line = GodotLine()
+        project, forms = prepare_project(godot), geometry_cache_dir()
+        line = GodotBridge()
         try:
             line.process = GodotProcess(
-                godot, project, url=line.server.url, token=line.token, namespace=_NAMESPACE, forms=forms,
+                godot, project, url=line.server.url, token=line.token, namespace=_NAMESPACE, mesh_dir=forms,
                 window=window, options=options,
             )  # fmt: skip
-            line.wait_offered(_NAMESPACE, start_s)
-            super().__init__(GodotLink(line, namespace=_NAMESPACE, timeout_s=timeout_s), show=shelve)
+            line.wait_services(_NAMESPACE, start_timeout_s)
+            super().__init__(
+                GodotServiceClient(line, namespace=_NAMESPACE, timeout_s=timeout_s), export_mesh=cache_geometry_glb
+            )
         except BaseException:
             line.close()
             raise
@@ -75,9 +77,9 @@ class GodotEngine(PlannedEngine):
         Raises:
             WorldError: it cannot be written there.
         """
-        self._ask(wire.SaveScene, wire.SaveScene.Request(path=str(Path(path).absolute())))
+        self._call(wire.SaveScene, wire.SaveScene.Request(path=str(Path(path).absolute())))
 
-    def photograph(
+    def screenshot(
         self,
         path: str | Path,
         *,
@@ -102,4 +104,4 @@ class GodotEngine(PlannedEngine):
             path=str(Path(path).absolute()), width=size[0], height=size[1], eye=point_message(eye),
             target=point_message(target), fov_deg=fov_deg,
         )  # fmt: skip
-        self._ask(wire.Photograph, request)
+        self._call(wire.Photograph, request)

@@ -16,16 +16,16 @@ from pathlib import Path
 from typing import IO
 from weakref import finalize
 
-from mindstage.engines.godot.program import Godot
-from mindstage.engines.godot.project import homes
-from mindstage.errors import EngineUnavailable
+from mindstage.engines.godot.program import GodotExecutable
+from mindstage.engines.godot.project import isolated_environment
+from mindstage.errors import EngineUnavailableError
 
 __all__ = ["GodotProcess"]
 
-_ENDING_S = 3.0
+_TERMINATE_TIMEOUT_S = 3.0
 """How long it may take to end when it is asked to; then it is ended [s]."""
-_LAST_LINES = 8
-_LAST_BYTES = 8192
+_LOG_TAIL_LINES = 8
+_LOG_TAIL_BYTES = 8192
 
 
 class GodotProcess:
@@ -33,13 +33,13 @@ class GodotProcess:
 
     def __init__(
         self,
-        godot: Godot,
+        godot: GodotExecutable,
         project: Path,
         *,
         url: str,
         token: str,
         namespace: str,
-        forms: Path,
+        mesh_dir: Path,
         window: bool = False,
         options: Sequence[str] = (),
     ) -> None:
@@ -56,22 +56,22 @@ class GodotProcess:
             options: more of Godot's own options.
 
         Raises:
-            EngineUnavailable: it does not start.
+            EngineUnavailableError: it does not start.
         """
         command = [str(godot.path), *([] if window else ["--headless"]), *options, "--path", str(project), "--"]
         command += [f"--mindstage-url={url}", f"--mindstage-namespace={namespace}", "--mindstage-quit-when-lost"]
-        told = {"MINDSTAGE_TOKEN": token, "MINDSTAGE_FORMS": str(forms)}
-        self._said: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115 - it is closed with the process
+        told = {"MINDSTAGE_TOKEN": token, "MINDSTAGE_FORMS": str(mesh_dir)}
+        self._output: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115 - it is closed with the process
         try:
             self._process = subprocess.Popen(
-                command, stdin=subprocess.DEVNULL, stdout=self._said, stderr=subprocess.STDOUT,
-                env=os.environ | homes() | told, start_new_session=True,
+                command, stdin=subprocess.DEVNULL, stdout=self._output, stderr=subprocess.STDOUT,
+                env=os.environ | isolated_environment() | told, start_new_session=True,
             )  # fmt: skip
         except OSError as error:
-            self._said.close()
+            self._output.close()
             cause = f"{godot.path} does not start: {error.strerror or error}"
-            raise EngineUnavailable("godot", cause=cause) from error
-        self.end = finalize(self, _end, self._process, self._said)
+            raise EngineUnavailableError("godot", cause=cause) from error
+        self.terminate = finalize(self, _terminate, self._process, self._output)
         """Ends it; any number of times."""
 
     @property
@@ -80,17 +80,17 @@ class GodotProcess:
         return self._process.pid
 
     @property
-    def runs(self) -> bool:
+    def is_running(self) -> bool:
         """Whether it is still there."""
         return self._process.poll() is None
 
-    def ended(self, within_s: float) -> bool:
+    def exits_within(self, timeout_s: float) -> bool:
         """Whether it ends within a while."""
         with suppress(subprocess.TimeoutExpired):
-            self._process.wait(within_s)
-        return not self.runs
+            self._process.wait(timeout_s)
+        return not self.is_running
 
-    def obituary(self) -> str:
+    def exit_message(self) -> str:
         """How it ended, and its last words."""
         code = self._process.poll()
         if code is None:
@@ -99,38 +99,38 @@ class GodotProcess:
             how = f"it was ended by {_signal_name(-code)}"
         else:
             how = f"it ended with exit code {code}"
-        said = self.last_words()
+        said = self.log_tail()
         return f"{how}; its last words: {said}" if said else f"{how} and said nothing"
 
-    def last_words(self) -> str:
+    def log_tail(self) -> str:
         """The last lines that it wrote."""
-        if self._said.closed:
+        if self._output.closed:
             return ""
-        descriptor = self._said.fileno()
+        descriptor = self._output.fileno()
         length = os.fstat(descriptor).st_size
-        text = os.pread(descriptor, _LAST_BYTES, max(0, length - _LAST_BYTES)).decode("utf-8", "replace")
-        return " / ".join([line.strip() for line in text.splitlines() if line.strip()][-_LAST_LINES:])
+        text = os.pread(descriptor, _LOG_TAIL_BYTES, max(0, length - _LOG_TAIL_BYTES)).decode("utf-8", "replace")
+        return " / ".join([line.strip() for line in text.splitlines() if line.strip()][-_LOG_TAIL_LINES:])
 
 
-def _end(process: subprocess.Popen[bytes], said: IO[bytes]) -> None:
+def _terminate(process: subprocess.Popen[bytes], output: IO[bytes]) -> None:
     if process.poll() is None:
-        _tell(process, signal.SIGTERM)
+        _send_signal(process, signal.SIGTERM)
         try:
-            process.wait(_ENDING_S)
+            process.wait(_TERMINATE_TIMEOUT_S)
         except subprocess.TimeoutExpired:
-            _tell(process, signal.SIGKILL if hasattr(signal, "SIGKILL") else signal.SIGTERM)
+            _send_signal(process, signal.SIGKILL if hasattr(signal, "SIGKILL") else signal.SIGTERM)
             with suppress(subprocess.TimeoutExpired):
-                process.wait(_ENDING_S)
-    said.close()
+                process.wait(_TERMINATE_TIMEOUT_S)
+    output.close()
 
 
-def _tell(process: subprocess.Popen[bytes], what: signal.Signals) -> None:
+def _send_signal(process: subprocess.Popen[bytes], number: signal.Signals) -> None:
     """Sends a signal to it and to whatever it started itself."""
     with suppress(ProcessLookupError, PermissionError):
         if hasattr(os, "killpg"):
-            os.killpg(process.pid, what)
+            os.killpg(process.pid, number)
         else:
-            process.send_signal(what)
+            process.send_signal(number)
 
 
 def _signal_name(number: int) -> str:

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING
 from mindstage.engines.mujoco.engine import MujocoEngine
 
 if TYPE_CHECKING:
-    from mindstage.engines.mujoco.export import Mjcf, mjcf
+    from mindstage.engines.mujoco.export import MjcfExport, world_to_mjcf
 
-__all__ = ["Mjcf", "MujocoEngine", "mjcf"]
+__all__ = ["MjcfExport", "MujocoEngine", "world_to_mjcf"]
 
 
 def __getattr__(name: str) -> object:

@@ -15,12 +15,12 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from mindstage.engines.joints import place_of
-from mindstage.engines.mujoco.live import Joint, Live
+from mindstage.engines.joints import joint_coordinates
+from mindstage.engines.mujoco.live import CompiledModel, ModelJoint
 from mindstage.world import BodyId
-from mindstage.world.geometry import Array, compose, conjugate, invert, rotate
+from mindstage.world.geometry import Array, pose_inverse, pose_multiply, quat_conjugate, quat_rotate
 
-__all__ = ["carry", "coordinates", "put", "wake"]
+__all__ = ["current_joint_coordinates", "set_joint_coordinates", "transfer_state", "wake_islands"]
 
 
 def _update_sleep() -> Callable[[int, int], object] | None:
@@ -39,17 +39,17 @@ def _update_sleep() -> Callable[[int, int], object] | None:
 
 
 _UPDATE_SLEEP = _update_sleep()
-_WIDE_AWAKE = -(1 + mujoco.mjMINAWAKE)
+_FULLY_AWAKE = -(1 + mujoco.mjMINAWAKE)
 """From here MuJoCo counts up, once a step, while a tree does not move; at 0 it sleeps."""
 
 
-def carry(
-    old: Live | None,
-    new: Live,
-    where: Mapping[BodyId, Array],
-    ends: Mapping[BodyId, tuple[Array, Array]],
+def transfer_state(
+    old: CompiledModel | None,
+    new: CompiledModel,
+    poses: Mapping[BodyId, Array],
+    joint_frames: Mapping[BodyId, tuple[Array, Array]],
     at_rest: set[BodyId],
-    disturbed: NDArray[np.float64],
+    changed_boxes: NDArray[np.float64],
 ) -> None:
     """Sets the state of a new model.
 
@@ -62,92 +62,100 @@ def carry(
         disturbed: k x 2 x 3, boxes (lower and upper corner) in which something changed; what sleeps there wakes up.
     """
     data = new.data
-    for top, (_, velocity) in new.free.items():
-        if old is not None and top in old.numbers and top not in at_rest:  # scenery had no velocity
+    for top, (_, velocity) in new.free_joint_addresses.items():
+        if old is not None and top in old.body_ids and top not in at_rest:  # scenery had no velocity
             data.qvel[velocity : velocity + 6] = _velocity(old, top)
-            if top in old.free:
-                before = old.free[top][1]
+            if top in old.free_joint_addresses:
+                before = old.free_joint_addresses[top][1]
                 data.qacc_warmstart[velocity : velocity + 6] = old.data.qacc_warmstart[before : before + 6]
     for id, joint in new.joints.items():
         if old is not None and not _copy_joint(old, new, id, joint, at_rest):  # a first model stands as spawned
-            put(new, joint, coordinates(joint, where, ends[id]))
+            set_joint_coordinates(new, joint, current_joint_coordinates(joint, poses, joint_frames[id]))
     mujoco.mj_forward(new.model, data)
     if old is not None:
-        _sleep_on(old, new, disturbed)
+        _keep_asleep(old, new, changed_boxes)
 
 
-def coordinates(joint: Joint, where: Mapping[BodyId, Array], ends: tuple[Array, Array]) -> Array:
+def current_joint_coordinates(
+    joint: ModelJoint, poses: Mapping[BodyId, Array], joint_frames: tuple[Array, Array]
+) -> Array:
     """Six coordinates of a joint, from where the two bodies stand; then the quaternion, for a ball."""
-    of_parent, of_child = joint.branch.seen_from_root(ends)
-    fixed, moving = compose(where[joint.branch.parent], of_parent), compose(where[joint.branch.child], of_child)
-    relative = compose(invert(fixed), moving)
-    return np.concatenate([place_of(relative, joint.axes), relative[3:]])
+    of_parent, of_child = joint.tree_joint.order_ends(joint_frames)
+    fixed, moving = (
+        pose_multiply(poses[joint.tree_joint.parent], of_parent),
+        pose_multiply(poses[joint.tree_joint.child], of_child),
+    )
+    relative = pose_multiply(pose_inverse(fixed), moving)
+    return np.concatenate([joint_coordinates(relative, joint.axes), relative[3:]])
 
 
-def put(live: Live, joint: Joint, place: Array) -> None:
+def set_joint_coordinates(compiled: CompiledModel, joint: ModelJoint, coordinates: Array) -> None:
     """Sets a joint's coordinates; its velocity becomes zero."""
-    position = joint.position
+    position = joint.qpos_address
     for axis in joint.axes:
-        if axis.slides or not joint.ball:
-            live.data.qpos[position] = place[axis.index]
+        if axis.is_prismatic or not joint.is_ball:
+            compiled.data.qpos[position] = coordinates[axis.index]
             position += 1
-    if joint.ball:
-        live.data.qpos[position : position + 4] = place[6:]
-    live.data.qvel[joint.velocity : joint.velocity + len(joint.axes)] = 0.0
+    if joint.is_ball:
+        compiled.data.qpos[position : position + 4] = coordinates[6:]
+    compiled.data.qvel[joint.dof_address : joint.dof_address + len(joint.axes)] = 0.0
 
 
-def _copy_joint(old: Live, new: Live, id: BodyId, joint: Joint, at_rest: set[BodyId]) -> bool:
+def _copy_joint(old: CompiledModel, new: CompiledModel, id: BodyId, joint: ModelJoint, at_rest: set[BodyId]) -> bool:
     """Takes a joint's state over as it was; False if it was not the same joint, or its bodies were moved by hand."""
     before = old.joints.get(id)
-    if before is None or before.branch.parent != joint.branch.parent or before.axes != joint.axes:
+    if before is None or before.tree_joint.parent != joint.tree_joint.parent or before.axes != joint.axes:
         return False
-    if joint.branch.child in at_rest and joint.branch.parent not in at_rest:
+    if joint.tree_joint.child in at_rest and joint.tree_joint.parent not in at_rest:
         return False
     degrees = len(joint.axes)
-    here = slice(joint.position, joint.position + degrees + joint.ball)
-    there = slice(before.position, before.position + degrees + joint.ball)
+    here = slice(joint.qpos_address, joint.qpos_address + degrees + joint.is_ball)
+    there = slice(before.qpos_address, before.qpos_address + degrees + joint.is_ball)
     new.data.qpos[here] = old.data.qpos[there]
-    here, there = slice(joint.velocity, joint.velocity + degrees), slice(before.velocity, before.velocity + degrees)
+    here, there = (
+        slice(joint.dof_address, joint.dof_address + degrees),
+        slice(before.dof_address, before.dof_address + degrees),
+    )
     new.data.qvel[here] = old.data.qvel[there]
     new.data.qacc_warmstart[here] = old.data.qacc_warmstart[there]
     return True
 
 
-def _velocity(old: Live, id: BodyId) -> Array:
+def _velocity(old: CompiledModel, id: BodyId) -> Array:
     """A body's velocity as a free joint has it: linear in the world, angular in the body."""
-    if id in old.free:
-        start = old.free[id][1]
+    if id in old.free_joint_addresses:
+        start = old.free_joint_addresses[id][1]
         return np.array(old.data.qvel[start : start + 6])
-    number = old.numbers[id]
+    number = old.body_ids[id]
     both = np.zeros(6)
     mujoco.mj_objectVelocity(old.model, old.data, mujoco.mjtObj.mjOBJ_XBODY, number, both, 0)
     quaternion = np.array(old.data.xquat[number])
-    return np.concatenate([both[3:], rotate(conjugate(quaternion), both[:3])])
+    return np.concatenate([both[3:], quat_rotate(quat_conjugate(quaternion), both[:3])])
 
 
-def _roots(live: Live) -> dict[BodyId, int]:
+def _trees_by_body(compiled: CompiledModel) -> dict[BodyId, int]:
     """The tree of each body that the physics moves."""
-    trees = live.model.body_treeid
-    return {id: int(trees[number]) for id, number in live.numbers.items() if trees[number] >= 0}
+    trees = compiled.model.body_treeid
+    return {id: int(trees[number]) for id, number in compiled.body_ids.items() if trees[number] >= 0}
 
 
-def _sleep_on(old: Live, new: Live, disturbed: NDArray[np.float64]) -> None:
+def _keep_asleep(old: CompiledModel, new: CompiledModel, changed_boxes: NDArray[np.float64]) -> None:
     """Trees that slept go on sleeping; MuJoCo links those that fell asleep together in a circle.
 
     A circle is kept only if each of its trees is still there and nothing changed near any of them.
     """
-    trees = _roots(new)
+    trees = _trees_by_body(new)
     asleep = old.data.tree_asleep
     next_of: dict[int, int] = {}
     tree_of_old: dict[int, int] = {}
-    for id, before in _roots(old).items():
+    for id, before in _trees_by_body(old).items():
         if id in trees:
             tree_of_old.setdefault(before, trees[id])
     for before, now in tree_of_old.items():
-        neighbour = int(asleep[before])
-        if neighbour >= 0 and neighbour in tree_of_old:
-            next_of[now] = tree_of_old[neighbour]
-    stirred = _stirred(new, disturbed)
+        neighbor = int(asleep[before])
+        if neighbor >= 0 and neighbor in tree_of_old:
+            next_of[now] = tree_of_old[neighbor]
+    stirred = _disturbed_trees(new, changed_boxes)
     kept: set[int] = set()
     for start, following in next_of.items():
         circle, here = [start], following
@@ -162,30 +170,30 @@ def _sleep_on(old: Live, new: Live, disturbed: NDArray[np.float64]) -> None:
         _UPDATE_SLEEP(new.model._address, new.data._address)
 
 
-def wake(live: Live, disturbed: NDArray[np.float64]) -> None:
+def wake_islands(compiled: CompiledModel, changed_boxes: NDArray[np.float64]) -> None:
     """Wakes all that sleeps near some boxes (k x 2 x 3), and all that fell asleep together with it.
 
     MuJoCo itself wakes what has a velocity; this one is too small to matter. What is about to fall asleep begins to
     count anew.
     """
-    for tree in _stirred(live, disturbed):
-        if live.data.tree_asleep[tree] >= 0:
-            live.data.qvel[live.model.tree_dofadr[tree]] += 1e-12
+    for tree in _disturbed_trees(compiled, changed_boxes):
+        if compiled.data.tree_asleep[tree] >= 0:
+            compiled.data.qvel[compiled.model.tree_dofadr[tree]] += 1e-12
         else:
-            live.data.tree_asleep[tree] = _WIDE_AWAKE
+            compiled.data.tree_asleep[tree] = _FULLY_AWAKE
 
 
-def _stirred(live: Live, disturbed: NDArray[np.float64]) -> set[int]:
+def _disturbed_trees(compiled: CompiledModel, changed_boxes: NDArray[np.float64]) -> set[int]:
     """Trees whose bodies reach into a box in which something changed."""
-    if not len(disturbed) or not live.model.nbody:
+    if not len(changed_boxes) or not compiled.model.nbody:
         return set()
-    trees = live.model.body_treeid
+    trees = compiled.model.body_treeid
     moving = np.flatnonzero(trees >= 0)
-    geoms = np.flatnonzero(trees[live.model.geom_bodyid] >= 0)
-    reach = live.model.geom_rbound[geoms, None] + 0.02
-    centre = live.data.geom_xpos[geoms]
+    geoms = np.flatnonzero(trees[compiled.model.geom_bodyid] >= 0)
+    reach = compiled.model.geom_rbound[geoms, None] + 0.02
+    center = compiled.data.geom_xpos[geoms]
     stirred: set[int] = set()
-    for low, high in disturbed:
-        near = np.all((centre + reach >= low) & (centre - reach <= high), axis=1)
-        stirred.update(trees[live.model.geom_bodyid[geoms[near]]].tolist())
+    for low, high in changed_boxes:
+        near = np.all((center + reach >= low) & (center - reach <= high), axis=1)
+        stirred.update(trees[compiled.model.geom_bodyid[geoms[near]]].tolist())
     return stirred if len(moving) else set()

@@ -9,53 +9,53 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mindstage.engines.forest import Branch
-from mindstage.engines.joints import Axis
+from mindstage.engines.forest import TreeJoint
+from mindstage.engines.joints import JointAxis
 from mindstage.world import BodyId
 from mindstage.world.geometry import Array
 
-__all__ = ["Joint", "Live"]
+__all__ = ["CompiledModel", "ModelJoint"]
 
 
 @dataclass(slots=True)
-class Joint:
+class ModelJoint:
     """A branch of the forest as it stands in the model."""
 
-    branch: Branch
-    axes: tuple[Axis, ...]
-    ball: bool
-    position: int
+    tree_joint: TreeJoint
+    axes: tuple[JointAxis, ...]
+    is_ball: bool
+    qpos_address: int
     """Where its coordinates begin in `qpos`, in the order of `axes` (a ball's quaternion last)."""
-    velocity: int
+    dof_address: int
     """Where they begin in `qvel`."""
-    body: int
+    body_id: int
     """The MuJoCo body that the joints move."""
 
 
 @dataclass(slots=True)
-class Live:
+class CompiledModel:
     """A compiled model, its state, and where everything is in it."""
 
     model: Any
     data: Any
     rows: dict[BodyId, int]
     """The order of poses: as in the blueprint."""
-    numbers: dict[BodyId, int]
+    body_ids: dict[BodyId, int]
     """MuJoCo's number of each body; scenery has none."""
-    order: NDArray[np.intp]
-    """The same in the order of `Blueprint.rows`, for reading all poses at once; 0 for scenery."""
+    body_id_order: NDArray[np.intp]
+    """The same in the order of `ModelInput.rows`, for reading all poses at once; 0 for scenery."""
     scenery: NDArray[np.intp]
     """Rows of bodies that are part of MuJoCo's world."""
     scenery_poses: Array
     """Where those stand."""
-    joints: dict[BodyId, Joint]
+    joints: dict[BodyId, ModelJoint]
     """By constraint."""
-    free: dict[BodyId, tuple[int, int]]
+    free_joint_addresses: dict[BodyId, tuple[int, int]]
     """Of each assembly that moves freely: where its pose begins in `qpos`, its velocity in `qvel`."""
-    mocap: dict[BodyId, int]
+    mocap_ids: dict[BodyId, int]
     """MuJoCo's mocap number of each kinematic assembly."""
 
-    def without(self, gone: Collection[BodyId], *, joints: Container[BodyId]) -> Live:
+    def without(self, removed: Collection[BodyId], *, remaining_joints: Container[BodyId]) -> CompiledModel:
         """The same, as a state to carry over, in which some bodies are not known any more.
 
         Args:
@@ -64,14 +64,14 @@ class Live:
         """
         return replace(
             self,
-            numbers={id: number for id, number in self.numbers.items() if id not in gone},
-            free={id: place for id, place in self.free.items() if id not in gone},
-            joints={id: joint for id, joint in self.joints.items() if id in joints},
+            body_ids={id: number for id, number in self.body_ids.items() if id not in removed},
+            free_joint_addresses={id: place for id, place in self.free_joint_addresses.items() if id not in removed},
+            joints={id: joint for id, joint in self.joints.items() if id in remaining_joints},
         )
 
     def poses(self) -> Array:
-        """All poses, n x 7, in the order of `Blueprint.rows`."""
-        poses = np.empty((len(self.order), 7))
-        poses[:, :3], poses[:, 3:] = self.data.xpos[self.order], self.data.xquat[self.order]
+        """All poses, n x 7, in the order of `ModelInput.rows`."""
+        poses = np.empty((len(self.body_id_order), 7))
+        poses[:, :3], poses[:, 3:] = self.data.xpos[self.body_id_order], self.data.xquat[self.body_id_order]
         poses[self.scenery] = self.scenery_poses
         return poses

@@ -9,15 +9,15 @@ import mujoco
 import numpy as np
 
 from mindstage.world import Vector
-from mindstage.world.geometry import Array, fitting_scale, rotate
+from mindstage.world.geometry import Array, mesh_scale, quat_rotate
 
-__all__ = ["Mesh", "load_mesh"]
+__all__ = ["TriangleMesh", "load_mesh"]
 
-_SUFFIXES = frozenset({".obj", ".stl", ".msh"})
+_MESH_SUFFIXES = frozenset({".obj", ".stl", ".msh"})
 
 
 @dataclass(frozen=True, slots=True)
-class Mesh:
+class TriangleMesh:
     """One file."""
 
     path: Path
@@ -26,13 +26,13 @@ class Mesh:
 
     def scale_to(self, size: Vector | None) -> tuple[float, float, float]:
         """What makes it as large as a body; 1 where it is so already, or where nobody knows."""
-        x, y, z = fitting_scale(self.extents, size).tolist()
+        x, y, z = mesh_scale(self.extents, size).tolist()
         return x, y, z
 
 
-def load_mesh(path: Path) -> Mesh | None:
+def load_mesh(path: Path) -> TriangleMesh | None:
     """A mesh, if MuJoCo can read it."""
-    if path.suffix.lower() not in _SUFFIXES:
+    if path.suffix.lower() not in _MESH_SUFFIXES:
         return None
     spec = mujoco.MjSpec()
     spec.add_mesh(name="mesh", file=str(path), inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL)
@@ -41,5 +41,5 @@ def load_mesh(path: Path) -> Mesh | None:
         model = spec.compile()
     except ValueError:  # it says what is wrong with the file; whoever asked says that it is left out
         return None
-    points = rotate(model.mesh_quat[0], np.asarray(model.mesh_vert, dtype=np.float64)) + model.mesh_pos[0]
-    return Mesh(path, np.ptp(points, axis=0))
+    points = quat_rotate(model.mesh_quat[0], np.asarray(model.mesh_vert, dtype=np.float64)) + model.mesh_pos[0]
+    return TriangleMesh(path, np.ptp(points, axis=0))

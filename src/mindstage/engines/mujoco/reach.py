@@ -10,20 +10,22 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from mindstage.engines.joints import Axis
-from mindstage.engines.mujoco.blueprint import Blueprint
+from mindstage.engines.joints import JointAxis
+from mindstage.engines.mujoco.blueprint import ModelInput
 from mindstage.world import BodyId
-from mindstage.world.boxes import Boxes
-from mindstage.world.geometry import Array, compose, invert, rotate
+from mindstage.world.boxes import OrientedBoxes
+from mindstage.world.geometry import Array, pose_inverse, pose_multiply, quat_rotate
 
-__all__ = ["beyond_reach"]
+__all__ = ["cull_static_contacts"]
 
-_OVERRUN_M = 0.05
+_LIMIT_OVERRUN_M = 0.05
 """So far something may slide past its limit, pushed hard; what turns is taken to turn all the way round."""
 _CORNERS = np.stack(np.meshgrid([0, 1], [0, 1], [0, 1], indexing="ij"), axis=-1).reshape(8, 3)
 
 
-def beyond_reach(plan: Blueprint, axes: Mapping[BodyId, tuple[Axis, ...]], scenery: Boxes) -> list[BodyId]:
+def cull_static_contacts(
+    model_input: ModelInput, axes: Mapping[BodyId, tuple[JointAxis, ...]], scenery: OrientedBoxes
+) -> list[BodyId]:
     """The bodies that get to no scenery on the whole way that the one joint on which they hang lets them go.
 
     Args:
@@ -31,59 +33,65 @@ def beyond_reach(plan: Blueprint, axes: Mapping[BodyId, tuple[Axis, ...]], scene
         axes: of each constraint that is a joint.
         scenery: what stands still.
     """
-    hung = _hung(plan, axes)
-    if not hung or not len(scenery.centre):
+    hung = _limited_root_joints(model_input, axes)
+    if not hung or not len(scenery.center):
         return []
-    low, high = _swept(plan, hung)
+    low, high = _swept_bounds(model_input, hung)
     first, last = scenery.bounds()
     meets = np.all((low[:, None] < last[None]) & (high[:, None] > first[None]), axis=2).any(axis=1)
     far = (top for top, met in zip(hung, meets.tolist(), strict=True) if not met)
-    return [id for top in far for id in plan.forest.assemblies[top].bodies]
+    return [id for top in far for id in model_input.forest.groups[top].bodies]
 
 
-def _hung(plan: Blueprint, axes: Mapping[BodyId, tuple[Axis, ...]]) -> dict[BodyId, Axis]:
+def _limited_root_joints(
+    model_input: ModelInput, axes: Mapping[BodyId, tuple[JointAxis, ...]]
+) -> dict[BodyId, JointAxis]:
     """The tops that a joint of one axis, with hard limits, holds to what stands still."""
-    forest = plan.forest
+    forest = model_input.forest
     found = {}
-    for top, branch in forest.branches.items():
-        joint = axes.get(branch.constraint.id, ())
-        limited = len(joint) == 1 and joint[0].limit is not None and not joint[0].soft.enabled
-        if limited and plan.stands(forest.assemblies[forest.of_body[branch.parent]]):
+    for top, branch in forest.tree_joints.items():
+        joint = axes.get(branch.joint.id, ())
+        limited = len(joint) == 1 and joint[0].limit is not None and not joint[0].soft_limit.enabled
+        if limited and model_input.is_fixed(forest.groups[forest.root_of[branch.parent]]):
             found[top] = joint[0]
     return found
 
 
-def _swept(plan: Blueprint, hung: Mapping[BodyId, Axis]) -> tuple[Array, Array]:
+def _swept_bounds(model_input: ModelInput, root_joints: Mapping[BodyId, JointAxis]) -> tuple[Array, Array]:
     """The corners of upright boxes that hold the assemblies, wherever their joints let them be."""
-    joints = list(hung.values())
-    branches = [plan.forest.branches[top] for top in hung]
-    ends = [branch.seen_from_root(plan.planner.ends[branch.constraint.id]) for branch in branches]
-    fixed = compose(plan.where[[plan.rows[branch.parent] for branch in branches]], np.array([end[0] for end in ends]))
-    moving = compose(plan.where[[plan.rows[branch.child] for branch in branches]], np.array([end[1] for end in ends]))
-    low, high = _round(plan, list(hung))
+    joints = list(root_joints.values())
+    branches = [model_input.forest.tree_joints[top] for top in root_joints]
+    ends = [branch.order_ends(model_input.builder.joint_frames[branch.joint.id]) for branch in branches]
+    fixed = pose_multiply(
+        model_input.poses[[model_input.rows[branch.parent] for branch in branches]], np.array([end[0] for end in ends])
+    )
+    moving = pose_multiply(
+        model_input.poses[[model_input.rows[branch.child] for branch in branches]], np.array([end[1] for end in ends])
+    )
+    low, high = _group_bounds(model_input, list(root_joints))
     number = [joint.direction for joint in joints]
-    directions = rotate(fixed[:, 3:], np.eye(3)[number])
-    now = compose(invert(fixed), moving)[np.arange(len(joints)), number]
-    limits = np.array([(joint.limit or 0.0) + _OVERRUN_M for joint in joints])
+    directions = quat_rotate(fixed[:, 3:], np.eye(3)[number])
+    now = pose_multiply(pose_inverse(fixed), moving)[np.arange(len(joints)), number]
+    limits = np.array([(joint.limit or 0.0) + _LIMIT_OVERRUN_M for joint in joints])
     middles = np.array([joint.middle for joint in joints])
     ways = np.stack([middles - limits - now, middles + limits - now], axis=1)
     shifts = ways[:, :, None] * directions[:, None]
-    turned_low, turned_high = _turned(low, high, moving[:, :3], directions)
-    slides = np.array([joint.slides for joint in joints])[:, None]
+    turned_low, turned_high = _rotation_bounds(low, high, moving[:, :3], directions)
+    slides = np.array([joint.is_prismatic for joint in joints])[:, None]
     low = np.where(slides, low + np.minimum(shifts.min(axis=1), 0.0), turned_low)
     return low, np.where(slides, high + np.maximum(shifts.max(axis=1), 0.0), turned_high)
 
 
-def _round(plan: Blueprint, tops: list[BodyId]) -> tuple[Array, Array]:
+def _group_bounds(model_input: ModelInput, roots: list[BodyId]) -> tuple[Array, Array]:
     """The corners of upright boxes round assemblies as they stand."""
-    bodies = [plan.forest.assemblies[top].bodies for top in tops]
-    rows = [plan.rows[id] for each in bodies for id in each]
-    low, high = Boxes.of(plan.where[rows], plan.sizes[rows]).bounds()
+    bodies = [model_input.forest.groups[top].bodies for top in roots]
+    rows = [model_input.rows[id] for each in bodies for id in each]
+    low, high = OrientedBoxes.from_poses(model_input.poses[rows], model_input.sizes[rows]).bounds()
     first = np.cumsum([0, *(len(each) for each in bodies[:-1])])
     return np.minimum.reduceat(low, first), np.maximum.reduceat(high, first)
 
 
-def _turned(low: Array, high: Array, anchors: Array, axes: Array) -> tuple[Array, Array]:
+def _rotation_bounds(low: Array, high: Array, anchors: Array, axes: Array) -> tuple[Array, Array]:
     """The boxes in which other ones stay, however far they are turned about an axis."""
     away = low[:, None] + _CORNERS * (high - low)[:, None] - anchors[:, None]
     along = np.einsum("nci,ni->nc", away, axes)

@@ -11,15 +11,15 @@ from urllib.parse import SplitResult, parse_qs, quote, unquote, urlsplit
 
 import msgspec
 
-from mindstage.errors import EngineUnavailable
+from mindstage.errors import EngineUnavailableError
 
-__all__ = ["SCHEME", "Address", "Profile"]
+__all__ = ["SCHEME", "RemoteProfile", "RemoteUrl"]
 
 SCHEME = "ros://"
-_FORM = f"write {SCHEME}HOST:PORT/NAMESPACE, with ?token=… where one is needed"
+_FORMAT_HINT = f"write {SCHEME}HOST:PORT/NAMESPACE, with ?token=… where one is needed"
 
 
-class Profile(StrEnum):
+class RemoteProfile(StrEnum):
     """Which services a far engine offers."""
 
     MINDSTAGE = "mindstage"
@@ -28,35 +28,37 @@ class Profile(StrEnum):
     """Unreal's plugin UROSWorldControl, or whoever speaks like it: what `world_control_msgs` has, and no more."""
 
 
-class Address(msgspec.Struct, frozen=True, kw_only=True):
+class RemoteUrl(msgspec.Struct, frozen=True, kw_only=True):
     """A rosbridge, and the namespace at it."""
 
     host: str
     port: int = 9090
     namespace: str = "unreal"
     token: str = ""
-    profile: Profile | None = None
+    profile: RemoteProfile | None = None
     """None where the far side shall be asked."""
 
     @classmethod
-    def parse(cls, text: str) -> Address:
+    def parse(cls, text: str) -> RemoteUrl:
         """Reads what was typed.
 
         Raises:
-            EngineUnavailable: it is no such address.
+            EngineUnavailableError: it is no such address.
         """
         parts = _split(text)
-        asked = _asked(text, parts.query)
+        asked = _parse_query(text, parts.query)
         profile = asked.get("profile")
-        if profile is not None and profile not in {each.value for each in Profile}:
-            known = " or ".join(each.value for each in Profile)
-            raise EngineUnavailable(_shown(text), cause=f"no profile {profile!r}", remedy=f"choose {known}")
+        if profile is not None and profile not in {each.value for each in RemoteProfile}:
+            known = " or ".join(each.value for each in RemoteProfile)
+            raise EngineUnavailableError(
+                _without_query(text), cause=f"no profile {profile!r}", remedy=f"choose {known}"
+            )
         return cls(
             host=parts.hostname or "",
             port=9090 if parts.port is None else parts.port,
             namespace=unquote(parts.path).strip("/") or "unreal",
             token=asked.get("token", ""),
-            profile=None if profile is None else Profile(profile),
+            profile=None if profile is None else RemoteProfile(profile),
         )
 
     @property
@@ -78,22 +80,24 @@ def _split(text: str) -> SplitResult:
         parts = urlsplit(text)
         _ = parts.port  # is read only now, and refused only now
     except ValueError as error:
-        raise EngineUnavailable(_shown(text), cause=f"it is no address: {error}", remedy=_FORM) from error
+        raise EngineUnavailableError(
+            _without_query(text), cause=f"it is no address: {error}", remedy=_FORMAT_HINT
+        ) from error
     if f"{parts.scheme}://" != SCHEME or not parts.hostname or "@" in parts.netloc:
-        raise EngineUnavailable(_shown(text), cause="it is no address", remedy=_FORM)
+        raise EngineUnavailableError(_without_query(text), cause="it is no address", remedy=_FORMAT_HINT)
     return parts
 
 
-def _asked(text: str, query: str) -> dict[str, str]:
+def _parse_query(text: str, query: str) -> dict[str, str]:
     """What stands behind the question mark."""
     asked = parse_qs(query, keep_blank_values=True)
     unknown = [key for key in asked if key not in {"token", "profile"}]
     if unknown:
         cause = f"an address has no {unknown[0]!r}"
-        raise EngineUnavailable(_shown(text), cause=cause, remedy="there is token and profile")
+        raise EngineUnavailableError(_without_query(text), cause=cause, remedy="there is token and profile")
     return {key: values[-1] for key, values in asked.items()}
 
 
-def _shown(text: str) -> str:
+def _without_query(text: str) -> str:
     """What was typed, without what may be secret in it."""
     return text.partition("?")[0]

@@ -1,7 +1,7 @@
 """RemoteEngine: an engine at the other end of a rosbridge.
 
 There are two kinds, and `RemoteEngine.connect` finds out which one answers: another Mindstage offers the whole contract
-(`MindstageEngine`), Unreal's plugin what its services can do (`UnrealEngine`). Both are the contract's `Engine`, with
+(`MindstageRemoteEngine`), Unreal's plugin what its services can do (`UnrealEngine`). Both are the contract's `Engine`, with
 a `ping`, and both raise an `EngineError` within their timeout when the far side is gone; once it is back, the next
 call reaches it again.
 """
@@ -10,10 +10,10 @@ from __future__ import annotations
 
 from abc import abstractmethod
 
-from mindstage.engines.contract import Engine, Statistics
-from mindstage.engines.remote.address import Address, Profile
-from mindstage.engines.remote.link import Link
-from mindstage.errors import EngineClosed, EngineUnable
+from mindstage.engines.contract import Engine, EngineStats
+from mindstage.engines.remote.address import RemoteProfile, RemoteUrl
+from mindstage.engines.remote.link import ServiceClient
+from mindstage.errors import EngineClosedError, UnsupportedByEngineError
 
 __all__ = ["RemoteEngine"]
 
@@ -21,19 +21,19 @@ __all__ = ["RemoteEngine"]
 class RemoteEngine(Engine):
     """What both kinds share: the link and its end. Make one with `connect`."""
 
-    profile: Profile
+    profile: RemoteProfile
 
-    def __init__(self, link: Link) -> None:
-        self._link = link
+    def __init__(self, link: ServiceClient) -> None:
+        self._client = link
         self._closed = False
 
     @staticmethod
     def connect(
-        address: Address | str,
+        address: RemoteUrl | str,
         *,
-        profile: Profile | None = None,
+        profile: RemoteProfile | None = None,
         timeout_s: float = 10.0,
-        holds_time: bool = True,
+        control_time: bool = True,
     ) -> RemoteEngine:
         """Meets an engine that runs somewhere else.
 
@@ -45,17 +45,17 @@ class RemoteEngine(Engine):
                 to look at a world that lives by itself. Unreal's time is always its own.
 
         Raises:
-            EngineUnavailable: nobody is there, or no engine.
+            EngineUnavailableError: nobody is there, or no engine.
         """
-        from mindstage.engines.remote.meeting import meet
+        from mindstage.engines.remote.meeting import connect
 
-        where = Address.parse(address) if isinstance(address, str) else address
-        return meet(where, profile=profile or where.profile, timeout_s=timeout_s, holds_time=holds_time)
+        where = RemoteUrl.parse(address) if isinstance(address, str) else address
+        return connect(where, profile=profile or where.profile, timeout_s=timeout_s, control_time=control_time)
 
     @property
     def name(self) -> str:
         """Where it is; never with the token."""
-        return self._link.name
+        return self._client.name
 
     @abstractmethod
     def ping(self) -> float:
@@ -65,22 +65,22 @@ class RemoteEngine(Engine):
             EngineError: there is none.
         """
 
-    def statistics(self) -> Statistics:
+    def stats(self) -> EngineStats:
         """How busy it is, nobody is told over the wire; no far engine declares the ability."""
-        self._open()
-        raise EngineUnable(self.name, what="say how busy it is", remedy="look at it where it runs")
+        self._require_open()
+        raise UnsupportedByEngineError(self.name, what="say how busy it is", remedy="look at it where it runs")
 
     def close(self) -> None:
         """Lets go of the far engine, which runs on; any number of times."""
         if not self._closed:
             self._closed = True
-            self._leave()
-            self._link.close()
+            self._disconnect()
+            self._client.close()
 
-    def _leave(self) -> None:
+    def _disconnect(self) -> None:
         """Says what is to be said before the end; must not raise."""
 
-    def _open(self) -> Link:
+    def _require_open(self) -> ServiceClient:
         if self._closed:
-            raise EngineClosed(self.name)
-        return self._link
+            raise EngineClosedError(self.name)
+        return self._client

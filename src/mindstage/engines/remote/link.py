@@ -15,42 +15,42 @@ from typing import Any, Protocol
 
 import msgspec
 
-from mindstage.bridge import Client, Limits, LinkState
+from mindstage.bridge import BridgeLimits, ConnectionState, RosbridgeClient
 from mindstage.bridge.description import error_from_text
-from mindstage.engines.remote.address import Address
+from mindstage.engines.remote.address import RemoteUrl
 from mindstage.errors import (
     BridgeError,
-    ConnectionLost,
+    ConnectionLostError,
     EngineError,
-    EngineTimedOut,
-    EngineUnavailable,
-    MessageRefused,
-    ServiceFailed,
-    ServiceTimedOut,
-    ServiceUnknown,
+    EngineTimeoutError,
+    EngineUnavailableError,
+    MessageValidationError,
+    ServiceCallError,
+    ServiceNotFoundError,
+    ServiceTimeoutError,
 )
 from mindstage.msgs import Message, Service, decode, encode, type_name
 
-__all__ = ["Line", "Link"]
+__all__ = ["ServiceClient", "ServiceTransport"]
 
-_LIMITS = Limits(message_bytes=256 << 20, waiting_bytes=256 << 20)
+_LIMITS = BridgeLimits(message_bytes=256 << 20, waiting_bytes=256 << 20)
 """A whole world may come in one message, and whom we asked for one we let speak."""
-_MOST_BYTES = Limits().message_bytes
+_MAX_MESSAGE_BYTES = BridgeLimits().message_bytes
 """What a hub with the usual limits takes in one message."""
-_JOIN_S = 5.0
+_CONNECT_TIMEOUT_S = 5.0
 """So long is tried to reach a far side for the first time [s]."""
-_TRY_S = 1.0
+_RECONNECT_INTERVAL_S = 1.0
 """At least so often is tried to come back after a loss [s]."""
-_RETURN_S = 2.0
+_RECONNECT_WAIT_S = 2.0
 """So long after a loss do calls wait for the connection to come back; later, they fail at once [s]."""
-_NOBODY = "is mindstage serve, or a rosbridge, running there?"
-_TOKEN = "write ?token=… behind the address"
-_AT_ONCE = 64
+_NOT_RUNNING_REMEDY = "is mindstage serve, or a rosbridge, running there?"
+_TOKEN_REMEDY = "write ?token=… behind the address"
+_MAX_CONCURRENT_CALLS = 64
 """So many calls are under way at a time where many are made."""
 
 
-class Line(Protocol):
-    """What a link calls through: a `Client`, or whoever does as one does."""
+class ServiceTransport(Protocol):
+    """What a link calls through: a `RosbridgeClient`, or whoever does as one does."""
 
     @property
     def connected(self) -> bool:
@@ -59,7 +59,7 @@ class Line(Protocol):
     def wait_connected(self, timeout_s: float) -> object:
         """Waits for that."""
 
-    def start_call(self, name: str, args: object = None, *, timeout_s: float) -> Future[Any]:
+    def call_service_async(self, name: str, args: object = None, *, timeout_s: float) -> Future[Any]:
         """Calls a service without waiting."""
 
     def call_service(self, name: str, args: object = None, *, timeout_s: float) -> Any:
@@ -69,10 +69,10 @@ class Line(Protocol):
         """Ends it; any number of times."""
 
 
-class Link:
+class ServiceClient:
     """Calls the services of one peer; connected when made, and again after a loss."""
 
-    def __init__(self, address: Address, *, timeout_s: float, line: Line | None = None) -> None:
+    def __init__(self, address: RemoteUrl, *, timeout_s: float, transport: ServiceTransport | None = None) -> None:
         """Connects.
 
         Args:
@@ -81,46 +81,46 @@ class Link:
             line: what to call through; by default a connection of its own.
 
         Raises:
-            EngineUnavailable: nobody is there, or does not let us in.
+            EngineUnavailableError: nobody is there, or does not let us in.
         """
         self.address = address
         self.name = str(address)
         self.timeout_s = timeout_s
-        self.meetings = 0
+        self.connection_count = 0
         """How often a connection was made; another number means that it is another one."""
-        self._lost_at = 0.0
-        self._client: Line = line or Client(
+        self._lost_time_s = 0.0
+        self._transport: ServiceTransport = transport or RosbridgeClient(
             address.url,
             token=address.token or None,
             limits=_LIMITS,
-            longest_delay_s=_TRY_S,
+            max_reconnect_delay_s=_RECONNECT_INTERVAL_S,
             on_state=self._on_state,
         )
         try:
-            self._client.wait_connected(min(timeout_s, _JOIN_S))
+            self._transport.wait_connected(min(timeout_s, _CONNECT_TIMEOUT_S))
         except BridgeError as error:
-            self._client.close()
-            remedy = _NOBODY if isinstance(error, ConnectionLost) else _TOKEN
-            raise EngineUnavailable(self.name, cause=str(error), remedy=remedy) from error
+            self._transport.close()
+            remedy = _NOT_RUNNING_REMEDY if isinstance(error, ConnectionLostError) else _TOKEN_REMEDY
+            raise EngineUnavailableError(self.name, cause=str(error), remedy=remedy) from error
 
-    def be_ready(self) -> None:
+    def wait_ready(self) -> None:
         """Waits a moment for a connection that was lost.
 
         Raises:
-            EngineUnavailable: it is still lost.
+            EngineUnavailableError: it is still lost.
         """
-        if self._client.connected:
+        if self._transport.connected:
             return
-        left_s = max(0.0, self._lost_at + _RETURN_S - time.monotonic())
-        with self._as_engines_tell(""):
-            self._client.wait_connected(left_s)
+        left_s = max(0.0, self._lost_time_s + _RECONNECT_WAIT_S - time.monotonic())
+        with self._translating_errors(""):
+            self._transport.wait_connected(left_s)
 
     def call(self, name: str, service: type[Service], request: Message, *, timeout_s: float | None = None) -> Any:
         """Calls a service, and gives its response.
 
         Raises:
             EngineError: it broke, did not answer in time, or cannot be reached.
-            MessageRefused: the request holds what cannot travel.
+            MessageValidationError: the request holds what cannot travel.
         """
         return next(self.call_each(name, service, [request], timeout_s=timeout_s))
 
@@ -131,15 +131,15 @@ class Link:
         patience_s = self.timeout_s if timeout_s is None else timeout_s
         waiting: deque[Future[Any]] = deque()
         for request in requests:
-            written = _written(request)
-            with self._as_engines_tell(name):
-                waiting.append(self._client.start_call(name, written, timeout_s=patience_s))
-            if len(waiting) >= _AT_ONCE:
+            written = _encode_request(request)
+            with self._translating_errors(name):
+                waiting.append(self._transport.call_service_async(name, written, timeout_s=patience_s))
+            if len(waiting) >= _MAX_CONCURRENT_CALLS:
                 yield self._response(name, service, waiting.popleft(), patience_s)
         while waiting:
             yield self._response(name, service, waiting.popleft(), patience_s)
 
-    def is_offered(self, name: str, service: type[Service], request: Message) -> bool:
+    def is_available(self, name: str, service: type[Service], request: Message) -> bool:
         """Whether somebody answers a call, be it with an error.
 
         Raises:
@@ -147,79 +147,79 @@ class Link:
         """
         try:
             self.call(name, service, request)
-        except (EngineUnavailable, EngineTimedOut) as error:
-            if isinstance(error.__cause__, ServiceUnknown):
+        except (EngineUnavailableError, EngineTimeoutError) as error:
+            if isinstance(error.__cause__, ServiceNotFoundError):
                 return False
             raise
         except EngineError:
             return True
         return True
 
-    def values(self, name: str, *, timeout_s: float) -> Any:
+    def call_raw(self, name: str, *, timeout_s: float) -> Any:
         """What a service answers that is none of the engine's, such as rosapi's.
 
         Raises:
             BridgeError: it does not.
         """
-        return self._client.call_service(name, timeout_s=timeout_s)
+        return self._transport.call_service(name, timeout_s=timeout_s)
 
     def close(self) -> None:
         """Ends it; any number of times."""
-        self._client.close()
+        self._transport.close()
 
     @contextmanager
-    def making_sense(self, name: str) -> Iterator[None]:
+    def validating(self, name: str) -> Iterator[None]:
         """What cannot be understood of an answer is the engine's fault.
 
         Raises:
-            EngineUnavailable: it was not understood.
+            EngineUnavailableError: it was not understood.
         """
         try:
             yield
-        except (MessageRefused, msgspec.MsgspecError, ValueError) as error:
+        except (MessageValidationError, msgspec.MsgspecError, ValueError) as error:
             cause = f"what {name} answered makes no sense: {error}"
-            raise EngineUnavailable(self.name, cause=cause, remedy="use the same version on both sides") from error
+            raise EngineUnavailableError(self.name, cause=cause, remedy="use the same version on both sides") from error
 
-    def _response(self, name: str, service: type[Service], answer: Future[Any], patience_s: float) -> Any:
-        with self._as_engines_tell(name):
-            values = answer.result(patience_s + 10.0)  # the client's own clock ends it long before
-        with self.making_sense(name):
+    def _response(self, name: str, service: type[Service], answer: Future[Any], timeout_s: float) -> Any:
+        with self._translating_errors(name):
+            values = answer.result(timeout_s + 10.0)  # the client's own clock ends it long before
+        with self.validating(name):
             return decode(service.Response, values, strict=True)
 
     @contextmanager
-    def _as_engines_tell(self, name: str) -> Iterator[None]:
+    def _translating_errors(self, name: str) -> Iterator[None]:
         """Makes errors of the bridge errors of an engine."""
         try:
             yield
-        except ServiceTimedOut as error:
-            raise EngineTimedOut(self.name, call=name, timeout_s=error.timeout_s) from error
-        except ServiceFailed as error:
-            raise self._told(error) from error
-        except ServiceUnknown as error:
-            raise EngineUnavailable(self.name, cause=str(error), remedy="is it still running there?") from error
+        except ServiceTimeoutError as error:
+            raise EngineTimeoutError(self.name, call=name, timeout_s=error.timeout_s) from error
+        except ServiceCallError as error:
+            raise self._engine_error(error) from error
+        except ServiceNotFoundError as error:
+            raise EngineUnavailableError(self.name, cause=str(error), remedy="is it still running there?") from error
         except BridgeError as error:
-            raise EngineUnavailable(self.name, cause=str(error)) from error
+            raise EngineUnavailableError(self.name, cause=str(error)) from error
 
-    def _told(self, error: ServiceFailed) -> EngineError:
+    def _engine_error(self, error: ServiceCallError) -> EngineError:
         """The error that the far side told; what is no engine's own says whose it is."""
         told = error_from_text(error.cause)
         return EngineError(f"the engine {self.name!r} failed: {told}") if type(told) is EngineError else told
 
-    def _on_state(self, state: LinkState) -> None:
-        if state is LinkState.CONNECTED:
-            self.meetings += 1
-        elif state is LinkState.LOST:
-            self._lost_at = time.monotonic()
+    def _on_state(self, state: ConnectionState) -> None:
+        if state is ConnectionState.CONNECTED:
+            self.connection_count += 1
+        elif state is ConnectionState.LOST:
+            self._lost_time_s = time.monotonic()
 
 
-def _written(request: Message) -> msgspec.Raw:
+def _encode_request(request: Message) -> msgspec.Raw:
     """A request as it travels.
 
     Raises:
-        MessageRefused: it holds what cannot, or too much.
+        MessageValidationError: it holds what cannot, or too much.
     """
     written = msgspec.json.encode(encode(request))
-    if len(written) > _MOST_BYTES:
-        cause = f"it has {len(written) >> 20} MiB, and {_MOST_BYTES >> 20} can travel in one message"
-        raise MessageRefused(type_name(type(request)), cause=cause, remedy="send it in several parts")
+    if len(written) > _MAX_MESSAGE_BYTES:
+        cause = f"it has {len(written) >> 20} MiB, and {_MAX_MESSAGE_BYTES >> 20} can travel in one message"
+        raise MessageValidationError(type_name(type(request)), cause=cause, remedy="send it in several parts")
     return msgspec.Raw(written)

@@ -5,62 +5,64 @@ from __future__ import annotations
 from typing import Any
 
 from mindstage.bridge.access import is_loopback
-from mindstage.engines.remote.address import Address, Profile
+from mindstage.engines.remote.address import RemoteProfile, RemoteUrl
 from mindstage.engines.remote.engine import RemoteEngine
-from mindstage.engines.remote.link import Link
-from mindstage.engines.remote.mindstage import MindstageEngine, ShowForm
-from mindstage.engines.remote.planned import PlannedEngine
+from mindstage.engines.remote.link import ServiceClient
+from mindstage.engines.remote.mindstage import MeshExporter, MindstageRemoteEngine
+from mindstage.engines.remote.planned import CompiledRemoteEngine
 from mindstage.engines.remote.unreal import UnrealEngine
-from mindstage.errors import BridgeError, EngineUnavailable
+from mindstage.errors import BridgeError, EngineUnavailableError
 from mindstage.msgs import engine_service
 from mindstage.msgs import mindstage_msgs as wire
 
-__all__ = ["meet"]
+__all__ = ["connect"]
 
-_SIGNS = ("/mindstage/describe", "/spawn_semantic_map")
+_ENGINE_SERVICES = ("/mindstage/describe", "/spawn_semantic_map")
 """How services end that tell where an engine is."""
 
 
-def meet(address: Address, *, profile: Profile | None, timeout_s: float, holds_time: bool) -> RemoteEngine:
+def connect(address: RemoteUrl, *, profile: RemoteProfile | None, timeout_s: float, control_time: bool) -> RemoteEngine:
     """See `RemoteEngine.connect`."""
-    link = Link(address, timeout_s=timeout_s)
+    link = ServiceClient(address, timeout_s=timeout_s)
     try:
         # In this order: a Mindstage answers as Unreal's plugin does, too.
-        if profile is not Profile.UNREAL and MindstageEngine.is_offered(link):
-            return _mindstage(link, holds_time=holds_time)
-        if profile is not Profile.MINDSTAGE and UnrealEngine.is_offered(link):
+        if profile is not RemoteProfile.UNREAL and MindstageRemoteEngine.is_available(link):
+            return _mindstage_engine(link, control_time=control_time)
+        if profile is not RemoteProfile.MINDSTAGE and UnrealEngine.is_available(link):
             return UnrealEngine(link)
         what = f"no engine of the profile {profile.value}" if profile else "no engine"
-        raise EngineUnavailable(
-            link.name, cause=f"{what} answers below /{address.namespace} there", remedy=_where_else(link)
+        raise EngineUnavailableError(
+            link.name, cause=f"{what} answers below /{address.namespace} there", remedy=_alternatives(link)
         )
     except BaseException:
         link.close()
         raise
 
 
-def _mindstage(link: Link, *, holds_time: bool) -> MindstageEngine:
+def _mindstage_engine(client: ServiceClient, *, control_time: bool) -> MindstageRemoteEngine:
     """The engine of a Mindstage, or one that wants to be told as well what Mindstage decides."""
-    name = engine_service(wire.Describe, link.address.namespace)
-    far: Any = link.call(name, wire.Describe, wire.Describe.Request())
-    kind = PlannedEngine if "plan" in far.takes else MindstageEngine
-    return kind(link, holds_time=holds_time, show=_show(link.address))
+    name = engine_service(wire.Describe, client.address.namespace)
+    far: Any = client.call(name, wire.Describe, wire.Describe.Request())
+    kind = CompiledRemoteEngine if "plan" in far.takes else MindstageRemoteEngine
+    return kind(client, control_time=control_time, export_mesh=_mesh_exporter(client.address))
 
 
-def _show(address: Address) -> ShowForm:
+def _mesh_exporter(address: RemoteUrl) -> MeshExporter:
     """Files go where whoever is on this machine can read them."""
     if not is_loopback(address.host):
         return lambda form: ""
-    from mindstage.exports import shelve
+    from mindstage.exports import cache_geometry_glb
 
-    return shelve
+    return cache_geometry_glb
 
 
-def _where_else(link: Link) -> str:
+def _alternatives(client: ServiceClient) -> str:
     """What to try, from what the hub says that there is."""
     try:
-        names = link.values("/rosapi/services", timeout_s=min(link.timeout_s, 2.0))["services"]
-        found = {name.removesuffix(sign).strip("/") for name in names for sign in _SIGNS if name.endswith(sign)}
+        names = client.call_raw("/rosapi/services", timeout_s=min(client.timeout_s, 2.0))["services"]
+        found = {
+            name.removesuffix(sign).strip("/") for name in names for sign in _ENGINE_SERVICES if name.endswith(sign)
+        }
     except (BridgeError, KeyError, TypeError, AttributeError):
         found = set()
     if not found:

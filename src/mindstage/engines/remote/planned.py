@@ -16,286 +16,301 @@ import msgspec
 import numpy as np
 
 from mindstage.bridge.description import (
-    PlanChange,
-    forms_to_json,
-    plan_to_json,
+    PhysicsModelDelta,
+    geometry_to_json,
+    model_delta_to_json,
     point_message,
     pose_message,
     to_json,
     vector_message,
 )
-from mindstage.engines.contract import Ability, Poses, SpawnReport
-from mindstage.engines.inventory import Inventory, placeable
-from mindstage.engines.planning import Planner
-from mindstage.engines.remote.changes import Told
-from mindstage.engines.remote.link import Link
-from mindstage.engines.remote.mindstage import MindstageEngine, ShowForm
-from mindstage.engines.remote.parcel import packed, packed_forms
-from mindstage.engines.travelling import joint_places, require_reachable
-from mindstage.errors import PoseUnreachable
+from mindstage.engines.contract import Capability, PoseArray, SpawnReport
+from mindstage.engines.inventory import EntityRegistry, pose_error
+from mindstage.engines.planning import PhysicsModelBuilder
+from mindstage.engines.remote.changes import ModelState
+from mindstage.engines.remote.link import ServiceClient
+from mindstage.engines.remote.mindstage import MeshExporter, MindstageRemoteEngine
+from mindstage.engines.remote.parcel import encode_geometry, encode_world
+from mindstage.engines.traveling import check_joint_limits, joint_positions_from_poses
+from mindstage.errors import PoseUnreachableError
 from mindstage.msgs import Message, Service
 from mindstage.msgs import mindstage_msgs as wire
 from mindstage.world import (
-    NO_FORMS,
+    NO_GEOMETRY,
     Body,
     BodyId,
-    Colour,
-    Constraint,
-    Forms,
+    BodyPhysics,
+    Color,
+    GeometryMap,
+    Joint,
     Light,
     Material,
-    Physics,
     Pose,
     Vector,
     World,
 )
-from mindstage.world.geometry import Array, compose, invert, pose_from, unit, unit_pose
+from mindstage.world.geometry import (
+    Array,
+    normalize,
+    normalized_pose_array,
+    pose_from_array,
+    pose_inverse,
+    pose_multiply,
+)
 
-__all__ = ["PlannedEngine"]
+__all__ = ["CompiledRemoteEngine"]
 
-_ROW = np.dtype(("<f8", 7))
-_SLACK = 1e-5
-"""Single precision's poses are off by so much in a place of ten metres or so [m, rad]."""
+_POSE_DTYPE = np.dtype(("<f8", 7))
+_POSE_TOLERANCE = 1e-5
+"""Single precision's poses are off by so much in a place of ten meters or so [m, rad]."""
 
-Edit = Callable[[Planner, Array], object]
+ModelEdit = Callable[[PhysicsModelBuilder, Array], object]
 
 
-class PlannedEngine(MindstageEngine):
+class CompiledRemoteEngine(MindstageRemoteEngine):
     """The contract, where the thinking is done here and the moving there.
 
     Others may edit that world as well, by hand in an editor. What came or went by that is taken over when it is seen,
     and decided about with the next edit.
     """
 
-    def __init__(self, link: Link, *, holds_time: bool = True, show: ShowForm = lambda form: "") -> None:
-        super().__init__(link, holds_time=holds_time, show=show)
-        self._planner = Planner()
-        self._told = Told()
+    def __init__(
+        self, client: ServiceClient, *, control_time: bool = True, export_mesh: MeshExporter = lambda form: ""
+    ) -> None:
+        super().__init__(client, control_time=control_time, export_mesh=export_mesh)
+        self._builder = PhysicsModelBuilder()
+        self._sent_state = ModelState()
         self._forces: list[wire.Force] = []
         self._revision = 0
-        self._there: tuple[BodyId, ...] = ()
+        self._remote_ids: tuple[BodyId, ...] = ()
         """The bodies of that revision, in the order of its rows."""
-        self._rows: Array | None = None
+        self._pose_rows: Array | None = None
         """Where everything is, in the order of the planner's bodies, if a step has just told that."""
-        self._rows_are_wanted = False
+        self._step_returns_poses = False
         """Whether somebody looks at the poses after each step."""
-        self._where()
+        self._current_poses()
 
     @property
-    def abilities(self) -> frozenset[Ability]:
-        return super().abilities | {Ability.JOINTS}
+    def capabilities(self) -> frozenset[Capability]:
+        return super().capabilities | {Capability.JOINTS}
 
     # -- the world -----------------------------------------------------------------------------------------------------
 
-    def spawn(self, world: World, *, forms: Forms = NO_FORMS) -> SpawnReport:
+    def spawn(self, world: World, *, geometry: GeometryMap = NO_GEOMETRY) -> SpawnReport:
         self.ping()  # whether it is still the world that we know
-        where = np.zeros((0, 7)) if self._world_is_gone else self._where()
-        trial = self._planner.copy()
-        report = trial.add(world, where, forms=forms)
-        text, left_out = packed(_fitting(world, self._planner.inventory, trial.inventory))
-        told = Told.of(trial)
-        new = trial.inventory.bodies.keys() - self._planner.inventory.bodies.keys()
-        usable, _ = packed_forms({id: form for id, form in forms.items() if id in new})  # what is not is noted already
+        where = np.zeros((0, 7)) if self._world_lost else self._current_poses()
+        trial = self._builder.copy()
+        report = trial.add(world, where, geometry=geometry)
+        text, left_out = encode_world(_accepted_part(world, self._builder.registry, trial.registry))
+        told = ModelState.from_builder(trial)
+        new = trial.registry.bodies.keys() - self._builder.registry.bodies.keys()
+        usable, _ = encode_geometry(
+            {id: form for id, form in geometry.items() if id in new}
+        )  # what is not is noted already
         request = wire.SpawnWorld.Request(
-            world=text, forms=forms_to_json(usable, mesh=self._show), plan=plan_to_json(self._told.change_to(told))
+            world=text,
+            forms=geometry_to_json(usable, mesh=self._export_mesh),
+            plan=model_delta_to_json(self._sent_state.diff_to(told)),
         )
-        there = self._spawn(request, parts=len(world.bodies) + len(world.constraints))
+        there = self._spawn(request, entity_count=len(world.bodies) + len(world.joints))
         failed = [failure.id for each in (left_out, there) for failure in each.failed_bodies]
-        trial.remove(id for id in trial.inventory.ids if id in set(failed))
-        self._take(trial, told if not failed else Told.of(trial))
-        return _together(report, left_out, there)
+        trial.remove(id for id in trial.registry.ids if id in set(failed))
+        self._commit(trial, told if not failed else ModelState.from_builder(trial))
+        return _merge_reports(report, left_out, there)
 
     def clear(self) -> None:
         super().clear()
-        self._forget()
+        self._reset()
 
     def delete(self, ids: Iterable[BodyId]) -> None:
         wanted = tuple(ids)
-        self._edit(wire.Delete, wire.Delete.Request(ids=wanted), lambda planner, where: planner.remove(wanted))
+        self._apply_edit(wire.Delete, wire.Delete.Request(ids=wanted), lambda planner, where: planner.remove(wanted))
 
     def attach(self, parent: BodyId, child: BodyId) -> None:
         request = wire.Attach.Request(parent=parent, child=child)
-        self._edit(wire.Attach, request, lambda planner, where: planner.attach(parent, child, where))
+        self._apply_edit(wire.Attach, request, lambda planner, where: planner.attach(parent, child, where))
 
     def detach(self, child: BodyId) -> None:
-        self._edit(wire.Detach, wire.Detach.Request(child=child), lambda planner, where: planner.detach(child))
+        self._apply_edit(wire.Detach, wire.Detach.Request(child=child), lambda planner, where: planner.detach(child))
 
     # -- bodies --------------------------------------------------------------------------------------------------------
 
     def set_pose(self, id: BodyId, pose: Pose) -> None:
-        self._known(id)
-        if reason := placeable(pose):
-            raise PoseUnreachable(id, reason=reason)
-        where, target, planner = self._by_id(), unit_pose(pose), self._planner
-        if id in planner.forest.branches:
-            require_reachable(planner, id, target, where, slack=_SLACK)
-        moving = planner.reach(id)
-        moved = compose(compose(target, invert(where[id])), np.array([where[each] for each in moving]))
-        moved[:, 3:] = unit(moved[:, 3:])
-        poses = dict(zip(moving, map(pose_from, moved), strict=True)) | {id: pose}
+        self._require_body(id)
+        if reason := pose_error(pose):
+            raise PoseUnreachableError(id, reason=reason)
+        where, target, planner = self._poses_by_id(), normalized_pose_array(pose), self._builder
+        if id in planner.forest.tree_joints:
+            check_joint_limits(planner, id, target, where, tolerance=_POSE_TOLERANCE)
+        moving = planner.bodies_moving_with(id)
+        moved = pose_multiply(
+            pose_multiply(target, pose_inverse(where[id])), np.array([where[each] for each in moving])
+        )
+        moved[:, 3:] = normalize(moved[:, 3:])
+        poses = dict(zip(moving, map(pose_from_array, moved), strict=True)) | {id: pose}
 
-        def put(planner: Planner, where: Array) -> None:
-            planner.rehang(id, target, where)
-            planner.inventory.replace(id, pose=pose)
+        def put(planner: PhysicsModelBuilder, where: Array) -> None:
+            planner.update_attachment_pose(id, target, where)
+            planner.registry.replace(id, pose=pose)
 
         request = wire.SetPose.Request(id=id, pose=pose_message(pose))
-        if id in planner.forest.holders:
-            self._edit(wire.SetPose, request, put, poses=poses)
+        if id in planner.forest.rigid_parents:
+            self._apply_edit(wire.SetPose, request, put, poses=poses)
         else:  # nothing else changes, and what is dragged is put somewhere many times a second
-            self._ask_for_edit(wire.SetPose, request, PlanChange(poses=poses))
-            planner.inventory.replace(id, pose=pose)
+            self._send_edit(wire.SetPose, request, PhysicsModelDelta(poses=poses))
+            planner.registry.replace(id, pose=pose)
 
-    def set_physics(self, id: BodyId, physics: Physics) -> None:
+    def set_physics(self, id: BodyId, physics: BodyPhysics) -> None:
         request = wire.SetPhysics.Request(id=id, physics=to_json(physics))
-        self._edit(wire.SetPhysics, request, lambda planner, where: planner.set_physics(id, physics))
+        self._apply_edit(wire.SetPhysics, request, lambda planner, where: planner.set_physics(id, physics))
 
     def set_materials(self, id: BodyId, materials: tuple[Material, ...]) -> None:
-        self._known(id)
+        self._require_body(id)
         super().set_materials(id, materials)
-        self._planner.inventory.replace(id, materials=materials)
+        self._builder.registry.replace(id, materials=materials)
 
-    def highlight(self, ids: Iterable[BodyId], colour: Colour | None) -> None:
-        super().highlight(tuple(self._known(id) for id in ids), colour)
+    def highlight(self, ids: Iterable[BodyId], color: Color | None) -> None:
+        super().highlight(tuple(self._require_body(id) for id in ids), color)
 
-    def push(self, id: BodyId, force: Vector, at: Vector | None = None) -> None:
-        self._known(id)
+    def apply_force(self, id: BodyId, force: Vector, point: Vector | None = None) -> None:
+        self._require_body(id)
         push = wire.Force(id=id, force=vector_message(force))
-        if at is not None:
-            push = msgspec.structs.replace(push, at_point=True, point=point_message(at))
+        if point is not None:
+            push = msgspec.structs.replace(push, at_point=True, point=point_message(point))
         self._forces.append(push)
 
     # -- time ----------------------------------------------------------------------------------------------------------
 
     def step(self, duration_s: float) -> None:
-        self._rows_are_wanted &= self._rows is None
-        wanted, self._rows = self._rows_are_wanted, None
-        forces = tuple(force for force in self._forces if force.id in self._planner.inventory.bodies)
+        self._step_returns_poses &= self._pose_rows is None
+        wanted, self._pose_rows = self._step_returns_poses, None
+        forces = tuple(force for force in self._forces if force.id in self._builder.registry.bodies)
         self._forces.clear()
         reply = self._step(wire.Step.Request(duration_s=duration_s, forces=forces, packed=wanted))
         if wanted and reply.revision == self._revision:
-            self._rows = self._sorted(self._unpacked("step", reply.rows))
+            self._pose_rows = self._in_registry_order(self._unpack_poses("step", reply.rows))
 
-    def poses(self) -> tuple[tuple[BodyId, ...], Poses]:
-        self._open().be_ready()
-        rows = self._where()
-        self._rows, self._rows_are_wanted = None, True  # who asks again may ask because others move things
-        return self._planner.inventory.ids, rows
+    def poses(self) -> tuple[tuple[BodyId, ...], PoseArray]:
+        self._require_open().wait_ready()
+        rows = self._current_poses()
+        self._pose_rows, self._step_returns_poses = None, True  # who asks again may ask because others move things
+        return self._builder.registry.ids, rows
 
     def joint_positions(self) -> Mapping[BodyId, tuple[float, ...]]:
-        self._open()
-        return joint_places(self._planner, self._by_id())
+        self._require_open()
+        return joint_positions_from_poses(self._builder, self._poses_by_id())
 
     # -- edits ---------------------------------------------------------------------------------------------------------
 
-    def _edit(
-        self, service: type[Service], request: Message, edit: Edit, *, poses: Mapping[BodyId, Pose] | None = None
+    def _apply_edit(
+        self, service: type[Service], request: Message, edit: ModelEdit, *, poses: Mapping[BodyId, Pose] | None = None
     ) -> None:
         """Makes an edit here, tells it with all that it changes, and keeps it if it was done there."""
-        self._open()
-        where = self._where()
-        trial = self._planner.copy()
+        self._require_open()
+        where = self._current_poses()
+        trial = self._builder.copy()
         edit(trial, where)
-        now = dict(zip(self._planner.inventory.ids, where, strict=True))
-        now |= {id: unit_pose(pose) for id, pose in (poses or {}).items()}
-        trial.settle(np.array([now[id] for id in trial.inventory.ids]).reshape(-1, 7))
-        told = Told.of(trial)
-        self._ask_for_edit(service, request, self._told.change_to(told, poses=poses))
-        self._take(trial, told)
+        now = dict(zip(self._builder.registry.ids, where, strict=True))
+        now |= {id: normalized_pose_array(pose) for id, pose in (poses or {}).items()}
+        trial.update_collisions(np.array([now[id] for id in trial.registry.ids]).reshape(-1, 7))
+        told = ModelState.from_builder(trial)
+        self._send_edit(service, request, self._sent_state.diff_to(told, poses=poses))
+        self._commit(trial, told)
 
-    def _ask_for_edit(self, service: type[Service], request: Message, change: PlanChange) -> None:
-        self._ask(service, msgspec.structs.replace(request, plan=plan_to_json(change)))
-        self._rows = None
+    def _send_edit(self, service: type[Service], request: Message, change: PhysicsModelDelta) -> None:
+        self._call(service, msgspec.structs.replace(request, plan=model_delta_to_json(change)))
+        self._pose_rows = None
 
-    def _take(self, planner: Planner, told: Told) -> None:
-        self._planner, self._told, self._rows = planner, told, None
-        self._ids = planner.inventory.ids
+    def _commit(self, builder: PhysicsModelBuilder, sent_state: ModelState) -> None:
+        self._builder, self._sent_state, self._pose_rows = builder, sent_state, None
+        self._ids = builder.registry.ids
 
-    def _known(self, id: BodyId) -> BodyId:
+    def _require_body(self, id: BodyId) -> BodyId:
         """The id.
 
         Raises:
-            BodyUnknown: there is no such body.
+            BodyNotFoundError: there is no such body.
         """
-        self._open()
-        return self._planner.inventory.body(id).id
+        self._require_open()
+        return self._builder.registry.body(id).id
 
     # -- what is there -------------------------------------------------------------------------------------------------
 
-    def _where(self) -> Array:
+    def _current_poses(self) -> Array:
         """All poses now, n x 7, in the order of the planner's bodies."""
-        if self._rows is not None:
-            return self._rows
-        reply: Any = self._ask(wire.GetPoses, wire.GetPoses.Request(packed=True, known=self._revision))
+        if self._pose_rows is not None:
+            return self._pose_rows
+        reply: Any = self._call(wire.GetPoses, wire.GetPoses.Request(packed=True, known=self._revision))
         if reply.revision != self._revision:
-            self._revision, self._there = reply.revision, tuple(map(BodyId, reply.ids))
-            if set(self._there) != set(self._planner.inventory.ids):
-                self._adopt()
-        return self._sorted(self._unpacked("get_poses", reply.rows))
+            self._revision, self._remote_ids = reply.revision, tuple(map(BodyId, reply.ids))
+            if set(self._remote_ids) != set(self._builder.registry.ids):
+                self._resync()
+        return self._in_registry_order(self._unpack_poses("get_poses", reply.rows))
 
-    def _by_id(self) -> dict[BodyId, Array]:
-        return dict(zip(self._planner.inventory.ids, self._where(), strict=True))
+    def _poses_by_id(self) -> dict[BodyId, Array]:
+        return dict(zip(self._builder.registry.ids, self._current_poses(), strict=True))
 
-    def _unpacked(self, name: str, rows: bytes) -> Array:
-        with self._link.making_sense(name):
-            read = np.frombuffer(rows, dtype=_ROW).astype(np.float64)
-            if len(read) != len(self._there) or not np.isfinite(read).all():
-                raise ValueError(f"{len(self._there)} ids and {len(read)} rows, all of which should be numbers")
-            read[:, 3:] = unit(read[:, 3:])
+    def _unpack_poses(self, name: str, rows: bytes) -> Array:
+        with self._client.validating(name):
+            read = np.frombuffer(rows, dtype=_POSE_DTYPE).astype(np.float64)
+            if len(read) != len(self._remote_ids) or not np.isfinite(read).all():
+                raise ValueError(f"{len(self._remote_ids)} ids and {len(read)} rows, all of which should be numbers")
+            read[:, 3:] = normalize(read[:, 3:])
             return read
 
-    def _sorted(self, rows: Array) -> Array:
+    def _in_registry_order(self, rows: Array) -> Array:
         """Rows in the order of the planner's bodies, which is that of the far engine unless others edit there."""
-        ids = self._planner.inventory.ids
-        if ids == self._there:
+        ids = self._builder.registry.ids
+        if ids == self._remote_ids:
             return rows
-        places = {id: row for row, id in enumerate(self._there)}
+        places = {id: row for row, id in enumerate(self._remote_ids)}
         return rows[[places[id] for id in ids]]
 
-    def _adopt(self) -> None:
+    def _resync(self) -> None:
         """Takes over what stands there, which others have changed; with the next edit, all of it is told anew."""
-        forms, planner = self._planner.forms, Planner()
-        planner.add(self.log(), np.zeros((0, 7)), forms=forms)
-        self._take(planner, Told())
+        forms, planner = self._builder.geometry, PhysicsModelBuilder()
+        planner.add(self.snapshot(), np.zeros((0, 7)), geometry=forms)
+        self._commit(planner, ModelState())
 
-    def _forget(self) -> None:
-        self._take(Planner(), Told())
+    def _reset(self) -> None:
+        self._commit(PhysicsModelBuilder(), ModelState())
         self._forces.clear()
-        self._revision, self._there = 0, ()
+        self._revision, self._remote_ids = 0, ()
 
-    def _meet_again(self) -> None:
-        super()._meet_again()
-        if self._world_is_gone:
-            self._forget()
-
-
-P = TypeVar("P", Body, Constraint, Light)
+    def _reconnect(self) -> None:
+        super()._reconnect()
+        if self._world_lost:
+            self._reset()
 
 
-def _fitting(world: World, before: Inventory, after: Inventory) -> World:
+P = TypeVar("P", Body, Joint, Light)
+
+
+def _accepted_part(world: World, before: EntityRegistry, after: EntityRegistry) -> World:
     """What of a world came in."""
     hung = {(after.parents[child], child) for child in after.parents.keys() - before.parents.keys()}
     return msgspec.structs.replace(
         world,
-        bodies=_new(world.bodies, before.bodies, after.bodies),
-        constraints=_new(world.constraints, before.constraints, after.constraints),
-        lights=_new(world.lights, before.lights, after.lights),
+        bodies=_added_items(world.bodies, before.bodies, after.bodies),
+        joints=_added_items(world.joints, before.joints, after.joints),
+        lights=_added_items(world.lights, before.lights, after.lights),
         attachments=tuple(dict.fromkeys(each for each in world.attachments if (each.parent, each.child) in hung)),
     )
 
 
-def _new(parts: Iterable[P], before: Mapping[BodyId, P], after: Mapping[BodyId, P]) -> tuple[P, ...]:
+def _added_items(parts: Iterable[P], before: Mapping[BodyId, P], after: Mapping[BodyId, P]) -> tuple[P, ...]:
     """Those that are there now and were not; of several with one id, the one that came in."""
     came = {part.id: part for part in parts if part.id not in before and after.get(part.id) is part}
     return tuple(came.values())
 
 
-def _together(*reports: SpawnReport) -> SpawnReport:
+def _merge_reports(*reports: SpawnReport) -> SpawnReport:
     """What was decided here, what could not travel, and what became of it there."""
     here, left_out, there = reports
     return msgspec.structs.replace(
         there,
         failed_bodies=here.failed_bodies + left_out.failed_bodies + there.failed_bodies,
-        failed_constraints=here.failed_constraints + left_out.failed_constraints + there.failed_constraints,
+        failed_joints=here.failed_joints + left_out.failed_joints + there.failed_joints,
         failed_attachments=here.failed_attachments + there.failed_attachments,
         notes=here.notes + there.notes,
     )

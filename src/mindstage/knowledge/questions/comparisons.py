@@ -7,20 +7,20 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
-from mindstage.errors import ArgumentRefused
+from mindstage.errors import InvalidArgumentError
 from mindstage.knowledge.names import local_name
-from mindstage.knowledge.questions.question import MapName, Missing, Row, question
-from mindstage.knowledge.questions.words import only_told
+from mindstage.knowledge.questions.question import AnswerRow, MapName, MissingKnowledge, question
+from mindstage.knowledge.questions.words import missing_file
 from mindstage.knowledge.vocabulary import DESCRIBED_IN_MAP, SEMANTIC_MAP
-from mindstage.world import MECHANICS, Difference, Iri, difference
+from mindstage.world import MECHANICAL_KINDS, Iri, WorldDiff, diff
 
 if TYPE_CHECKING:
     from mindstage.knowledge.base import KnowledgeBase
 
-__all__ = ["MapDifference", "SameMaps", "differences", "identical_maps"]
+__all__ = ["MapDifference", "MapEquality", "differences", "identical_maps"]
 
 
-class SameMaps(Row, frozen=True, kw_only=True):
+class MapEquality(AnswerRow, frozen=True, kw_only=True):
     """Two maps, held against each other."""
 
     a: MapName
@@ -36,7 +36,7 @@ class SameMaps(Row, frozen=True, kw_only=True):
 @question
 def identical_maps(
     kb: KnowledgeBase, a: MapName | None = None, b: MapName | None = None, tolerance: float = 0.0
-) -> Iterator[SameMaps]:
+) -> Iterator[MapEquality]:
     """Whether two maps tell of the same world, and the ids of all that differs by more than the tolerance.
 
     A map that was only told of, and stands in no file, is not compared.
@@ -44,18 +44,18 @@ def identical_maps(
     Examples:
         identical_maps kitchen kitchen
     """
-    for one, other, found in _pairs(kb, a, b, tolerance):
-        ids = [*found.only_in_a, *found.only_in_b, *(change.id for change in found.beyond(tolerance))]
-        yield SameMaps(
+    for one, other, found in _map_pairs(kb, a, b, tolerance):
+        ids = [*found.only_in_a, *found.only_in_b, *(change.id for change in found.exceeding(tolerance))]
+        yield MapEquality(
             a=one,
             b=other,
             identical=not ids,
-            identical_mechanics=found.identical(tolerance, kinds=MECHANICS),
+            identical_mechanics=found.identical(tolerance, kinds=MECHANICAL_KINDS),
             differing=tuple(dict.fromkeys(ids)),
         )
 
 
-class MapDifference(Row, frozen=True, kw_only=True):
+class MapDifference(AnswerRow, frozen=True, kw_only=True):
     """One thing, or one field of it, that two maps do not agree on."""
 
     a: MapName
@@ -63,12 +63,12 @@ class MapDifference(Row, frozen=True, kw_only=True):
     id: str
     """Of a body, a constraint or a light; the IRI of anything else."""
     field: str
-    """Dotted, such as `pose.position`; empty where only one of the maps has the thing at all."""
+    """Dotted, such as `pose.qpos_address`; empty where only one of the maps has the thing at all."""
     in_a: str | None
     """What the first map has, as JSON; None for nothing."""
     in_b: str | None
     error: float | None
-    """How far apart the two are, in metres, radians, kilograms; None where no number says it."""
+    """How far apart the two are, in meters, radians, kilograms; None where no number says it."""
 
 
 @question
@@ -80,62 +80,66 @@ def differences(
     Examples:
         differences kitchen kitchen
     """
-    for one, other, found in _pairs(kb, a, b, tolerance):
+    for one, other, found in _map_pairs(kb, a, b, tolerance):
         for id in found.only_in_a:
             yield MapDifference(a=one, b=other, id=id, field="", in_a=id, in_b=None, error=None)
         for id in found.only_in_b:
             yield MapDifference(a=one, b=other, id=id, field="", in_a=None, in_b=id, error=None)
-        for change in found.beyond(tolerance):
+        for change in found.exceeding(tolerance):
             yield MapDifference(
                 a=one,
                 b=other,
                 id=change.id,
                 field=change.field,
-                in_a=_text(change.a),
-                in_b=_text(change.b),
+                in_a=_json_text(change.a),
+                in_b=_json_text(change.b),
                 error=change.error,
             )
 
 
-@identical_maps.because
-def _compared(kb: KnowledgeBase, row: SameMaps) -> Iterator[str]:
+@identical_maps.explain
+def _explain_comparison(kb: KnowledgeBase, row: MapEquality) -> Iterator[str]:
     a, b = kb.world(row.a), kb.world(row.b)
-    numbers = f"{len(a.bodies)} and {len(b.bodies)} bodies, {len(a.constraints)} and {len(b.constraints)} constraints"
+    numbers = f"{len(a.bodies)} and {len(b.bodies)} bodies, {len(a.joints)} and {len(b.joints)} constraints"
     yield f"{numbers} were compared, field by field and fact by fact"
     for each in differences.ask(kb, {"a": row.a, "b": row.b}):
         if each.id in row.differing:
-            yield _difference_line(each)
+            yield _difference_text(each)
 
 
-@differences.because
-def _where(kb: KnowledgeBase, row: MapDifference) -> Iterator[str]:
-    yield _difference_line(row)
+@differences.explain
+def _explain_difference(kb: KnowledgeBase, row: MapDifference) -> Iterator[str]:
+    yield _difference_text(row)
 
 
-@identical_maps.lacking
-@differences.lacking
-def _nothing_to_compare(
+@identical_maps.missing
+@differences.missing
+def _missing_maps(
     kb: KnowledgeBase, a: Iri | None = None, b: Iri | None = None, tolerance: float = 0.0
-) -> Iterator[Missing]:
+) -> Iterator[MissingKnowledge]:
     known = kb.maps()
     for map in dict.fromkeys(map for map in (a, b) if map and map not in known):
-        yield from only_told(map)
+        yield from missing_file(map)
     if len(known) < 2 and not (a and b):
-        yield Missing(SEMANTIC_MAP, DESCRIBED_IN_MAP, f"there are {len(known)} maps, and it takes two to differ")
+        yield MissingKnowledge(
+            SEMANTIC_MAP, DESCRIBED_IN_MAP, f"there are {len(known)} maps, and it takes two to differ"
+        )
 
 
-def _pairs(kb: KnowledgeBase, a: Iri | None, b: Iri | None, tolerance: float) -> Iterator[tuple[Iri, Iri, Difference]]:
+def _map_pairs(
+    kb: KnowledgeBase, a: Iri | None, b: Iri | None, tolerance: float
+) -> Iterator[tuple[Iri, Iri, WorldDiff]]:
     """Any two maps, or a map and itself where somebody asks for just that."""
     if not tolerance >= 0.0:
-        raise ArgumentRefused("tolerance", cause=f"{tolerance} forgives nothing", remedy="give 0 or more")
+        raise InvalidArgumentError("tolerance", cause=f"{tolerance} forgives nothing", remedy="give 0 or more")
     known = sorted(kb.maps())
     for one in known if a is None else {a} & {*known}:
         for other in known if b is None else {b} & {*known}:
             if one != other or (a and b):
-                yield one, other, difference(kb.world(one), kb.world(other))
+                yield one, other, diff(kb.world(one), kb.world(other))
 
 
-def _difference_line(row: MapDifference) -> str:
+def _difference_text(row: MapDifference) -> str:
     """What the one map says, and what the other."""
     if not row.field:
         return f"{row.id} is only in {local_name(row.a if row.in_b is None else row.b)}"
@@ -143,5 +147,5 @@ def _difference_line(row: MapDifference) -> str:
     return f"{row.id} {row.field}: {row.in_a} in {local_name(row.a)}, {row.in_b} in {local_name(row.b)}{apart}"
 
 
-def _text(value: Any) -> str | None:
+def _json_text(value: Any) -> str | None:
     return None if value is None else msgspec.json.encode(value).decode()

@@ -6,9 +6,9 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING, ClassVar
 
 from mindstage.knowledge.names import local_name
-from mindstage.knowledge.questions.question import IndividualName, MapName, Missing, Row, question
-from mindstage.knowledge.questions.words import member_lines, not_described, statement_line, thing_text
-from mindstage.knowledge.reasoning import Index, Part
+from mindstage.knowledge.questions.question import AnswerRow, IndividualName, MapName, MissingKnowledge, question
+from mindstage.knowledge.questions.words import individual_text, membership_lines, missing_description, statement_line
+from mindstage.knowledge.reasoning import PartOfStep, Reasoner
 from mindstage.knowledge.vocabulary import CHILD, CONSTRAINT, THING, TYPE, knowrob
 from mindstage.world import Iri
 
@@ -17,10 +17,10 @@ if TYPE_CHECKING:
 
 __all__ = ["HandleOf", "PartOf", "handle_of", "part_of"]
 
-_HANDLE = knowrob("Handle")
+_HANDLE_CLASS = knowrob("Handle")
 
 
-class PartOf(Row, frozen=True, kw_only=True):
+class PartOf(AnswerRow, frozen=True, kw_only=True):
     """A thing that is a part of another one, at any depth."""
 
     part: IndividualName
@@ -46,43 +46,43 @@ def part_of(
         part_of whole=fridge_door
         part_of fridge_door_handle
     """
-    index = kb.index
+    index = kb.reasoner
     if part is not None and whole is None:
         for up in index.wholes(part):
-            for place in index.maps_of.get(up.thing, ()):
-                yield PartOf(part=part, whole=up.thing, depth=up.depth, map=place)
+            for place in index.maps_of.get(up.individual, ()):
+                yield PartOf(part=part, whole=up.individual, depth=up.depth, map=place)
         return
-    for place in sorted(index.residents) if map is None else (map,):
-        for each in sorted(index.residents[place]) if whole is None else (whole,):
+    for place in sorted(index.members_by_map) if map is None else (map,):
+        for each in sorted(index.members_by_map[place]) if whole is None else (whole,):
             if place in index.maps_of.get(each, ()):
                 for down in index.parts(each):
-                    yield PartOf(part=down.thing, whole=each, depth=down.depth, map=place)
+                    yield PartOf(part=down.individual, whole=each, depth=down.depth, map=place)
 
 
-@part_of.because
-def _chain(kb: KnowledgeBase, row: PartOf) -> Iterator[str]:
-    yield from _chain_lines(kb.index.parts(row.whole), row.part)
+@part_of.explain
+def _explain_part(kb: KnowledgeBase, row: PartOf) -> Iterator[str]:
+    yield from _part_lines(kb.reasoner.parts(row.whole), row.part)
 
 
-@part_of.lacking
-def _no_parts(
+@part_of.missing
+def _missing_parts(
     kb: KnowledgeBase, part: Iri | None = None, whole: Iri | None = None, map: Iri | None = None
-) -> Iterator[Missing]:
+) -> Iterator[MissingKnowledge]:
     if thing := whole or part:
-        if map and map not in kb.index.maps_of.get(thing, ()):
-            yield from not_described(kb.index, thing, map)
+        if map and map not in kb.reasoner.maps_of.get(thing, ()):
+            yield from missing_description(kb.reasoner, thing, map)
             return
         what = (
             f"no part of {local_name(whole)}" if part and whole else "a part of nothing" if part else "made of nothing"
         )
         why = f"{local_name(part or thing)} is {what}: neither child, parent nor a property of parts leads there"
-        yield Missing(kb.index.class_of(thing) or THING, CHILD, why)
+        yield MissingKnowledge(kb.reasoner.class_of(thing) or THING, CHILD, why)
 
 
-class HandleOf(Row, frozen=True, kw_only=True):
+class HandleOf(AnswerRow, frozen=True, kw_only=True):
     """A handle of a thing."""
 
-    about: ClassVar[str] = "handle"
+    default_column: ClassVar[str] = "handle"
     individual: IndividualName
     handle: IndividualName
     map: MapName
@@ -103,51 +103,53 @@ def handle_of(
     Examples:
         handle_of fridge_door
     """
-    index = kb.index
+    index = kb.reasoner
     if individual is not None:
-        for found in _handles(index, individual):
+        for found in _find_handles(index, individual):
             for place in index.maps_of.get(individual, ()):
                 yield HandleOf(individual=individual, handle=found, map=place)
         return
-    for each in index.members(_HANDLE) if handle is None else (handle,):
-        if index.is_member(each, _HANDLE):
+    for each in index.members(_HANDLE_CLASS) if handle is None else (handle,):
+        if index.is_member(each, _HANDLE_CLASS):
             for up in index.wholes(each, through_joints=True):
-                places = () if index.is_member(up.thing, CONSTRAINT) else index.maps_of.get(up.thing, ())
+                places = () if index.is_member(up.individual, CONSTRAINT) else index.maps_of.get(up.individual, ())
                 for place in places:
-                    yield HandleOf(individual=up.thing, handle=each, map=place)
+                    yield HandleOf(individual=up.individual, handle=each, map=place)
 
 
-def _handles(index: Index, individual: Iri) -> Iterator[Iri]:
-    parts = () if index.is_member(individual, CONSTRAINT) else index.parts(individual, through_joints=True)
-    return (down.thing for down in parts if index.is_member(down.thing, _HANDLE))
+def _find_handles(reasoner: Reasoner, individual: Iri) -> Iterator[Iri]:
+    parts = () if reasoner.is_member(individual, CONSTRAINT) else reasoner.parts(individual, through_joints=True)
+    return (down.individual for down in parts if reasoner.is_member(down.individual, _HANDLE_CLASS))
 
 
-@handle_of.because
-def _why_handle(kb: KnowledgeBase, row: HandleOf) -> Iterator[str]:
-    yield from _chain_lines(kb.index.parts(row.individual, through_joints=True), row.handle)
-    yield from member_lines(kb.index, row.handle, _HANDLE)
+@handle_of.explain
+def _explain_handle(kb: KnowledgeBase, row: HandleOf) -> Iterator[str]:
+    yield from _part_lines(kb.reasoner.parts(row.individual, through_joints=True), row.handle)
+    yield from membership_lines(kb.reasoner, row.handle, _HANDLE_CLASS)
 
 
-@handle_of.lacking
-def _no_handle(
+@handle_of.missing
+def _missing_handle(
     kb: KnowledgeBase, individual: Iri | None = None, handle: Iri | None = None, map: Iri | None = None
-) -> Iterator[Missing]:
-    index = kb.index
-    if handle and not index.is_member(handle, _HANDLE):
-        yield Missing(index.class_of(handle) or THING, TYPE, f"{thing_text(index, handle)} is no Handle")
+) -> Iterator[MissingKnowledge]:
+    index = kb.reasoner
+    if handle and not index.is_member(handle, _HANDLE_CLASS):
+        yield MissingKnowledge(index.class_of(handle) or THING, TYPE, f"{individual_text(index, handle)} is no Handle")
     elif individual and map and map not in index.maps_of.get(individual, ()):
-        yield from not_described(index, individual, map)
+        yield from missing_description(index, individual, map)
     elif individual is not None:
-        others = ", ".join(local_name(each) for each in _handles(index, individual))
+        others = ", ".join(local_name(each) for each in _find_handles(index, individual))
         lacks = f"has another handle, {others}" if others else "has no handle: none of its parts is a Handle"
-        yield Missing(index.class_of(individual) or THING, CHILD, f"{thing_text(index, individual)} {lacks}")
+        yield MissingKnowledge(
+            index.class_of(individual) or THING, CHILD, f"{individual_text(index, individual)} {lacks}"
+        )
     elif handle:
-        why = f"{thing_text(index, handle)} is the handle of nothing: it is a part of nothing"
-        yield Missing(index.class_of(handle) or THING, CHILD, why)
+        why = f"{individual_text(index, handle)} is the handle of nothing: it is a part of nothing"
+        yield MissingKnowledge(index.class_of(handle) or THING, CHILD, why)
 
 
-def _chain_lines(parts: Iterator[Part], part: Iri) -> Iterator[str]:
+def _part_lines(parts: Iterator[PartOfStep], part: Iri) -> Iterator[str]:
     for down in parts:
-        if down.thing == part:
-            yield from map(statement_line, down.chain)
+        if down.individual == part:
+            yield from map(statement_line, down.path)
             return

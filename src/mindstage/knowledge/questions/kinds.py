@@ -6,19 +6,26 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from mindstage.knowledge.names import local_name
-from mindstage.knowledge.questions.question import ClassName, Missing, PropertyName, Row, ValueName, question
-from mindstage.knowledge.questions.words import expression_text, implies_line, is_line, restriction_line
-from mindstage.knowledge.reasoning import Expression, Named
+from mindstage.knowledge.questions.question import (
+    AnswerRow,
+    ClassName,
+    MissingKnowledge,
+    PropertyName,
+    ValueName,
+    question,
+)
+from mindstage.knowledge.questions.words import expression_text, restriction_line, subclass_line, subproperty_line
+from mindstage.knowledge.reasoning import Expression, NamedClass
 from mindstage.knowledge.vocabulary import SUBCLASS_OF, THING
 from mindstage.world import Iri
 
 if TYPE_CHECKING:
     from mindstage.knowledge.base import KnowledgeBase
 
-__all__ = ["ClassProperty", "Sibling", "Subclass", "class_properties", "siblings", "subclass_of"]
+__all__ = ["ClassRestrictionRow", "SiblingClasses", "SubclassRelation", "class_properties", "siblings", "subclass_of"]
 
 
-class Subclass(Row, frozen=True, kw_only=True):
+class SubclassRelation(AnswerRow, frozen=True, kw_only=True):
     """One class below another."""
 
     cls: ClassName
@@ -30,42 +37,44 @@ class Subclass(Row, frozen=True, kw_only=True):
 @question
 def subclass_of(
     kb: KnowledgeBase, cls: ClassName | None = None, superclass: ClassName | None = None
-) -> Iterator[Subclass]:
+) -> Iterator[SubclassRelation]:
     """The superclasses of a class, the nearest first, or the subclasses of a superclass; no class is its own.
 
     Examples:
         subclass_of Refrigerator
         subclass_of superclass=Handle
     """
-    classes = kb.index.classes
+    classes = kb.reasoner.classes
     if cls is None and superclass is not None:
         for below, steps in classes.below(superclass).items():
             if steps:
-                yield Subclass(cls=below, superclass=superclass, steps=steps)
+                yield SubclassRelation(cls=below, superclass=superclass, steps=steps)
         return
     for each in sorted(classes) if cls is None else (cls,):
         for above, steps in classes.above(each).items():
             if steps:
-                yield Subclass(cls=each, superclass=above, steps=steps)
+                yield SubclassRelation(cls=each, superclass=above, steps=steps)
 
 
-@subclass_of.because
-def _path(kb: KnowledgeBase, row: Subclass) -> Iterator[str]:
-    yield from is_line(kb.index.classes.path(row.cls, row.superclass))
+@subclass_of.explain
+def _explain_subclass(kb: KnowledgeBase, row: SubclassRelation) -> Iterator[str]:
+    yield from subclass_line(kb.reasoner.classes.path(row.cls, row.superclass))
 
 
-@subclass_of.lacking
-def _no_relation(kb: KnowledgeBase, cls: Iri | None = None, superclass: Iri | None = None) -> Iterator[Missing]:
+@subclass_of.missing
+def _missing_subclass(
+    kb: KnowledgeBase, cls: Iri | None = None, superclass: Iri | None = None
+) -> Iterator[MissingKnowledge]:
     if cls and superclass:
-        above = ", ".join(local_name(each) for each in kb.index.classes.parents(cls)) or "nothing else"
-        yield Missing(cls, SUBCLASS_OF, f"{local_name(cls)} is no {local_name(superclass)}: it is {above}")
+        above = ", ".join(local_name(each) for each in kb.reasoner.classes.parents(cls)) or "nothing else"
+        yield MissingKnowledge(cls, SUBCLASS_OF, f"{local_name(cls)} is no {local_name(superclass)}: it is {above}")
     elif thing := cls or superclass:
         where = "above" if cls else "below"
         why = f"{local_name(thing)} has no class {where} it: no subClassOf says so"
-        yield Missing(thing, SUBCLASS_OF, why, as_value=not cls)
+        yield MissingKnowledge(thing, SUBCLASS_OF, why, is_filler=not cls)
 
 
-class Sibling(Row, frozen=True, kw_only=True):
+class SiblingClasses(AnswerRow, frozen=True, kw_only=True):
     """Two classes directly below a third one."""
 
     cls: ClassName
@@ -74,37 +83,41 @@ class Sibling(Row, frozen=True, kw_only=True):
 
 
 @question
-def siblings(kb: KnowledgeBase, cls: ClassName | None = None, sibling: ClassName | None = None) -> Iterator[Sibling]:
+def siblings(
+    kb: KnowledgeBase, cls: ClassName | None = None, sibling: ClassName | None = None
+) -> Iterator[SiblingClasses]:
     """Which classes share a direct superclass.
 
     Examples:
         siblings Refrigerator
     """
-    classes = kb.index.classes
+    classes = kb.reasoner.classes
     start = cls or sibling
     for each in sorted(classes) if start is None else (start,):
         for parent in sorted(classes.parents(each)):
             for other in sorted(classes.children(parent)):
                 if other != each:
                     one, two = (each, other) if start is None or cls else (other, each)
-                    yield Sibling(cls=one, sibling=two, parent=parent)
+                    yield SiblingClasses(cls=one, sibling=two, parent=parent)
 
 
-@siblings.because
-def _parent(kb: KnowledgeBase, row: Sibling) -> Iterator[str]:
-    yield from is_line((row.cls, row.parent))
-    yield from is_line((row.sibling, row.parent))
+@siblings.explain
+def _explain_sibling(kb: KnowledgeBase, row: SiblingClasses) -> Iterator[str]:
+    yield from subclass_line((row.cls, row.parent))
+    yield from subclass_line((row.sibling, row.parent))
 
 
-@siblings.lacking
-def _no_siblings(kb: KnowledgeBase, cls: Iri | None = None, sibling: Iri | None = None) -> Iterator[Missing]:
+@siblings.missing
+def _missing_siblings(
+    kb: KnowledgeBase, cls: Iri | None = None, sibling: Iri | None = None
+) -> Iterator[MissingKnowledge]:
     if thing := cls or sibling:
-        parents = ", ".join(local_name(each) for each in sorted(kb.index.classes.parents(thing)))
+        parents = ", ".join(local_name(each) for each in sorted(kb.reasoner.classes.parents(thing)))
         why = f"no such class is directly below {parents} too" if parents else "no subClassOf says what it is"
-        yield Missing(thing, SUBCLASS_OF, f"{local_name(thing)} has no such sibling: {why}")
+        yield MissingKnowledge(thing, SUBCLASS_OF, f"{local_name(thing)} has no such sibling: {why}")
 
 
-class ClassProperty(Row, frozen=True, kw_only=True):
+class ClassRestrictionRow(AnswerRow, frozen=True, kw_only=True):
     """What a class says of all its members."""
 
     cls: ClassName
@@ -124,7 +137,7 @@ def class_properties(
     cls: ClassName | None = None,
     property: PropertyName | None = None,
     value: ValueName | None = None,
-) -> Iterator[ClassProperty]:
+) -> Iterator[ClassRestrictionRow]:
     """The properties of a class, and which class above it says so; the nearest first.
 
     A property also finds those that imply it.
@@ -134,52 +147,56 @@ def class_properties(
         class_properties Dishwasher typePrimaryFunction-containerFor
         class_properties property=typePrimaryFunction-containerFor value=Perishable
     """
-    for each in _owners(kb, value) if cls is None else (cls,):
-        for owned in kb.index.restrictions(each):
+    for each in _classes_with_value(kb, value) if cls is None else (cls,):
+        for owned in kb.reasoner.restrictions(each):
             told = owned.restriction
-            if property is None or property in kb.index.properties.implied(told.property):
-                yield ClassProperty(
+            if property is None or property in kb.reasoner.properties.super_properties(told.property):
+                yield ClassRestrictionRow(
                     cls=each,
                     property=property or told.property,
-                    kind=told.kind.value,
-                    count=told.count,
-                    value=_value_text(told.filler),
+                    kind=told.restriction_type.value,
+                    count=told.cardinality,
+                    value=_filler_text(told.filler),
                     told_by=owned.cls,
                 )
 
 
-def _owners(kb: KnowledgeBase, value: str | None) -> Iterator[Iri]:
+def _classes_with_value(kb: KnowledgeBase, value: str | None) -> Iterator[Iri]:
     """The classes that say something, with this value, or inherit it."""
-    axioms, classes = kb.index.axioms, kb.index.classes
+    axioms, classes = kb.reasoner.axioms, kb.reasoner.classes
     telling = (
         owner
-        for owner in axioms.restricting()
-        if value is None or any(_value_text(told.filler) == value for told in axioms.own(owner))
+        for owner in axioms.restricted_classes()
+        if value is None or any(_filler_text(told.filler) == value for told in axioms.own_restrictions(owner))
     )
     yield from sorted({below for owner in telling for below in classes.below(owner)})
 
 
-def _value_text(filler: Expression | None) -> str:
-    return filler.iri if isinstance(filler, Named) else expression_text(filler)
+def _filler_text(filler: Expression | None) -> str:
+    return filler.iri if isinstance(filler, NamedClass) else expression_text(filler)
 
 
-@class_properties.because
-def _inherited(kb: KnowledgeBase, row: ClassProperty) -> Iterator[str]:
-    yield from is_line(kb.index.classes.path(row.cls, row.told_by))
-    for told in kb.index.axioms.own(row.told_by):
-        if (told.kind.value, told.count, _value_text(told.filler)) == (row.kind, row.count, row.value):
-            path = kb.index.properties.path(told.property, row.property)
+@class_properties.explain
+def _explain_property(kb: KnowledgeBase, row: ClassRestrictionRow) -> Iterator[str]:
+    yield from subclass_line(kb.reasoner.classes.path(row.cls, row.told_by))
+    for told in kb.reasoner.axioms.own_restrictions(row.told_by):
+        if (told.restriction_type.value, told.cardinality, _filler_text(told.filler)) == (
+            row.kind,
+            row.count,
+            row.value,
+        ):
+            path = kb.reasoner.properties.implication_path(told.property, row.property)
             if path:
                 yield restriction_line(row.told_by, told)
-                yield from implies_line(path)
+                yield from subproperty_line(path)
 
 
-@class_properties.lacking
-def _no_property(
+@class_properties.missing
+def _missing_property(
     kb: KnowledgeBase, cls: Iri | None = None, property: Iri | None = None, value: str | None = None
-) -> Iterator[Missing]:
+) -> Iterator[MissingKnowledge]:
     who = f"neither {local_name(cls)} nor an ancestor of it" if cls else "no class"
     what = "anything of its members"
     if property or value:
         what = f"{local_name(property) if property else '…'} {local_name(value) if value else '…'}"
-    yield Missing(cls or THING, property or SUBCLASS_OF, f"{who} says {what}")
+    yield MissingKnowledge(cls or THING, property or SUBCLASS_OF, f"{who} says {what}")

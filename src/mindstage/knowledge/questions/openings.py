@@ -8,44 +8,44 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mindstage.knowledge.moment import TOLD, Moment, Present
+from mindstage.knowledge.moment import MAP_SOURCE, StateAccess, WorldState
 from mindstage.knowledge.names import local_name
-from mindstage.knowledge.questions.question import IndividualName, MapName, Missing, Row, question
-from mindstage.knowledge.questions.space import source_line
-from mindstage.knowledge.questions.words import thing_text
+from mindstage.knowledge.questions.question import AnswerRow, IndividualName, MapName, MissingKnowledge, question
+from mindstage.knowledge.questions.space import source_text
+from mindstage.knowledge.questions.words import individual_text
 from mindstage.knowledge.vocabulary import CHILD, knowrob
-from mindstage.world import Body, BodyId, Constraint, Iri, World
-from mindstage.world.assemblies import Assemblies, moving_end
-from mindstage.world.boxes import Boxes, coverage
-from mindstage.world.geometry import pose_array, unit
-from mindstage.world.travel import Travel, travel
+from mindstage.world import Body, BodyId, Iri, Joint, World
+from mindstage.world.assemblies import RigidGroups, moving_body
+from mindstage.world.boxes import OrientedBoxes, face_coverage
+from mindstage.world.geometry import normalize, pose_array
+from mindstage.world.travel import JointDisplacement, joint_displacement
 
 if TYPE_CHECKING:
     from mindstage.knowledge.base import KnowledgeBase
 
-__all__ = ["Opening", "State", "openings"]
+__all__ = ["JointOpenness", "OpenState", "openings"]
 
-_OPEN_SHARE = 0.05
+_OPEN_FRACTION = 0.05
 _OPEN_M, _OPEN_RAD = 0.02, 0.1
 """Where nothing limits how far it goes."""
-_FRONTS = (knowrob("PortalCovering"), knowrob("StorageConstruct"))
+_FRONT_CLASSES = (knowrob("PortalCovering"), knowrob("StorageConstruct"))
 _CONTAINER = knowrob("Container")
-_STATE = knowrob("stateOfObject")
+_STATE_PROPERTY = knowrob("stateOfObject")
 
 
-class State(StrEnum):
+class OpenState(StrEnum):
     """Whether one can reach in."""
 
     OPEN = "open"
     CLOSED = "closed"
 
 
-class Opening(Row, frozen=True, kw_only=True):
+class JointOpenness(AnswerRow, frozen=True, kw_only=True):
     """One door, drawer or lid."""
 
     thing: IndividualName
     """What it belongs to."""
-    state: State
+    state: OpenState
     front: IndividualName
     """The door, drawer or lid."""
     share: float | None
@@ -64,12 +64,12 @@ class Opening(Row, frozen=True, kw_only=True):
 def openings(
     kb: KnowledgeBase,
     thing: IndividualName | None = None,
-    state: State | None = None,
+    state: OpenState | None = None,
     front: IndividualName | None = None,
     map: MapName | None = None,
     *,
-    present: Present,
-) -> Iterator[Opening]:
+    present: StateAccess,
+) -> Iterator[JointOpenness]:
     """Which containers are open or closed, and how far: one answer for each door, drawer and lid on a constraint.
 
     Closed is how the map has it. It counts as open from 5 % of the way that it can go; where nothing limits that, from
@@ -83,120 +83,124 @@ def openings(
         openings fridge
         openings state=closed front=drawer_left_1
     """
-    for moment in present.moments(map):
-        yield from _openings(kb, moment, front)
+    for moment in present.states(map):
+        yield from _find_openings(kb, moment, front)
 
 
-def _openings(kb: KnowledgeBase, moment: Moment, front: Iri | None = None) -> Iterator[Opening]:
-    homes = moment.homes()
-    bodies = {body.id: body for body in moment.world.bodies}
-    furniture = _Furniture(kb, moment.told)
-    for joint in moment.world.constraints:
+def _find_openings(kb: KnowledgeBase, world_state: WorldState, front: Iri | None = None) -> Iterator[JointOpenness]:
+    homes = world_state.map_of_body()
+    bodies = {body.id: body for body in world_state.world.bodies}
+    furniture = _ContainerFinder(kb, world_state.spawned)
+    for joint in world_state.world.joints:
         if joint.parent not in bodies or joint.child not in bodies:
             continue
-        moving, holder = moving_end(joint, bodies[joint.parent], bodies[joint.child])
-        if front not in {None, moving.iri} or not _opens(kb, moving):
+        moving, holder = moving_body(joint, bodies[joint.parent], bodies[joint.child])
+        if front not in {None, moving.iri} or not _is_front(kb, moving):
             continue
-        went, source = _went(joint, moment)
+        went, source = _displacement(joint, world_state)
         if went is not None:
-            yield Opening(
-                thing=furniture.owner(moving, holder).iri,
-                state=State.OPEN if _is_open(went) else State.CLOSED,
+            yield JointOpenness(
+                thing=furniture.container_of(moving, holder).iri,
+                state=OpenState.OPEN if _is_open(went) else OpenState.CLOSED,
                 front=moving.iri,
-                share=None if went.share is None else round(went.share, 6),
-                way=round(went.way, 6),
-                unit="m" if went.slides else "rad",
+                share=None if went.fraction is None else round(went.fraction, 6),
+                way=round(went.displacement, 6),
+                unit="m" if went.is_prismatic else "rad",
                 map=homes[moving.id],
                 source=source,
             )
 
 
-@openings.because
-def _how_far(kb: KnowledgeBase, row: Opening) -> Iterator[str]:
+@openings.explain
+def _explain_opening(kb: KnowledgeBase, row: JointOpenness) -> Iterator[str]:
     share = "" if row.share is None else f", {row.share:.0%} of its way"
     verb = "slid" if row.unit == "m" else "turned"
     yield f"{local_name(row.front)} of {local_name(row.thing)} has {verb} by {row.way:g} {row.unit}{share}"
-    yield source_line(row.source)
+    yield source_text(row.source)
 
 
-@openings.lacking
-def _unmeasured(
+@openings.missing
+def _missing_opening(
     kb: KnowledgeBase,
     thing: Iri | None = None,
-    state: State | None = None,
+    state: OpenState | None = None,
     front: Iri | None = None,
     map: Iri | None = None,
     *,
-    present: Present,
-) -> Iterator[Missing]:
-    moments = present.moments(map)
-    there = [row for moment in moments for row in _openings(kb, moment)]
-    if why := _nothing_moves(kb, there, thing, front):
-        yield Missing(_CONTAINER, CHILD, why)
-    elif state is State.OPEN and moments and all(moment.joints is None for moment in moments):
+    present: StateAccess,
+) -> Iterator[MissingKnowledge]:
+    moments = present.states(map)
+    there = [row for moment in moments for row in _find_openings(kb, moment)]
+    if why := _unopenable_reason(kb, there, thing, front):
+        yield MissingKnowledge(_CONTAINER, CHILD, why)
+    elif state is OpenState.OPEN and moments and all(moment.joint_positions is None for moment in moments):
         why = "nobody measured what is open: without an engine that knows its joints, all is closed as the maps have it"
-        yield Missing(_CONTAINER, _STATE, why)
+        yield MissingKnowledge(_CONTAINER, _STATE_PROPERTY, why)
 
 
-def _nothing_moves(kb: KnowledgeBase, there: list[Opening], thing: Iri | None, front: Iri | None) -> str:
+def _unopenable_reason(kb: KnowledgeBase, rows: list[JointOpenness], thing: Iri | None, front: Iri | None) -> str:
     """Why nothing opens a thing, or a front opens nothing, in whatever state it is; empty where something does."""
-    owners = {row.front: local_name(row.thing) for row in there}
+    owners = {row.front: local_name(row.thing) for row in rows}
     if front is not None and front not in owners:
-        return f"{thing_text(kb.index, front)} opens nothing: it is no door, drawer or lid that a constraint moves"
-    if thing is None or any(row.thing == thing and front in {None, row.front} for row in there):
+        return (
+            f"{individual_text(kb.reasoner, front)} opens nothing: it is no door, drawer or lid that a constraint moves"
+        )
+    if thing is None or any(row.thing == thing and front in {None, row.front} for row in rows):
         return ""
     if front is not None:
         return f"{local_name(front)} opens {owners[front]}, not {local_name(thing)}"
     if thing in owners:
         name = local_name(thing)
         return f"nothing opens {name}, which itself opens {owners[thing]}: ask for front={name}"
-    return f"{thing_text(kb.index, thing)} has no door, drawer or lid that a constraint moves"
+    return f"{individual_text(kb.reasoner, thing)} has no door, drawer or lid that a constraint moves"
 
 
-def _opens(kb: KnowledgeBase, moving: Body) -> bool:
+def _is_front(kb: KnowledgeBase, body: Body) -> bool:
     """Whether something that moves is a door, a drawer or a lid; what no ontology knows may be one."""
-    above = kb.index.classes.above(moving.cls)
-    return len(above) <= 1 or any(kb.index.is_a(moving.cls, cls) for cls in _FRONTS)
+    above = kb.reasoner.classes.above(body.cls)
+    return len(above) <= 1 or any(kb.reasoner.is_a(body.cls, cls) for cls in _FRONT_CLASSES)
 
 
-def _went(joint: Constraint, moment: Moment) -> tuple[Travel | None, str]:
+def _displacement(joint: Joint, world_state: WorldState) -> tuple[JointDisplacement | None, str]:
     """How far something went, and who says so."""
-    positions = moment.joints.get(joint.id) if moment.joints else None
-    return travel(joint, positions or (0.0,) * 6), moment.source if positions else TOLD
+    positions = world_state.joint_positions.get(joint.id) if world_state.joint_positions else None
+    return joint_displacement(joint, positions or (0.0,) * 6), world_state.source if positions else MAP_SOURCE
 
 
-def _is_open(went: Travel) -> bool:
-    if went.share is not None:
-        return went.share >= _OPEN_SHARE
-    return went.way >= (_OPEN_M if went.slides else _OPEN_RAD)
+def _is_open(displacement: JointDisplacement) -> bool:
+    if displacement.fraction is not None:
+        return displacement.fraction >= _OPEN_FRACTION
+    return displacement.displacement >= (_OPEN_M if displacement.is_prismatic else _OPEN_RAD)
 
 
-class _Furniture:
+class _ContainerFinder:
     """What doors and drawers belong to, by how everything was told: closed."""
 
-    def __init__(self, kb: KnowledgeBase, told: Iterable[World]) -> None:
+    def __init__(self, kb: KnowledgeBase, maps: Iterable[World]) -> None:
         self._kb = kb
-        self._told: dict[BodyId, Body] = {}
-        self._mates: dict[BodyId, list[Body]] = {}
-        for world in told:
+        self._map_bodies: dict[BodyId, Body] = {}
+        self._rigid_neighbors: dict[BodyId, list[Body]] = {}
+        for world in maps:
             groups: dict[int, list[Body]] = {}
-            for body, number in zip(world.bodies, Assemblies.of(world).number.tolist(), strict=True):
-                self._told[body.id] = body
-                self._mates[body.id] = groups.setdefault(number, [])
-                self._mates[body.id].append(body)
+            for body, number in zip(world.bodies, RigidGroups.from_world(world).root_row.tolist(), strict=True):
+                self._map_bodies[body.id] = body
+                self._rigid_neighbors[body.id] = groups.setdefault(number, [])
+                self._rigid_neighbors[body.id].append(body)
 
-    def owner(self, front: Body, holder: Body) -> Body:
+    def container_of(self, front: Body, parent: Body) -> Body:
         """The container that a front closes, of all that hangs together with what holds the front."""
-        closed = self._told.get(front.id, front)
+        closed = self._map_bodies.get(front.id, front)
         containers = [
             body
-            for body in self._mates.get(holder.id, ())
-            if body.size is not None and self._kb.index.is_a(body.cls, _CONTAINER)
+            for body in self._rigid_neighbors.get(parent.id, ())
+            if body.size is not None and self._kb.reasoner.is_a(body.cls, _CONTAINER)
         ]
         if closed.size is None or not containers:
-            return holder
+            return parent
         poses = pose_array(body.pose for body in (closed, *containers))
-        poses[:, 3:] = unit(poses[:, 3:])
-        boxes = Boxes.of(poses, np.array([body.size for body in (closed, *containers)], dtype=np.float64))
-        covered = coverage(boxes, 0, np.arange(1, len(containers) + 1))
-        return containers[int(np.argmax(covered))] if covered.max() > 0.0 else holder
+        poses[:, 3:] = normalize(poses[:, 3:])
+        boxes = OrientedBoxes.from_poses(
+            poses, np.array([body.size for body in (closed, *containers)], dtype=np.float64)
+        )
+        covered = face_coverage(boxes, 0, np.arange(1, len(containers) + 1))
+        return containers[int(np.argmax(covered))] if covered.max() > 0.0 else parent

@@ -7,19 +7,26 @@ from operator import itemgetter
 from typing import TYPE_CHECKING
 
 from mindstage.knowledge.names import local_name
-from mindstage.knowledge.questions.question import ClassName, IndividualName, MapName, Missing, Row, question
-from mindstage.knowledge.questions.words import member_lines, not_described, not_here, statement_line
-from mindstage.knowledge.reasoning import Statement
+from mindstage.knowledge.questions.question import (
+    AnswerRow,
+    ClassName,
+    IndividualName,
+    MapName,
+    MissingKnowledge,
+    question,
+)
+from mindstage.knowledge.questions.words import membership_lines, missing_description, missing_instance, statement_line
+from mindstage.knowledge.reasoning import ObjectTriple
 from mindstage.knowledge.vocabulary import DESCRIBED_IN_MAP, SEMANTIC_MAP, THING, TYPE
 from mindstage.world import Iri
 
 if TYPE_CHECKING:
     from mindstage.knowledge.base import KnowledgeBase
 
-__all__ = ["InMap", "KnownMap", "MapClass", "everything_in_map", "individual_of_class", "maps"]
+__all__ = ["InstanceOfClass", "MapInfo", "MapMember", "everything_in_map", "individual_of_class", "maps"]
 
 
-class KnownMap(Row, frozen=True, kw_only=True):
+class MapInfo(AnswerRow, frozen=True, kw_only=True):
     """A map, and how much is in it."""
 
     map: MapName
@@ -27,30 +34,30 @@ class KnownMap(Row, frozen=True, kw_only=True):
 
 
 @question
-def maps(kb: KnowledgeBase, map: MapName | None = None) -> Iterator[KnownMap]:
+def maps(kb: KnowledgeBase, map: MapName | None = None) -> Iterator[MapInfo]:
     """Which semantic maps there are.
 
     Examples:
         maps
     """
-    index = kb.index
-    for each in sorted(index.residents) if map is None else (map,):
-        yield KnownMap(map=each, individuals=len(index.residents[each]))
+    index = kb.reasoner
+    for each in sorted(index.members_by_map) if map is None else (map,):
+        yield MapInfo(map=each, individuals=len(index.members_by_map[each]))
 
 
-@maps.because
-def _known(kb: KnowledgeBase, row: KnownMap) -> Iterator[str]:
-    if SEMANTIC_MAP in kb.index.types.get(row.map, ()):
-        yield statement_line(Statement(row.map, TYPE, SEMANTIC_MAP))
+@maps.explain
+def _explain_map(kb: KnowledgeBase, row: MapInfo) -> Iterator[str]:
+    if SEMANTIC_MAP in kb.reasoner.types.get(row.map, ()):
+        yield statement_line(ObjectTriple(row.map, TYPE, SEMANTIC_MAP))
     yield f"{row.individuals} say describedInMap {local_name(row.map)}; their poses and limits are not counted"
 
 
-@maps.lacking
-def _no_maps(kb: KnowledgeBase, map: Iri | None = None) -> Iterator[Missing]:
-    yield from not_described(kb.index, None, map)
+@maps.missing
+def _missing_maps(kb: KnowledgeBase, map: Iri | None = None) -> Iterator[MissingKnowledge]:
+    yield from missing_description(kb.reasoner, None, map)
 
 
-class InMap(Row, frozen=True, kw_only=True):
+class MapMember(AnswerRow, frozen=True, kw_only=True):
     """Something that is described in a map."""
 
     individual: IndividualName
@@ -62,30 +69,32 @@ class InMap(Row, frozen=True, kw_only=True):
 @question
 def everything_in_map(
     kb: KnowledgeBase, individual: IndividualName | None = None, map: MapName | None = None
-) -> Iterator[InMap]:
+) -> Iterator[MapMember]:
     """Everything that is described in a map: objects and constraints.
 
     Examples:
         everything_in_map
         everything_in_map milk_carton_1
     """
-    index = kb.index
-    for place in sorted(index.residents) if map is None else (map,):
-        for each in index.described_in(place, individual):
-            yield InMap(individual=each, cls=index.class_of(each), map=place)
+    index = kb.reasoner
+    for place in sorted(index.members_by_map) if map is None else (map,):
+        for each in index.individuals_in(place, individual):
+            yield MapMember(individual=each, cls=index.class_of(each), map=place)
 
 
-@everything_in_map.because
-def _described(kb: KnowledgeBase, row: InMap) -> Iterator[str]:
-    yield statement_line(Statement(row.individual, DESCRIBED_IN_MAP, row.map))
+@everything_in_map.explain
+def _explain_membership(kb: KnowledgeBase, row: MapMember) -> Iterator[str]:
+    yield statement_line(ObjectTriple(row.individual, DESCRIBED_IN_MAP, row.map))
 
 
-@everything_in_map.lacking
-def _nothing_there(kb: KnowledgeBase, individual: Iri | None = None, map: Iri | None = None) -> Iterator[Missing]:
-    yield from not_described(kb.index, individual, map)
+@everything_in_map.missing
+def _missing_members(
+    kb: KnowledgeBase, individual: Iri | None = None, map: Iri | None = None
+) -> Iterator[MissingKnowledge]:
+    yield from missing_description(kb.reasoner, individual, map)
 
 
-class MapClass(Row, frozen=True, kw_only=True):
+class InstanceOfClass(AnswerRow, frozen=True, kw_only=True):
     """An individual of a class, or of one below it."""
 
     cls: ClassName
@@ -99,43 +108,43 @@ def individual_of_class(
     cls: ClassName | None = None,
     individual: IndividualName | None = None,
     map: MapName | None = None,
-) -> Iterator[MapClass]:
+) -> Iterator[InstanceOfClass]:
     """Individuals of a class in a map, those of its subclasses included; or the classes of an individual.
 
     Examples:
         individual_of_class Handle
         individual_of_class individual=milk_carton_1
     """
-    index = kb.index
+    index = kb.reasoner
     if cls is not None and individual is None:
         members, maps_of = index.members(cls, map), index.maps_of
         here = [(place, each) for each in members for place in ((map,) if map else maps_of.get(each, ()))]
         for place, each in sorted(here, key=itemgetter(0)):  # they are in order within a map already
-            yield MapClass(cls=cls, individual=each, map=place)
+            yield InstanceOfClass(cls=cls, individual=each, map=place)
         return
-    for place in sorted(index.residents) if map is None else (map,):
-        for each in index.described_in(place, individual):
+    for place in sorted(index.members_by_map) if map is None else (map,):
+        for each in index.individuals_in(place, individual):
             classes = {above: None for told in index.types_of(each) for above in index.classes.above(told)}
             for above in classes if cls is None else [cls] if cls in classes else []:
-                yield MapClass(cls=above, individual=each, map=place)
+                yield InstanceOfClass(cls=above, individual=each, map=place)
 
 
-@individual_of_class.because
-def _member(kb: KnowledgeBase, row: MapClass) -> Iterator[str]:
-    yield from member_lines(kb.index, row.individual, row.cls)
+@individual_of_class.explain
+def _explain_class(kb: KnowledgeBase, row: InstanceOfClass) -> Iterator[str]:
+    yield from membership_lines(kb.reasoner, row.individual, row.cls)
 
 
-@individual_of_class.lacking
-def _nobody(
+@individual_of_class.missing
+def _missing_individuals(
     kb: KnowledgeBase, cls: Iri | None = None, individual: Iri | None = None, map: Iri | None = None
-) -> Iterator[Missing]:
-    index = kb.index
+) -> Iterator[MissingKnowledge]:
+    index = kb.reasoner
     places = index.maps_of.get(individual, ()) if individual else ()
     if individual and not (map in places if map else places):
-        yield from not_described(index, individual, map)
+        yield from missing_description(index, individual, map)
     elif cls:
-        yield not_here(cls, individual, map)
+        yield missing_instance(cls, individual, map)
     elif individual:
-        yield Missing(THING, TYPE, f"nobody says what {local_name(individual)} is: it has no type")
+        yield MissingKnowledge(THING, TYPE, f"nobody says what {local_name(individual)} is: it has no type")
     else:
-        yield from not_described(index, None, map)
+        yield from missing_description(index, None, map)

@@ -12,7 +12,7 @@ what is answered. Every argument may be left out. What it knows beyond that hang
     @siblings.lacking           # what nobody has told yet, where there is no answer
     def _lacking(kb: KnowledgeBase, cls: ClassName | None = None) -> Iterator[Missing]: ...
 
-One that looks at how things are just now has a last argument `*, present: Present` (see `moment`), which it is handed
+One that looks at how things are just now has a last argument `*, present: StateAccess` (see `current_state`), which it is handed
 and which nobody who asks sees; so has what tells what it lacks.
 """
 
@@ -30,10 +30,10 @@ from weakref import ref
 
 import msgspec
 
-from mindstage.errors import ArgumentRefused, NameAmbiguous, NameUnknown, QuestionUnknown
-from mindstage.knowledge.moment import Present
+from mindstage.errors import AmbiguousNameError, InvalidArgumentError, NameNotFoundError, QuestionNotFoundError
+from mindstage.knowledge.moment import StateAccess
 from mindstage.knowledge.names import local_name
-from mindstage.knowledge.reasoning import NameKind
+from mindstage.knowledge.reasoning import EntityType
 from mindstage.world import Iri
 from mindstage.world.display import counted, html_table
 
@@ -41,35 +41,35 @@ if TYPE_CHECKING:
     from mindstage.knowledge.base import KnowledgeBase
 
 __all__ = [
+    "AnswerRow",
     "Answers",
-    "Argument",
     "ClassName",
     "IndividualName",
     "MapName",
-    "Missing",
+    "MissingKnowledge",
     "PropertyName",
     "Question",
-    "Row",
+    "QuestionArgument",
     "ValueName",
+    "get_question",
+    "list_questions",
     "question",
-    "question_named",
-    "questions",
 ]
 
-ClassName = Annotated[Iri, NameKind.CLASS]
-IndividualName = Annotated[Iri, NameKind.INDIVIDUAL]
-MapName = Annotated[Iri, NameKind.MAP]
-PropertyName = Annotated[Iri, NameKind.PROPERTY]
-ValueName = Annotated[str, NameKind.VALUE]
+ClassName = Annotated[Iri, EntityType.CLASS]
+IndividualName = Annotated[Iri, EntityType.INDIVIDUAL]
+MapName = Annotated[Iri, EntityType.MAP]
+PropertyName = Annotated[Iri, EntityType.PROPERTY]
+ValueName = Annotated[str, EntityType.VALUE]
 
 
-class Row(msgspec.Struct, frozen=True, kw_only=True, dict=True):
+class AnswerRow(msgspec.Struct, frozen=True, kw_only=True, dict=True):
     """One answer. A field that is called like an argument has its value where that was given.
 
     `subject` and `individual` depend on what was asked, so they exist on the rows of `Answers` only.
     """
 
-    about: ClassVar[str] = ""
+    default_column: ClassVar[str] = ""
     """The field that is meant first where nobody says otherwise; the first argument if empty."""
 
     @property
@@ -85,7 +85,7 @@ class Row(msgspec.Struct, frozen=True, kw_only=True, dict=True):
         return Iri(str(getattr(self, column)))
 
     @property
-    def subject_kind(self) -> NameKind:
+    def subject_kind(self) -> EntityType:
         """What kind of name `subject` is: an individual, a class, a map or a property.
 
         Raises:
@@ -93,7 +93,7 @@ class Row(msgspec.Struct, frozen=True, kw_only=True, dict=True):
         """
         answers = self._origin()
         kind = answers.question.columns[answers.subject_column] if answers.subject_column else None
-        if not isinstance(kind, NameKind):
+        if not isinstance(kind, EntityType):
             raise AttributeError(f"an answer to {answers.question.name} has no subject: it holds no names")
         return kind
 
@@ -104,8 +104,8 @@ class Row(msgspec.Struct, frozen=True, kw_only=True, dict=True):
         The answers to some questions have a field of this name, which it is then.
 
         Raises:
-            NameUnknown: no individual of that class is loaded.
-            NameAmbiguous: several individuals of that class are loaded; see `instances`.
+            NameNotFoundError: no individual of that class is loaded.
+            AmbiguousNameError: several individuals of that class are loaded; see `instances`.
             AttributeError: as for `subject`; or it is neither an individual nor a class.
         """
         found = self.instances
@@ -113,8 +113,8 @@ class Row(msgspec.Struct, frozen=True, kw_only=True, dict=True):
             return found[0]
         name = local_name(self.subject)
         if found:
-            raise NameAmbiguous(name, kind="individual", known=found)
-        raise NameUnknown(name, kind="individual of the class")
+            raise AmbiguousNameError(name, entity_type="individual", candidates=found)
+        raise NameNotFoundError(name, entity_type="individual of the class")
 
     @property
     def instances(self) -> tuple[Iri, ...]:
@@ -123,9 +123,9 @@ class Row(msgspec.Struct, frozen=True, kw_only=True, dict=True):
         Raises:
             AttributeError: as for `individual`.
         """
-        if self.subject_kind is NameKind.INDIVIDUAL:
+        if self.subject_kind is EntityType.INDIVIDUAL:
             return (self.subject,)
-        if self.subject_kind is not NameKind.CLASS:
+        if self.subject_kind is not EntityType.CLASS:
             raise AttributeError(f"{local_name(self.subject)} is a {self.subject_kind.value}, not an individual")
         return self._origin().members(self.subject)
 
@@ -142,20 +142,20 @@ class Row(msgspec.Struct, frozen=True, kw_only=True, dict=True):
         return answers
 
 
-R = TypeVar("R", bound=Row)
+R = TypeVar("R", bound=AnswerRow)
 
 
 _MOST_NAMED = 3
 """So many rows are named where answers are printed in one line."""
 
 
-class Missing(msgspec.Struct, frozen=True):
+class MissingKnowledge(msgspec.Struct, frozen=True):
     """What nobody has told, for want of which there is no answer."""
 
     cls: Iri
     property: Iri
-    why: str
-    as_value: bool = False
+    reason: str
+    is_filler: bool = False
     """Whether nobody says of anything that it has the property with this class, rather than of the class itself."""
 
 
@@ -167,7 +167,7 @@ class Answers(Sequence[R]):
         question: Question[R],
         args: Mapping[str, object],
         rows: Sequence[R],
-        missing: Sequence[Missing],
+        missing: Sequence[MissingKnowledge],
         *,
         kb: KnowledgeBase | None = None,
     ) -> None:
@@ -183,30 +183,30 @@ class Answers(Sequence[R]):
     @cached_property
     def subject_column(self) -> str | None:
         """The column of what was asked for: an individual, if there is one, else a class, property or map."""
-        names = (NameKind.INDIVIDUAL,), (NameKind.CLASS, NameKind.PROPERTY), (NameKind.MAP,)
-        return next((column for kinds in names if (column := self.asked_for(*kinds))), None)
+        names = (EntityType.INDIVIDUAL,), (EntityType.CLASS, EntityType.PROPERTY), (EntityType.MAP,)
+        return next((column for kinds in names if (column := self.answer_column(*kinds))), None)
 
     def members(self, cls: Iri) -> tuple[Iri, ...]:
         """The individuals of a class in all loaded maps."""
         kb = self._kb() if self._kb else None
         if kb is None:
             return ()
-        with kb.turn:
-            found = (each for map in sorted(kb.index.residents) for each in kb.index.members(cls, map))
+        with kb.lock:
+            found = (each for map in sorted(kb.reasoner.members_by_map) for each in kb.reasoner.members(cls, map))
             return tuple(dict.fromkeys(found))
 
     def to_dicts(self) -> list[dict[str, Any]]:
         """The rows as dicts of plain values (texts, numbers, lists): `pandas.DataFrame(answers.to_dicts())`."""
         return [msgspec.to_builtins(row) for row in self._rows]
 
-    def asked_for(self, *kinds: object) -> str | None:
+    def answer_column(self, *value_types: object) -> str | None:
         """The column of such names that the question was after: the handle of a door that was given.
 
         Of several arguments that were left out it is the one that answers are about, or else the first; where all were
         given, the last.
         """
-        columns, about = self.question.columns, self.question.row.about
-        names = [argument.name for argument in self.question.arguments if columns.get(argument.name) in kinds]
+        columns, about = self.question.columns, self.question.row.default_column
+        names = [argument.name for argument in self.question.arguments if columns.get(argument.name) in value_types]
         free = [name for name in names if name not in self.args]
         return about if about in (free or names) else next(iter(free or names[-1:]), None)
 
@@ -236,31 +236,31 @@ class Answers(Sequence[R]):
 
         columns = self.question.row.__struct_fields__
         rows = [[cell_text(getattr(row, column)) for column in columns] for row in self._rows]
-        missing = [lack.why for lack in self.missing]
+        missing = [lack.reason for lack in self.missing]
         return html_table(repr(self), columns, rows, notes=missing)
 
 
 @dataclass(frozen=True, slots=True)
-class Argument:
+class QuestionArgument:
     """What a question may be asked about."""
 
     name: str
-    kind: NameKind | type
+    value_type: EntityType | type
     """What kind of name it is, or the type of a plain value."""
     default: object
 
     @property
     def choices(self) -> tuple[str, ...]:
         """All that it may be, where that is little."""
-        is_closed = isinstance(self.kind, type) and issubclass(self.kind, Enum)
-        return tuple(str(each.value) for each in self.kind) if is_closed else ()  # type: ignore[union-attr]
+        is_closed = isinstance(self.value_type, type) and issubclass(self.value_type, Enum)
+        return tuple(str(each.value) for each in self.value_type) if is_closed else ()  # type: ignore[union-attr]
 
     @property
-    def kind_text(self) -> str:
+    def type_text(self) -> str:
         """What people call its kind."""
-        if isinstance(self.kind, NameKind):
-            return self.kind.value
-        return " | ".join(self.choices) or ("number" if self.kind in {int, float} else self.kind.__name__)
+        if isinstance(self.value_type, EntityType):
+            return self.value_type.value
+        return " | ".join(self.choices) or ("number" if self.value_type in {int, float} else self.value_type.__name__)
 
 
 class Question(Generic[R]):
@@ -274,8 +274,8 @@ class Question(Generic[R]):
         )
         """What to type after `mindstage ask`."""
         self._function = function
-        self._because: Callable[[KnowledgeBase, R], Iterator[str]] | None = None
-        self._lacking: Callable[..., Iterator[Missing]] | None = None
+        self._explain: Callable[[KnowledgeBase, R], Iterator[str]] | None = None
+        self._find_missing: Callable[..., Iterator[MissingKnowledge]] | None = None
 
     @cached_property
     def _hints(self) -> dict[str, Any]:
@@ -288,14 +288,14 @@ class Question(Generic[R]):
         return row  # type: ignore[no-any-return]
 
     @cached_property
-    def arguments(self) -> tuple[Argument, ...]:
+    def arguments(self) -> tuple[QuestionArgument, ...]:
         """In the order of the declaration."""
         parameters = list(inspect.signature(self._function).parameters.values())[1:]
         asked = (each for each in parameters if each.kind is not each.KEYWORD_ONLY)
-        return tuple(Argument(each.name, _kind(self._hints[each.name]), each.default) for each in asked)
+        return tuple(QuestionArgument(each.name, _value_type(self._hints[each.name]), each.default) for each in asked)
 
     @cached_property
-    def _by_name(self) -> Mapping[str, Argument]:
+    def _arguments_by_name(self) -> Mapping[str, QuestionArgument]:
         return {argument.name: argument for argument in self.arguments}
 
     @cached_property
@@ -303,32 +303,32 @@ class Question(Generic[R]):
         return frozenset(self.row.__struct_fields__)
 
     @cached_property
-    def is_live(self) -> bool:
+    def uses_current_state(self) -> bool:
         """Whether the answers depend on where things are just now."""
         return "present" in inspect.signature(self._function).parameters
 
     @property
-    def explains(self) -> bool:
+    def has_explanation(self) -> bool:
         """Whether it says why a row is an answer."""
-        return self._because is not None
+        return self._explain is not None
 
     @cached_property
     def columns(self) -> Mapping[str, object]:
         """The fields of its rows: what kind of name each is, or the type of a plain value."""
         hints = get_type_hints(self.row, include_extras=True)
-        return {name: _kind(hints[name]) for name in self.row.__struct_fields__}
+        return {name: _value_type(hints[name]) for name in self.row.__struct_fields__}
 
-    def because(self, function: Callable[[KnowledgeBase, R], Iterator[str]]) -> Callable[..., Iterator[str]]:
+    def explain(self, function: Callable[[KnowledgeBase, R], Iterator[str]]) -> Callable[..., Iterator[str]]:
         """Declares how it explains an answer."""
-        self._because = function
+        self._explain = function
         return function
 
-    def lacking(self, function: Callable[..., Iterator[Missing]]) -> Callable[..., Iterator[Missing]]:
+    def missing(self, function: Callable[..., Iterator[MissingKnowledge]]) -> Callable[..., Iterator[MissingKnowledge]]:
         """Declares how it tells what is missing; the function takes the question's arguments."""
-        self._lacking = function
+        self._find_missing = function
         return function
 
-    def ask(self, kb: KnowledgeBase, args: Mapping[str, object], *, present: Present | None = None) -> Answers[R]:
+    def ask(self, kb: KnowledgeBase, args: Mapping[str, object], *, present: StateAccess | None = None) -> Answers[R]:
         """All answers.
 
         Args:
@@ -337,24 +337,28 @@ class Question(Generic[R]):
             present: how things are just now; without it, as the maps tell.
 
         Raises:
-            ArgumentRefused: it has no such argument, or the argument no such value.
-            NameUnknown: nothing has that name.
-            NameAmbiguous: several things have it.
+            InvalidArgumentError: it has no such argument, or the argument no such value.
+            NameNotFoundError: nothing has that name.
+            AmbiguousNameError: several things have it.
         """
-        now = present or Present(kb)
-        if self.is_live:
-            now.look()  # while others may still ask: the engine may take its time
-        with kb.turn:
+        now = present or StateAccess(kb)
+        if self.uses_current_state:
+            now.fetch()  # while others may still ask: the engine may take its time
+        with kb.lock:
             return self._answers(kb, args, now)
 
-    def why(self, kb: KnowledgeBase, row: R) -> tuple[str, ...]:
+    def explain_answer(self, kb: KnowledgeBase, row: R) -> tuple[str, ...]:
         """The statements and classes that led to an answer, one a line."""
-        with kb.turn:
-            return tuple(self._because(kb, row)) if self._because else ()
+        with kb.lock:
+            return tuple(self._explain(kb, row)) if self._explain else ()
 
-    def _answers(self, kb: KnowledgeBase, args: Mapping[str, object], now: Present) -> Answers[R]:
-        found = {name: value for name in args if (value := self._found(kb, now, name, args[name])) is not None}
-        view = {"present": now} if self.is_live else {}
+    def _answers(self, kb: KnowledgeBase, args: Mapping[str, object], state_access: StateAccess) -> Answers[R]:
+        found = {
+            name: value
+            for name in args
+            if (value := self._parse_argument(kb, state_access, name, args[name])) is not None
+        }
+        view = {"present": state_access} if self.uses_current_state else {}
         rows: Iterable[R] = dict.fromkeys(self._function(kb, **found, **view))
         bound = [name for name in found if name in self._fields]
         if bound:
@@ -362,34 +366,40 @@ class Question(Generic[R]):
             wanted = asked[0] if len(bound) == 1 else tuple(asked)
             rows = [row for row in rows if told(row) == wanted]
         answers = tuple(rows)
-        missing = () if answers or self._lacking is None else tuple(self._lacking(kb, **found, **view))
+        missing = () if answers or self._find_missing is None else tuple(self._find_missing(kb, **found, **view))
         return Answers(self, found, answers, missing, kb=kb)
 
-    def _found(self, kb: KnowledgeBase, present: Present, name: str, value: object) -> object:
-        argument = self._by_name.get(name)
+    def _parse_argument(self, kb: KnowledgeBase, state_access: StateAccess, name: str, value: object) -> object:
+        argument = self._arguments_by_name.get(name)
         if argument is None:
             known = ", ".join(argument.name for argument in self.arguments) or "none"
-            raise ArgumentRefused(self.name, cause=f"it has no argument {name!r}", remedy=f"there is {known}")
+            raise InvalidArgumentError(self.name, cause=f"it has no argument {name!r}", remedy=f"there is {known}")
         if value is None:
             return None
-        if isinstance(argument.kind, NameKind):
-            if isinstance(value, str) or argument.kind is NameKind.VALUE:
-                return self._named(kb, present, str(value), argument.kind)
-            raise ArgumentRefused(f"{self.name}, {name}", cause=f"{value!r} is no {argument.kind.value}'s name")
+        if isinstance(argument.value_type, EntityType):
+            if isinstance(value, str) or argument.value_type is EntityType.VALUE:
+                return self._resolve_name(kb, state_access, str(value), argument.value_type)
+            raise InvalidArgumentError(
+                f"{self.name}, {name}", cause=f"{value!r} is no {argument.value_type.value}'s name"
+            )
         try:
-            return msgspec.convert(value, argument.kind, strict=False)
+            return msgspec.convert(value, argument.value_type, strict=False)
         except msgspec.ValidationError as error:
             choices = ", ".join(argument.choices)
-            cause = f"{value!r} is no {name if choices else argument.kind_text}"
+            cause = f"{value!r} is no {name if choices else argument.type_text}"
             remedy = f"there is {choices}" if choices else ""
-            raise ArgumentRefused(f"{self.name}, {name}", cause=cause, remedy=remedy) from error
+            raise InvalidArgumentError(f"{self.name}, {name}", cause=cause, remedy=remedy) from error
 
-    def _named(self, kb: KnowledgeBase, present: Present, name: str, kind: NameKind) -> Iri:
+    def _resolve_name(self, kb: KnowledgeBase, state_access: StateAccess, name: str, entity_type: EntityType) -> Iri:
         """What a name stands for; of a question that looks at the present also what only the engine knows."""
         try:
-            return kb.names.find(name, kind)
-        except NameUnknown:
-            spawned = present.individual(name) if self.is_live and kind is NameKind.INDIVIDUAL else None
+            return kb.names.find(name, entity_type)
+        except NameNotFoundError:
+            spawned = (
+                state_access.find_individual(name)
+                if self.uses_current_state and entity_type is EntityType.INDIVIDUAL
+                else None
+            )
             if spawned is None:
                 raise
             return spawned
@@ -407,28 +417,28 @@ def question(function: Callable[..., Iterator[R]]) -> Question[R]:
     return declared
 
 
-def questions() -> tuple[Question[Any], ...]:
+def list_questions() -> tuple[Question[Any], ...]:
     """All questions, in the order of their declaration."""
     return tuple(_QUESTIONS.values())
 
 
-def question_named(name: str) -> Question[Any]:
+def get_question(name: str) -> Question[Any]:
     """One question; its name may be written with hyphens.
 
     Raises:
-        QuestionUnknown: there is none.
+        QuestionNotFoundError: there is none.
     """
     try:
         return _QUESTIONS[name.replace("-", "_")]
     except KeyError:
-        raise QuestionUnknown(name, known=_QUESTIONS) from None
+        raise QuestionNotFoundError(name, known=_QUESTIONS) from None
 
 
-def _kind(hint: Any) -> NameKind | type:
+def _value_type(hint: Any) -> EntityType | type:
     """What a type means for people: `ClassName | None` is a class."""
     alternatives = [each for each in get_args(hint) if each is not type(None)]
     if hasattr(hint, "__metadata__"):
         return hint.__metadata__[0]  # type: ignore[no-any-return]
     if len(alternatives) == 1 and type(None) in get_args(hint):
-        return _kind(alternatives[0])
+        return _value_type(alternatives[0])
     return hint  # type: ignore[no-any-return]

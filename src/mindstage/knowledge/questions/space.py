@@ -5,27 +5,27 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from mindstage.knowledge.moment import TOLD, Moment, Present
+from mindstage.knowledge.moment import MAP_SOURCE, StateAccess, WorldState
 from mindstage.knowledge.names import local_name
-from mindstage.knowledge.questions.question import IndividualName, MapName, Missing, Row, question
+from mindstage.knowledge.questions.question import AnswerRow, IndividualName, MapName, MissingKnowledge, question
 from mindstage.knowledge.vocabulary import HAS_POSE, knowrob
 from mindstage.world import Iri
-from mindstage.world.space import Relation, Space
+from mindstage.world.space import SpatialRelation, SpatialRelations
 
 if TYPE_CHECKING:
     from mindstage.knowledge.base import KnowledgeBase
 
-__all__ = ["Where", "source_line", "where_is"]
+__all__ = ["SpatialRelationRow", "source_text", "where_is"]
 
-_ORDER = {relation: at for at, relation in enumerate(Relation)}
-_SIZE = knowrob("depthOfObject")
+_RELATION_ORDER = {relation: at for at, relation in enumerate(SpatialRelation)}
+_SIZE_PROPERTY = knowrob("depthOfObject")
 
 
-class Where(Row, frozen=True, kw_only=True):
+class SpatialRelationRow(AnswerRow, frozen=True, kw_only=True):
     """How one thing stands to another."""
 
     thing: IndividualName
-    relation: Relation
+    relation: SpatialRelation
     other: IndividualName
     map: MapName
     """The map that the thing is described in."""
@@ -41,12 +41,12 @@ class Where(Row, frozen=True, kw_only=True):
 def where_is(
     kb: KnowledgeBase,
     thing: IndividualName | None = None,
-    relation: Relation | None = None,
+    relation: SpatialRelation | None = None,
     other: IndividualName | None = None,
     map: MapName | None = None,
     *,
-    present: Present,
-) -> Iterator[Where]:
+    present: StateAccess,
+) -> Iterator[SpatialRelationRow]:
     """Where a thing is relative to others: on, inside, above, below or next_to; the nearest of a kind first.
 
     It is measured, by the boxes around things and with down along -z. On: from 20 mm in it to 5 mm over it. Above and
@@ -61,67 +61,73 @@ def where_is(
         where_is _ on counter_left
         where_is plate_3 on
     """
-    for moment in present.moments(map):
-        homes, ids = moment.homes(), {body.iri: body.id for body in moment.world.bodies}
+    for moment in present.states(map):
+        homes, ids = moment.map_of_body(), {body.iri: body.id for body in moment.world.bodies}
         if not {thing, other} <= {None, *ids}:
             continue
-        found = Space(moment.world).related(
-            things=None if thing is None else (ids[thing],),
+        found = SpatialRelations(moment.world).related(
+            subjects=None if thing is None else (ids[thing],),
             others=None if other is None else (ids[other],),
-            relations=tuple(Relation) if relation is None else (relation,),
+            relations=tuple(SpatialRelation) if relation is None else (relation,),
         )
-        for each in sorted(found, key=lambda each: (each.thing.id, _ORDER[each.relation], each.gap, each.other.id)):
-            yield Where(
-                thing=each.thing.iri,
+        for each in sorted(
+            found, key=lambda each: (each.body.id, _RELATION_ORDER[each.relation], each.gap, each.other.id)
+        ):
+            yield SpatialRelationRow(
+                thing=each.body.iri,
                 relation=each.relation,
                 other=each.other.iri,
-                map=homes[each.thing.id],
+                map=homes[each.body.id],
                 gap=each.gap,
-                share=each.share,
+                share=each.overlap,
                 source=moment.source,
             )
 
 
-@where_is.because
-def _measured(kb: KnowledgeBase, row: Where) -> Iterator[str]:
+@where_is.explain
+def _explain_relation(kb: KnowledgeBase, row: SpatialRelationRow) -> Iterator[str]:
     thing, other, gap, share = local_name(row.thing), local_name(row.other), f"{row.gap:g} m", f"{row.share:.0%}"
     match row.relation:
-        case Relation.INSIDE:
+        case SpatialRelation.INSIDE:
             yield f"{share} of {thing} is in {other}, {gap} from its nearest side"
-        case Relation.NEXT_TO:
+        case SpatialRelation.NEXT_TO:
             yield f"{gap} between {thing} and {other}, which share {share} of the smaller height"
-        case Relation.BELOW:
+        case SpatialRelation.BELOW:
             yield f"{gap} from the top of {thing} up to {other}, which share {share} of the smaller footprint"
         case _:
             yield f"{gap} from the top of {other} up to {thing}, which share {share} of the smaller footprint"
-    yield source_line(row.source)
+    yield source_text(row.source)
 
 
-def source_line(source: str) -> str:
+def source_text(source: str) -> str:
     """Who says how things are, in words."""
-    return "as the map tells; no engine was asked" if source == TOLD else f"as {source} has it now"
+    return "as the map tells; no engine was asked" if source == MAP_SOURCE else f"as {source} has it now"
 
 
-@where_is.lacking
-def _nowhere(
+@where_is.missing
+def _missing_relation(
     kb: KnowledgeBase,
     thing: Iri | None = None,
-    relation: Relation | None = None,
+    relation: SpatialRelation | None = None,
     other: Iri | None = None,
     map: Iri | None = None,
     *,
-    present: Present,
-) -> Iterator[Missing]:
-    moments = present.moments(map)
+    present: StateAccess,
+) -> Iterator[MissingKnowledge]:
+    moments = present.states(map)
     for each in (thing, other):
-        cls = kb.index.class_of(each) if each else None
+        cls = kb.reasoner.class_of(each) if each else None
         if each and cls:
-            yield from _unplaced(each, cls, moments)
+            yield from _missing_pose(each, cls, moments)
 
 
-def _unplaced(thing: Iri, cls: Iri, moments: tuple[Moment, ...]) -> Iterator[Missing]:
-    bodies = [body for moment in moments for body in moment.world.bodies if body.iri == thing]
+def _missing_pose(individual: Iri, cls: Iri, world_states: tuple[WorldState, ...]) -> Iterator[MissingKnowledge]:
+    bodies = [body for moment in world_states for body in moment.world.bodies if body.iri == individual]
     if not bodies:
-        yield Missing(cls, HAS_POSE, f"{local_name(thing)} is nowhere: no place that is looked at has a body of it")
+        yield MissingKnowledge(
+            cls, HAS_POSE, f"{local_name(individual)} is nowhere: no place that is looked at has a body of it"
+        )
     elif all(body.size is None for body in bodies):
-        yield Missing(cls, _SIZE, f"{local_name(thing)} has no size: neither it nor {local_name(cls)} tells one")
+        yield MissingKnowledge(
+            cls, _SIZE_PROPERTY, f"{local_name(individual)} has no size: neither it nor {local_name(cls)} tells one"
+        )

@@ -9,35 +9,37 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 
 from mindstage.knowledge.names import local_name
-from mindstage.knowledge.questions.question import Answers, Row
-from mindstage.knowledge.questions.things import Joint
-from mindstage.knowledge.reasoning import NameKind
-from mindstage.world import Fact, Iri, Literal, Motion, Pose, Reference, Tag
+from mindstage.knowledge.questions.question import AnswerRow, Answers
+from mindstage.knowledge.questions.things import JointSummary
+from mindstage.knowledge.reasoning import EntityType
+from mindstage.world import AxisMotion, Iri, IriRef, Literal, Pose, PropertyAssertion, Tag
 
 if TYPE_CHECKING:
     from mindstage.knowledge.base import KnowledgeBase
 
-__all__ = ["about_column", "answers_to_builtins", "cell_text"]
+__all__ = ["answers_to_builtins", "cell_text", "subject_column"]
 
 
-def answers_to_builtins(kb: KnowledgeBase, answers: Answers[Any], *, why: bool = False) -> dict[str, Any]:
+def answers_to_builtins(kb: KnowledgeBase, answers: Answers[Any], *, explain: bool = False) -> dict[str, Any]:
     """What `mindstage ask --json` promises, as dicts, lists, texts and numbers.
 
-    Each answer has its fields, and besides `iri`, `id` and `class` of what was asked for (see `about_column`). The
+    Each answer has its fields, and besides `iri`, `id` and `class` of what was asked for (see `subject_column`). The
     class of a class is itself.
     """
-    about = about_column(answers)
+    about = subject_column(answers)
     return {
         "question": answers.question.name,
         "args": dict(answers.args),
-        "answers": [_answer(kb, answers, about, row, why=why) for row in answers],
-        "missing": [{"class": lack.cls, "property": lack.property, "why": lack.why} for lack in answers.missing],
+        "answers": [_answer(kb, answers, about, row, explain=explain) for row in answers],
+        "missing": [{"class": lack.cls, "property": lack.property, "why": lack.reason} for lack in answers.missing],
     }
 
 
-def about_column(answers: Answers[Any]) -> str | None:
+def subject_column(answers: Answers[Any]) -> str | None:
     """The column of what was asked for; maps, which most answers name besides, only where there is nothing else."""
-    return answers.asked_for(NameKind.CLASS, NameKind.INDIVIDUAL, NameKind.PROPERTY) or answers.asked_for(NameKind.MAP)
+    return answers.answer_column(EntityType.CLASS, EntityType.INDIVIDUAL, EntityType.PROPERTY) or answers.answer_column(
+        EntityType.MAP
+    )
 
 
 def cell_text(value: object) -> str | int | float | None:  # noqa: PLR0911 (one a kind)
@@ -55,42 +57,44 @@ def cell_text(value: object) -> str | int | float | None:  # noqa: PLR0911 (one 
             return ", ".join(str(cell_text(each)) for each in value)
         case Pose(position, quaternion):
             return f"{_numbers(position)} turned {_numbers(quaternion)}"
-        case Joint(parent=parent, child=child):
-            return f"{local_name(parent)} to {local_name(child)}, {', '.join(_motions(value)) or 'fixed'}"
+        case JointSummary(parent=parent, child=child):
+            return f"{local_name(parent)} to {local_name(child)}, {', '.join(_unlocked_axes(value)) or 'fixed'}"
         case Tag():
             return f"{value.key} {value.value}"
-        case Fact(property, Reference(iri)):
+        case PropertyAssertion(property, IriRef(iri)):
             return f"{local_name(property)} {local_name(iri)}"
-        case Fact(property, Literal(text)):
+        case PropertyAssertion(property, Literal(text)):
             return f"{local_name(property)} {text}"
-        case Fact(property):
+        case PropertyAssertion(property):
             return f"{local_name(property)} …"
         case _:
             return msgspec.json.encode(value).decode()
 
 
-def _motions(joint: Joint) -> Iterator[str]:
+def _unlocked_axes(joint: JointSummary) -> Iterator[str]:
     """The axes that are not locked."""
     linear, angular = joint.linear, joint.angular
     for axis in ("x", "y", "z", "twist", "swing2", "swing1"):
         slides = axis in {"x", "y", "z"}
         motion = getattr(linear if slides else angular, axis)
         limit = f" {linear.limit:g} m" if slides else f" {getattr(angular, f'{axis}_limit', 0.0):g} rad"
-        if motion is not Motion.LOCKED:
-            yield f"{axis} {motion.name.lower()}{limit if motion is Motion.LIMITED else ''}"
+        if motion is not AxisMotion.LOCKED:
+            yield f"{axis} {motion.name.lower()}{limit if motion is AxisMotion.LIMITED else ''}"
 
 
 def _numbers(numbers: tuple[float, ...]) -> str:
     return " ".join(f"{number:.6g}" for number in numbers)
 
 
-def _answer(kb: KnowledgeBase, answers: Answers[Any], about: str | None, row: Row, *, why: bool) -> dict[str, Any]:
+def _answer(
+    kb: KnowledgeBase, answers: Answers[Any], subject_column: str | None, row: AnswerRow, *, explain: bool
+) -> dict[str, Any]:
     told: dict[str, Any] = {}
-    if about is not None:
-        iri: Iri = getattr(row, about)
-        is_individual = answers.question.columns[about] in {NameKind.INDIVIDUAL, NameKind.MAP}
-        told = {"iri": iri, "id": local_name(iri), "class": kb.index.class_of(iri) if is_individual else iri}
+    if subject_column is not None:
+        iri: Iri = getattr(row, subject_column)
+        is_individual = answers.question.columns[subject_column] in {EntityType.INDIVIDUAL, EntityType.MAP}
+        told = {"iri": iri, "id": local_name(iri), "class": kb.reasoner.class_of(iri) if is_individual else iri}
     told |= msgspec.to_builtins(row)
-    if why:
-        told["why"] = list(kb.why(answers.question, row))
+    if explain:
+        told["why"] = list(kb.explain(answers.question, row))
     return told

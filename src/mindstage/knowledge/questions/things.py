@@ -8,17 +8,24 @@ from typing import TYPE_CHECKING
 import msgspec
 
 from mindstage.knowledge.names import local_name
-from mindstage.knowledge.questions.question import ClassName, IndividualName, MapName, Missing, Row, question
-from mindstage.knowledge.questions.words import is_line, member_lines, not_described, only_told
-from mindstage.knowledge.reasoning import Index
+from mindstage.knowledge.questions.question import (
+    AnswerRow,
+    ClassName,
+    IndividualName,
+    MapName,
+    MissingKnowledge,
+    question,
+)
+from mindstage.knowledge.questions.words import membership_lines, missing_description, missing_file, subclass_line
+from mindstage.knowledge.reasoning import Reasoner
 from mindstage.world import (
-    AngularMotion,
+    AngularLimits,
     Body,
-    Constraint,
-    Fact,
     Iri,
-    LinearMotion,
+    Joint,
+    LinearLimits,
     Pose,
+    PropertyAssertion,
     Tag,
     Vector,
     World,
@@ -27,19 +34,19 @@ from mindstage.world import (
 if TYPE_CHECKING:
     from mindstage.knowledge.base import KnowledgeBase
 
-__all__ = ["Counts", "Joint", "Thing", "analyse", "what_is"]
+__all__ = ["IndividualDescription", "JointSummary", "MapCounts", "analyse", "what_is"]
 
 
-class Joint(msgspec.Struct, frozen=True, kw_only=True):
+class JointSummary(msgspec.Struct, frozen=True, kw_only=True):
     """What a constraint joins, and how that moves."""
 
     parent: Iri
     child: Iri
-    linear: LinearMotion
-    angular: AngularMotion
+    linear: LinearLimits
+    angular: AngularLimits
 
 
-class Thing(Row, frozen=True, kw_only=True):
+class IndividualDescription(AnswerRow, frozen=True, kw_only=True):
     """What is known of an individual."""
 
     individual: IndividualName
@@ -53,15 +60,17 @@ class Thing(Row, frozen=True, kw_only=True):
     mass_kg: float | None = None
     mobility: str | None = None
     mesh: str | None = None
-    joint: Joint | None = None
+    joint: JointSummary | None = None
     """Of a constraint."""
     tags: tuple[Tag, ...] = ()
-    facts: tuple[Fact, ...] = ()
+    facts: tuple[PropertyAssertion, ...] = ()
     """Every other statement about it: those that its map has no field for, and those told at run time."""
 
 
 @question
-def what_is(kb: KnowledgeBase, individual: IndividualName | None = None, map: MapName | None = None) -> Iterator[Thing]:
+def what_is(
+    kb: KnowledgeBase, individual: IndividualName | None = None, map: MapName | None = None
+) -> Iterator[IndividualDescription]:
     """What an individual is: classes, pose, size, mass, mesh, tags, how a constraint moves, and every other fact.
 
     Where nobody says what it is, a property that it has may do so by its domain or range. Classes and facts are as
@@ -71,28 +80,32 @@ def what_is(kb: KnowledgeBase, individual: IndividualName | None = None, map: Ma
         what_is milk_carton_1
         what_is fridge_door_hinge
     """
-    index = kb.index
+    index = kb.reasoner
     for each in sorted(index.maps_of) if individual is None else (individual,):
-        told = _special_first(index, each)
+        told = _most_specific_first(index, each)
         places = index.maps_of.get(each, ()) if map is None else [map] if map in index.maps_of.get(each, ()) else []
         for place in places:
-            yield _thing(kb, each, told, place)
+            yield _description(kb, each, told, place)
         if not places and map is None:
-            yield _thing(kb, each, told, None)
+            yield _description(kb, each, told, None)
 
 
-def _special_first(index: Index, individual: Iri) -> tuple[Iri, ...]:
-    told = index.types.get(individual, ())
-    order = {cls: (cls not in told, -len(index.classes.above(cls)), cls) for cls in index.types_of(individual)}
+def _most_specific_first(reasoner: Reasoner, individual: Iri) -> tuple[Iri, ...]:
+    told = reasoner.types.get(individual, ())
+    order = {cls: (cls not in told, -len(reasoner.classes.above(cls)), cls) for cls in reasoner.types_of(individual)}
     return tuple(sorted(order, key=lambda cls: order[cls]))
 
 
-def _thing(kb: KnowledgeBase, individual: Iri, classes: tuple[Iri, ...], map: Iri | None) -> Thing:
-    placed = kb.placed(individual, map) if map else None
+def _description(
+    kb: KnowledgeBase, individual: Iri, classes: tuple[Iri, ...], map: Iri | None
+) -> IndividualDescription:
+    placed = kb.scene_entity(individual, map) if map else None
     if placed is None:
-        return Thing(individual=individual, classes=classes, map=map, facts=kb.facts_of(individual))
-    facts = tuple(dict.fromkeys((*placed.facts, *kb.facts_of(individual, told_only=True))))
-    known = Thing(individual=individual, classes=classes, map=map, pose=placed.pose, tags=placed.tags, facts=facts)
+        return IndividualDescription(individual=individual, classes=classes, map=map, facts=kb.facts_of(individual))
+    facts = tuple(dict.fromkeys((*placed.facts, *kb.facts_of(individual, runtime_only=True))))
+    known = IndividualDescription(
+        individual=individual, classes=classes, map=map, pose=placed.pose, tags=placed.tags, facts=facts
+    )
     match placed:
         case Body(physics=physics):
             return msgspec.structs.replace(
@@ -103,33 +116,35 @@ def _thing(kb: KnowledgeBase, individual: Iri, classes: tuple[Iri, ...], map: Ir
                 mobility=physics.mobility.value if physics.mobility else None,
                 mesh=placed.mesh,
             )
-        case Constraint():
-            return msgspec.structs.replace(known, joint=_joint(kb.world(map), placed))
+        case Joint():
+            return msgspec.structs.replace(known, joint=_joint_summary(kb.world(map), placed))
         case _:
             return known
 
 
-def _joint(world: World, constraint: Constraint) -> Joint:
+def _joint_summary(world: World, constraint: Joint) -> JointSummary:
     iris = {body.id: body.iri for body in world.bodies}
     parent, child = (iris.get(id, Iri(id)) for id in (constraint.parent, constraint.child))
-    return Joint(parent=parent, child=child, linear=constraint.linear, angular=constraint.angular)
+    return JointSummary(parent=parent, child=child, linear=constraint.linear, angular=constraint.angular)
 
 
-@what_is.because
-def _superclasses(kb: KnowledgeBase, row: Thing) -> Iterator[str]:
-    classes = kb.index.classes
+@what_is.explain
+def _explain_individual(kb: KnowledgeBase, row: IndividualDescription) -> Iterator[str]:
+    classes = kb.reasoner.classes
     for cls in row.classes:
         farthest = max(classes.above(cls), key=lambda above: classes.above(cls)[above])
-        yield from member_lines(kb.index, row.individual, cls)
-        yield from is_line(classes.path(cls, farthest))
+        yield from membership_lines(kb.reasoner, row.individual, cls)
+        yield from subclass_line(classes.path(cls, farthest))
 
 
-@what_is.lacking
-def _no_such_thing(kb: KnowledgeBase, individual: Iri | None = None, map: Iri | None = None) -> Iterator[Missing]:
-    yield from not_described(kb.index, individual, map)
+@what_is.missing
+def _missing_individual(
+    kb: KnowledgeBase, individual: Iri | None = None, map: Iri | None = None
+) -> Iterator[MissingKnowledge]:
+    yield from missing_description(kb.reasoner, individual, map)
 
 
-class Counts(Row, frozen=True, kw_only=True):
+class MapCounts(AnswerRow, frozen=True, kw_only=True):
     """A map in numbers."""
 
     map: MapName
@@ -141,15 +156,15 @@ class Counts(Row, frozen=True, kw_only=True):
 
 
 @question
-def analyse(kb: KnowledgeBase, map: MapName | None = None) -> Iterator[Counts]:
+def analyse(kb: KnowledgeBase, map: MapName | None = None) -> Iterator[MapCounts]:
     """A map in numbers, as its files tell it: what the thesis's analyse_semantic_map counts.
 
     Examples:
         analyse
     """
     for each in sorted(kb.maps()) if map is None else {map} & {*kb.maps()}:
-        told = kb.analyse(each)
-        yield Counts(
+        told = kb.map_statistics(each)
+        yield MapCounts(
             map=each,
             classes=told.classes,
             individuals=told.individuals,
@@ -159,8 +174,8 @@ def analyse(kb: KnowledgeBase, map: MapName | None = None) -> Iterator[Counts]:
         )
 
 
-@analyse.because
-def _counted(kb: KnowledgeBase, row: Counts) -> Iterator[str]:
+@analyse.explain
+def _explain_counts(kb: KnowledgeBase, row: MapCounts) -> Iterator[str]:
     name = local_name(row.map)
     yield f"{row.individuals} individuals say describedInMap {name}; their poses and limits are not counted"
     yield f"{row.constraints} of them are of a class that is a Constraint, and the other {row.objects} are objects"
@@ -168,6 +183,6 @@ def _counted(kb: KnowledgeBase, row: Counts) -> Iterator[str]:
     yield f"{row.relations} different pairs of parent and child, the two ends of constraints among them"
 
 
-@analyse.lacking
-def _uncounted(kb: KnowledgeBase, map: Iri | None = None) -> Iterator[Missing]:
-    yield from not_described(kb.index, None, None) if map is None else only_told(map)
+@analyse.missing
+def _missing_counts(kb: KnowledgeBase, map: Iri | None = None) -> Iterator[MissingKnowledge]:
+    yield from missing_description(kb.reasoner, None, None) if map is None else missing_file(map)

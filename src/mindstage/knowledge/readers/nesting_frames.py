@@ -9,14 +9,16 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from mindstage.knowledge.readers.rewording import Rewording
+from mindstage.knowledge.readers.rewording import DialectNormalizer
 from mindstage.world import Iri, Pose
-from mindstage.world.geometry import Array, compose, pose_from, unit_pose
+from mindstage.world.geometry import Array, normalized_pose_array, pose_from_array, pose_multiply
 
-__all__ = ["told_within"]
+__all__ = ["resolve_pose_frames"]
 
 
-def told_within(rewording: Rewording, poses: Mapping[Iri, Pose], wholes: Mapping[Iri, Iri]) -> Mapping[Iri, Pose]:
+def resolve_pose_frames(
+    normalizer: DialectNormalizer, poses: Mapping[Iri, Pose], parents: Mapping[Iri, Iri]
+) -> Mapping[Iri, Pose]:
     """The poses in the frame of the map, whichever frame they are told in.
 
     Args:
@@ -24,11 +26,11 @@ def told_within(rewording: Rewording, poses: Mapping[Iri, Pose], wholes: Mapping
         poses: as told.
         wholes: what each part is a part of.
     """
-    parts = {part: whole for part, whole in wholes.items() if part in poses and whole in poses}
+    parts = {part: whole for part, whole in parents.items() if part in poses and whole in poses}
     if not parts:
         return poses
-    rows = {individual: unit_pose(pose) for individual, pose in poses.items()}
-    within = _descended(parts, rows)
+    rows = {individual: normalized_pose_array(pose) for individual, pose in poses.items()}
+    within = _compose_along_parents(parts, rows)
     nearer = 0
     for part, whole in parts.items():
         as_map = float(np.linalg.norm(rows[part][:3] - rows[whole][:3]))
@@ -36,24 +38,24 @@ def told_within(rewording: Rewording, poses: Mapping[Iri, Pose], wholes: Mapping
         nearer += as_part < as_map
     evidence = f"{len(parts) - nearer} of {len(parts)} parts are not farther from their wholes this way than the other"
     if 2 * nearer <= len(parts):
-        rewording.excerpt.assume("poses of parts", "in the frame of the map", evidence)
+        normalizer.source_map.record_assumption("poses of parts", "in the frame of the map", evidence)
         return poses
     evidence = f"{nearer} of {len(parts)} parts are nearer to their wholes this way than the other"
-    rewording.excerpt.assume("poses of parts", "in the frame of what they are parts of", evidence)
-    return {part: pose_from(within[part]) if part in parts else pose for part, pose in poses.items()}
+    normalizer.source_map.record_assumption("poses of parts", "in the frame of what they are parts of", evidence)
+    return {part: pose_from_array(within[part]) if part in parts else pose for part, pose in poses.items()}
 
 
-def _descended(parts: Mapping[Iri, Iri], rows: Mapping[Iri, Array]) -> Mapping[Iri, Array]:
+def _compose_along_parents(parents: Mapping[Iri, Iri], poses: Mapping[Iri, Array]) -> Mapping[Iri, Array]:
     """Where things are if each part is told within its whole; a circle ends where it would begin again."""
     found: dict[Iri, Array] = {}
-    for start in rows:
+    for start in poses:
         way: dict[Iri, None] = {}
         here = start
-        while here in parts and here not in found and here not in way:
+        while here in parents and here not in found and here not in way:
             way[here] = None
-            here = parts[here]
-        row = found.setdefault(here, rows[here])
+            here = parents[here]
+        row = found.setdefault(here, poses[here])
         for part in reversed(way):
             if part not in found:
-                row = found[part] = compose(row, rows[part])
+                row = found[part] = pose_multiply(row, poses[part])
     return found

@@ -12,12 +12,12 @@ from typing import NamedTuple, TypeVar
 
 from mindstage.knowledge.analysis import is_constraint
 from mindstage.knowledge.findings import Severity
-from mindstage.knowledge.names import ids_for, local_name
+from mindstage.knowledge.names import assign_ids, local_name
 from mindstage.knowledge.reading.census import types_of
 from mindstage.knowledge.reading.conventions import SI
-from mindstage.knowledge.reading.conversion import convert
-from mindstage.knowledge.reading.excerpt import Excerpt
-from mindstage.knowledge.reading.settling import usual_conventions
+from mindstage.knowledge.reading.conversion import convert_source_map
+from mindstage.knowledge.reading.excerpt import SourceMap
+from mindstage.knowledge.reading.settling import default_conventions
 from mindstage.knowledge.vocabulary import (
     CHILD,
     CONSTRAINT,
@@ -33,28 +33,28 @@ from mindstage.knowledge.vocabulary import (
     TYPE,
 )
 from mindstage.knowledge.wording import words
-from mindstage.knowledge.wording.body_sizes import hear_size
-from mindstage.knowledge.wording.materials import materials_of
-from mindstage.knowledge.wording.part_reading import PartReader
-from mindstage.knowledge.wording.parts import ANGULAR_PART, LINEAR_PART, POSE_PART, Part
-from mindstage.knowledge.wording.relations import Relations
-from mindstage.knowledge.wording.sizes import ClassSizes, class_sizes_of
-from mindstage.knowledge.wording.statements import Heard
-from mindstage.knowledge.wording.tags import tags_of
+from mindstage.knowledge.wording.body_sizes import read_size
+from mindstage.knowledge.wording.materials import read_materials
+from mindstage.knowledge.wording.part_reading import NestedResourceReader
+from mindstage.knowledge.wording.parts import NESTED_ANGULAR_LIMITS, NESTED_LINEAR_LIMITS, NESTED_POSE, NestedResource
+from mindstage.knowledge.wording.relations import AttachmentReader
+from mindstage.knowledge.wording.sizes import ClassSizes, map_class_sizes
+from mindstage.knowledge.wording.statements import SubjectReader
+from mindstage.knowledge.wording.tags import read_tags
 from mindstage.world import (
-    AngularMotion,
+    AngularLimits,
     Attachment,
     Body,
     BodyId,
-    Constraint,
+    BodyPhysics,
     Iri,
+    Joint,
     Light,
-    LightKind,
-    LinearMotion,
-    Physics,
+    LightType,
+    LinearLimits,
+    NamedResource,
     Pose,
-    Resource,
-    Shape,
+    PrimitiveShape,
     World,
 )
 
@@ -63,53 +63,57 @@ __all__ = ["read_semlog", "read_semlog_map"]
 T = TypeVar("T")
 
 
-class _Sizes(NamedTuple):
-    known: ClassSizes
-    resources: ClassSizes
+class _SizeSources(NamedTuple):
+    all_classes: ClassSizes
+    map_classes: ClassSizes
 
 
-def read_semlog(excerpt: Excerpt) -> World:
-    """Reads what is said in the words of dialect 1, in metres, ROS's frame and with w x y z."""
-    return _Reading(excerpt).world()
+def read_semlog(source_map: SourceMap) -> World:
+    """Reads what is said in the words of dialect 1, in meters, ROS's frame and with w x y z."""
+    return _SemlogReader(source_map).world()
 
 
-def read_semlog_map(excerpt: Excerpt) -> World:
+def read_semlog_map(source_map: SourceMap) -> World:
     """Reads a map of dialect 1, whose numbers are as they are in a world unless somebody says otherwise."""
-    return read_semlog(convert(excerpt, usual_conventions(excerpt, SI, dialect="SemLog"), dialect="SemLog"))
+    return read_semlog(
+        convert_source_map(source_map, default_conventions(source_map, SI, dialect="SemLog"), dialect="SemLog")
+    )
 
 
-class _Reading:
+class _SemlogReader:
     """One map on its way to a world. The order matters: places, relations, joints, ids, resources, sizes."""
 
-    def __init__(self, excerpt: Excerpt) -> None:
-        self.excerpt = excerpt
-        self.map, self.graph, self.report = excerpt.map, excerpt.graph, excerpt.report
-        self.members = excerpt.members
-        self.parts = PartReader(self.graph, {self.map, *self.members}, self.report)
-        self.heard: dict[Iri, Heard] = {}
+    def __init__(self, source_map: SourceMap) -> None:
+        self.source_map = source_map
+        self.map, self.graph, self.report = source_map.map, source_map.graph, source_map.report
+        self.members = source_map.members
+        self.nested_reader = NestedResourceReader(self.graph, {self.map, *self.members}, self.report)
+        self.readers: dict[Iri, SubjectReader] = {}
         """All individuals that are there in the end."""
         self.poses: dict[Iri, Pose] = {}
-        self.motions: dict[Iri, tuple[LinearMotion, AngularMotion]] = {}
+        self.joint_limits: dict[Iri, tuple[LinearLimits, AngularLimits]] = {}
         self.types: dict[Iri, tuple[Iri, ...]] = {}
 
     def world(self) -> World:
-        bodies, constraints, lights = self._sort()
-        relations = Relations(bodies, constraints)
-        ends = {iri: joined for iri, heard in constraints.items() if (joined := self._join(heard, bodies, relations))}
-        self.heard = {iri: self.heard[iri] for iri in self.members if iri in self.heard}
-        ids = self._ids()
+        bodies, constraints, lights = self._classify()
+        relations = AttachmentReader(bodies, constraints)
+        ends = {
+            iri: joined for iri, heard in constraints.items() if (joined := self._joint_ends(heard, bodies, relations))
+        }
+        self.readers = {iri: self.readers[iri] for iri in self.members if iri in self.readers}
+        ids = self._assign_ids()
         resources = self._resources()
-        sizes = self._sizes(resources)
-        heard = Heard(self.map, self.graph.get(self.map, ()), self.report)
-        heard.drop(TYPE, NAMED_INDIVIDUAL, SEMANTIC_MAP)
+        sizes = self._size_sources(resources)
+        heard = SubjectReader(self.map, self.graph.get(self.map, ()), self.report)
+        heard.consume_references(TYPE, NAMED_INDIVIDUAL, SEMANTIC_MAP)
         if SEMANTIC_MAP not in types_of(heard.facts):
             heard.warn(TYPE, "individuals are described in it, but nothing calls it a map", "it is taken as one")
-        name = heard.value(words.LABEL_WORD)
+        name = heard.read(words.LABEL_CODEC)
         return World(
             iri=self.map,
             name=local_name(self.map) if name is None else name,
             bodies=tuple(self._body(iri, ids[iri], sizes) for iri in bodies),
-            constraints=tuple(
+            joints=tuple(
                 self._constraint(iri, ids[iri], ids[parent], ids[child]) for iri, (parent, child) in ends.items()
             ),
             attachments=tuple(
@@ -118,139 +122,144 @@ class _Reading:
                 if child in relations.parents
             ),
             lights=tuple(self._light(iri, ids[iri], kind) for iri, kind in lights.items()),
-            facts=heard.left(),
+            facts=heard.remaining(),
             resources=resources,
         )
 
     # -- who is what ---------------------------------------------------------------------------------------------------
 
-    def _sort(self) -> tuple[dict[Iri, Heard], dict[Iri, Heard], dict[Iri, LightKind]]:
+    def _classify(self) -> tuple[dict[Iri, SubjectReader], dict[Iri, SubjectReader], dict[Iri, LightType]]:
         kinds = {cls: kind for kind, cls in LIGHT_CLASSES.items()}
-        bodies: dict[Iri, Heard] = {}
-        constraints: dict[Iri, Heard] = {}
-        lights: dict[Iri, LightKind] = {}
+        bodies: dict[Iri, SubjectReader] = {}
+        constraints: dict[Iri, SubjectReader] = {}
+        lights: dict[Iri, LightType] = {}
         for iri in self.members:
-            heard = Heard(iri, self.graph[iri], self.report)
-            heard.drop(TYPE, NAMED_INDIVIDUAL)
-            heard.drop(DESCRIBED_IN_MAP, self.map)
+            heard = SubjectReader(iri, self.graph[iri], self.report)
+            heard.consume_references(TYPE, NAMED_INDIVIDUAL)
+            heard.consume_references(DESCRIBED_IN_MAP, self.map)
             types = self.types[iri] = types_of(heard.facts)
-            if is_constraint(types, self.excerpt.hierarchy):
+            if is_constraint(types, self.source_map.hierarchy):
                 constraints[iri] = heard
-            elif self._place(heard):
+            elif self._read_pose(heard):
                 if kind := next((kinds[cls] for cls in types if cls in kinds), None):
                     lights[iri] = kind
                 else:
                     bodies[iri] = heard
         return bodies, constraints, lights
 
-    def _place(self, heard: Heard) -> bool:
+    def _read_pose(self, reader: SubjectReader) -> bool:
         """Whether the individual has a pose; only those that have one are in the world."""
-        pose = self.parts.take(heard, POSE_PART)
+        pose = self.nested_reader.read(reader, NESTED_POSE)
         if pose is None:
-            self._leave_out(heard.subject, HAS_POSE, "it has no pose that can be understood")
+            self._report_omitted(reader.subject, HAS_POSE, "it has no pose that can be understood")
             return False
-        self.heard[heard.subject] = heard
-        self.poses[heard.subject] = pose
+        self.readers[reader.subject] = reader
+        self.poses[reader.subject] = pose
         return True
 
-    def _join(self, heard: Heard, bodies: Mapping[Iri, Heard], relations: Relations) -> tuple[Iri, Iri] | None:
+    def _joint_ends(
+        self, reader: SubjectReader, bodies: Mapping[Iri, SubjectReader], relations: AttachmentReader
+    ) -> tuple[Iri, Iri] | None:
         """The two bodies that a constraint joins, if they are there and it has a pose."""
         ends = []
         for role in (PARENT, CHILD):
-            end = self._end(heard, role, bodies) or relations.ends.get((heard.subject, role))
+            end = self._resolve_end(reader, role, bodies) or relations.ends.get((reader.subject, role))
             if end is None:
                 name = local_name(role)
-                self._leave_out(heard.subject, role, f"its {name} is missing, or is no body of this map")
+                self._report_omitted(reader.subject, role, f"its {name} is missing, or is no body of this map")
                 return None
             ends.append(end)
-        if not self._place(heard):
+        if not self._read_pose(reader):
             return None
-        linear, angular = self._motion(heard, LINEAR_PART), self._motion(heard, ANGULAR_PART)
-        self.motions[heard.subject] = (linear or LinearMotion(), angular or AngularMotion())
+        linear, angular = (
+            self._read_limits(reader, NESTED_LINEAR_LIMITS),
+            self._read_limits(reader, NESTED_ANGULAR_LIMITS),
+        )
+        self.joint_limits[reader.subject] = (linear or LinearLimits(), angular or AngularLimits())
         return ends[0], ends[1]
 
-    def _motion(self, heard: Heard, part: Part[T]) -> T | None:
-        motion = self.parts.take(heard, part)
+    def _read_limits(self, reader: SubjectReader, nested_resource: NestedResource[T]) -> T | None:
+        motion = self.nested_reader.read(reader, nested_resource)
         if motion is None:
-            heard.warn(part.property, "nothing understandable is told", "all of it is taken as locked")
+            reader.warn(nested_resource.property, "nothing understandable is told", "all of it is taken as locked")
         return motion
 
-    def _end(self, heard: Heard, role: Iri, bodies: Mapping[Iri, Heard]) -> Iri | None:
+    def _resolve_end(self, reader: SubjectReader, role: Iri, bodies: Mapping[Iri, SubjectReader]) -> Iri | None:
         found: Iri | None = None
-        for index, other in heard.references(role):
+        for index, other in reader.references(role):
             if other not in bodies:
-                heard.warn(role, f"{other} is no body of this map", "it stays a fact")
+                reader.warn(role, f"{other} is no body of this map", "it stays a fact")
             elif found is None:
                 found = other
-                heard.take(index)
+                reader.consume(index)
             elif other != found:
-                heard.warn(role, "it is told twice, differently", "the first counts, the other stays a fact")
+                reader.warn(role, "it is told twice, differently", "the first counts, the other stays a fact")
         return found
 
-    def _leave_out(self, individual: Iri, property: Iri, why: str) -> None:
-        self.report(Severity.ERROR, individual, property, why, "it is left out; what is said about it is kept")
+    def _report_omitted(self, individual: Iri, property: Iri, reason: str) -> None:
+        self.report(Severity.ERROR, individual, property, reason, "it is left out; what is said about it is kept")
 
     # -- what they are called ------------------------------------------------------------------------------------------
 
-    def _ids(self) -> dict[Iri, BodyId]:
+    def _assign_ids(self) -> dict[Iri, BodyId]:
         explicit: dict[Iri, str] = {}
         taken: set[str] = set()
-        for iri, heard in self.heard.items():
-            id = heard.value(words.ID, keep=taken.__contains__)
+        for iri, heard in self.readers.items():
+            id = heard.read(words.ID, keep_if=taken.__contains__)
             if id in taken:
                 heard.warn(words.ID.property, f"the id {id!r} is taken", "it gets another one")
             elif id is not None:
                 explicit[iri] = id
                 taken.add(id)
-        ids = ids_for(explicit, (iri for iri in self.heard if iri not in explicit))
+        ids = assign_ids(explicit, (iri for iri in self.readers if iri not in explicit))
         for iri in ids.keys() - explicit.keys():
             if ids[iri] != local_name(iri):
-                self.heard[iri].warn("", f"the id {local_name(iri)!r} is taken", f"it is called {ids[iri]!r}")
+                self.readers[iri].warn("", f"the id {local_name(iri)!r} is taken", f"it is called {ids[iri]!r}")
         return ids
 
     # -- what they are -------------------------------------------------------------------------------------------------
 
-    def _body(self, iri: Iri, id: BodyId, sizes: _Sizes) -> Body:
-        heard = self.heard[iri]
-        cls = self._class(heard)
+    def _body(self, iri: Iri, id: BodyId, sizes: _SizeSources) -> Body:
+        heard = self.readers[iri]
+        cls = self._most_specific_class(heard)
         classes = (cls, *(other for other in self.types[iri] if other != cls))
-        shape = heard.value(words.SHAPE)
+        shape = heard.read(words.SHAPE)
         return Body(
             id=id,
             iri=iri,
             cls=cls,
             pose=self.poses[iri],
-            label=heard.value(words.LABEL_WORD),
-            size=hear_size(heard, classes, known=sizes.known, resources=sizes.resources),
-            mesh=heard.value(words.MESH),
-            shape=None if shape is None else Shape(kind=shape),
-            physics=Physics(
-                mobility=heard.value(words.MOBILITY),
-                gravity=heard.value(words.GRAVITY),
-                overlap_events=heard.value(words.OVERLAP_EVENTS),
-                mass_kg=heard.value(words.MASS),
+            label=heard.read(words.LABEL_CODEC),
+            size=read_size(heard, classes, all_classes=sizes.all_classes, map_classes=sizes.map_classes),
+            mesh=heard.read(words.MESH),
+            shape=None if shape is None else PrimitiveShape(type=shape),
+            physics=BodyPhysics(
+                mobility=heard.read(words.MOBILITY),
+                gravity=heard.read(words.GRAVITY),
+                overlap_events=heard.read(words.OVERLAP_EVENTS),
+                mass_kg=heard.read(words.MASS),
             ),
-            materials=materials_of(heard),
-            tags=tags_of(heard),
-            facts=heard.left(),
+            materials=read_materials(heard),
+            tags=read_tags(heard),
+            facts=heard.remaining(),
         )
 
-    def _class(self, heard: Heard) -> Iri:
-        types = self.types[heard.subject]
+    def _most_specific_class(self, reader: SubjectReader) -> Iri:
+        types = self.types[reader.subject]
         telling = [cls for cls in types if not cls.startswith((OWL, RDFS))]
         if telling:
-            cls = self.excerpt.hierarchy.most_specific(telling)
-            heard.drop(TYPE, cls)
+            cls = self.source_map.hierarchy.most_specific(telling)
+            reader.consume_references(TYPE, cls)
             return cls
         if not types:
-            heard.warn(TYPE, "it has no class", "it is taken as an owl:Thing, which everything is")
+            reader.warn(TYPE, "it has no class", "it is taken as an owl:Thing, which everything is")
         return THING
 
-    def _constraint(self, iri: Iri, id: BodyId, parent: BodyId, child: BodyId) -> Constraint:
-        heard = self.heard[iri]
-        heard.drop(TYPE, CONSTRAINT)
-        linear, angular = self.motions[iri]
-        return Constraint(
+    def _constraint(self, iri: Iri, id: BodyId, parent: BodyId, child: BodyId) -> Joint:
+        heard = self.readers[iri]
+        heard.consume_references(TYPE, CONSTRAINT)
+        linear, angular = self.joint_limits[iri]
+        return Joint(
             id=id,
             iri=iri,
             parent=parent,
@@ -258,37 +267,41 @@ class _Reading:
             pose=self.poses[iri],
             linear=linear,
             angular=angular,
-            disable_collision=heard.value(words.DISABLE_COLLISION),
-            tags=tags_of(heard),
-            facts=heard.left(),
+            disable_collision=heard.read(words.DISABLE_COLLISION),
+            tags=read_tags(heard),
+            facts=heard.remaining(),
         )
 
-    def _light(self, iri: Iri, id: BodyId, kind: LightKind) -> Light:
-        heard = self.heard[iri]
-        heard.drop(TYPE, LIGHT_CLASSES[kind])
-        red, green, blue = heard.value(words.COLOUR) or (1.0, 1.0, 1.0)
-        intensity = heard.value(words.INTENSITY)
+    def _light(self, iri: Iri, id: BodyId, light_type: LightType) -> Light:
+        heard = self.readers[iri]
+        heard.consume_references(TYPE, LIGHT_CLASSES[light_type])
+        red, green, blue = heard.read(words.COLOR) or (1.0, 1.0, 1.0)
+        intensity = heard.read(words.INTENSITY)
         return Light(
             id=id,
             iri=iri,
-            kind=kind,
+            type=light_type,
             pose=self.poses[iri],
-            colour=(red, green, blue),
+            color=(red, green, blue),
             intensity=1.0 if intensity is None else intensity,
-            tags=tags_of(heard),
-            facts=heard.left(),
+            tags=read_tags(heard),
+            facts=heard.remaining(),
         )
 
     # -- what else there is --------------------------------------------------------------------------------------------
 
-    def _resources(self) -> tuple[Resource, ...]:
-        elsewhere = {self.map, *self.heard}
-        left = {iri: self.parts.left.get(iri, facts) for iri, facts in self.graph.items() if iri not in elsewhere}
-        return tuple(Resource(iri, tuple(facts)) for iri, facts in left.items() if facts)
+    def _resources(self) -> tuple[NamedResource, ...]:
+        elsewhere = {self.map, *self.readers}
+        left = {
+            iri: self.nested_reader.remaining_facts.get(iri, facts)
+            for iri, facts in self.graph.items()
+            if iri not in elsewhere
+        }
+        return tuple(NamedResource(iri, tuple(facts)) for iri, facts in left.items() if facts)
 
-    def _sizes(self, resources: Sequence[Resource]) -> _Sizes:
+    def _size_sources(self, resources: Sequence[NamedResource]) -> _SizeSources:
         own = {resource.iri: resource.facts for resource in resources}
-        return _Sizes(
-            known=ClassSizes([own, *self.excerpt.background], self.excerpt.hierarchy, self.report),
-            resources=class_sizes_of(resources),
+        return _SizeSources(
+            all_classes=ClassSizes([own, *self.source_map.ontologies], self.source_map.hierarchy, self.report),
+            map_classes=map_class_sizes(resources),
         )

@@ -11,65 +11,69 @@ from typing import Any
 
 from mindstage.knowledge.findings import Severity
 from mindstage.knowledge.readers.semlog import read_semlog_map
-from mindstage.knowledge.reading.excerpt import Excerpt
+from mindstage.knowledge.reading.excerpt import SourceMap
 from mindstage.knowledge.vocabulary import TAGS_DATA
-from mindstage.knowledge.wording.tags import tags_in
-from mindstage.knowledge.wording.words import GRAVITY, MASS, MOBILITY, OVERLAP_EVENTS, Word, text_in
-from mindstage.world import Fact, Iri, Literal, World
+from mindstage.knowledge.wording.tags import parse_tags
+from mindstage.knowledge.wording.words import GRAVITY, MASS, MOBILITY, OVERLAP_EVENTS, PropertyCodec, literal_text
+from mindstage.world import Iri, Literal, PropertyAssertion, World
 
-__all__ = ["is_early_semlog", "read_early_semlog", "with_told_by_tags"]
+__all__ = ["is_early_semlog", "read_early_semlog", "with_tag_properties"]
 
-_IN_TAGS: dict[str, Word[Any]] = {
+_TAG_CODECS: dict[str, PropertyCodec[Any]] = {
     "mobility": MOBILITY,
     "mass": MASS,
     "gravity": GRAVITY,
     "overlapevents": OVERLAP_EVENTS,
 }
 """What tags tell, by their keys in small letters."""
-_TAG = ";mobility,"
+_MOBILITY_MARKER = ";mobility,"
 
 
-def is_early_semlog(excerpt: Excerpt) -> bool:
+def is_early_semlog(source_map: SourceMap) -> bool:
     """Whether tags alone tell of the mobility of something."""
     return any(
-        fact.property == TAGS_DATA and _TAG in (text_in(fact.value) or "").lower() and _is_silent(facts)
-        for facts in (excerpt.graph[member] for member in excerpt.members)
+        fact.property == TAGS_DATA
+        and _MOBILITY_MARKER in (literal_text(fact.value) or "").lower()
+        and _lacks_mobility(facts)
+        for facts in (source_map.graph[member] for member in source_map.members)
         for fact in facts
     )
 
 
-def read_early_semlog(excerpt: Excerpt) -> World:
+def read_early_semlog(source_map: SourceMap) -> World:
     """Reads a map of dialect 2."""
-    return read_semlog_map(with_told_by_tags(excerpt))
+    return read_semlog_map(with_tag_properties(source_map))
 
 
-def with_told_by_tags(excerpt: Excerpt) -> Excerpt:
+def with_tag_properties(source_map: SourceMap) -> SourceMap:
     """What is said nowhere but in tags, said as properties too."""
-    graph = dict(excerpt.graph)
-    for member in excerpt.members:
-        if told := list(_told_by_tags(excerpt, member, graph[member])):
+    graph = dict(source_map.graph)
+    for member in source_map.members:
+        if told := list(_facts_from_tags(source_map, member, graph[member])):
             graph[member] = [*graph[member], *told]
-    return replace(excerpt, graph=graph)
+    return replace(source_map, graph=graph)
 
 
-def _is_silent(facts: Sequence[Fact]) -> bool:
+def _lacks_mobility(facts: Sequence[PropertyAssertion]) -> bool:
     """Whether no property tells of the mobility."""
     return all(fact.property != MOBILITY.property for fact in facts)
 
 
-def _told_by_tags(excerpt: Excerpt, member: Iri, facts: Sequence[Fact]) -> Iterator[Fact]:
+def _facts_from_tags(
+    source_map: SourceMap, member: Iri, facts: Sequence[PropertyAssertion]
+) -> Iterator[PropertyAssertion]:
     """What is said nowhere but in tags, as properties."""
-    if not _is_silent(facts):
+    if not _lacks_mobility(facts):
         return
     told = {fact.property for fact in facts}
-    for tag in (tag for fact in facts if fact.property == TAGS_DATA for tag in tags_in(fact.value)):
-        word = _IN_TAGS.get(tag.key.lower())
+    for tag in (tag for fact in facts if fact.property == TAGS_DATA for tag in parse_tags(fact.value)):
+        word = _TAG_CODECS.get(tag.key.lower())
         if word is None or word.property in told:
             continue
         told.add(word.property)
-        value = word.understand(Literal(tag.value))
+        value = word.decode(Literal(tag.value))
         if value is None:
-            what, did = f"the tag {tag.key} is {tag.value!r}, not {word.what}", "it stays a tag without meaning"
-            excerpt.report(Severity.WARNING, member, word.property, what, did)
+            what, did = f"the tag {tag.key} is {tag.value!r}, not {word.expected}", "it stays a tag without meaning"
+            source_map.report(Severity.WARNING, member, word.property, what, did)
         else:
-            yield Fact(word.property, word.say(value))
+            yield PropertyAssertion(word.property, word.encode(value))

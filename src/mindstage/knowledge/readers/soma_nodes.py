@@ -14,20 +14,20 @@ from mindstage.knowledge.graph import Graph
 from mindstage.knowledge.names import local_name
 from mindstage.knowledge.reading.census import types_of
 from mindstage.knowledge.wording import words
-from mindstage.world import Anonymous, Fact, FactValue, Iri, Reference
+from mindstage.world import BlankNode, FactValue, Iri, IriRef, PropertyAssertion
 
-__all__ = ["Node", "Nodes"]
+__all__ = ["RdfNode", "RdfNodes"]
 
-_DEPTH = 5
+_MAX_DEPTH = 5
 _BRACKETS = re.compile(r"[\[\]()]")
-_BETWEEN = re.compile(r"[\s,;]+")
+_SEPARATORS = re.compile(r"[\s,;]+")
 
 
-class Node(NamedTuple):
+class RdfNode(NamedTuple):
     """A thing, and what is said about it."""
 
     name: Iri | None
-    facts: Sequence[Fact]
+    facts: Sequence[PropertyAssertion]
 
     def types(self) -> tuple[str, ...]:
         """The local names of its classes."""
@@ -37,27 +37,27 @@ class Node(NamedTuple):
         """All that is said by some properties."""
         return [fact.value for fact in self.facts if fact.property in properties]
 
-    def told(self, *properties: Iri) -> bool:
+    def has(self, *properties: Iri) -> bool:
         """Whether anything is said by some properties."""
         return any(fact.property in properties for fact in self.facts)
 
     def number(self, *properties: Iri) -> float | None:
         """The first finite number that is said by some properties."""
-        numbers = (words.number_in(words.text_in(value) or "") for value in self.values(*properties))
+        numbers = (words.parse_number(words.literal_text(value) or "") for value in self.values(*properties))
         return next((number for number in numbers if number is not None), None)
 
     def numbers(self, *properties: Iri) -> tuple[float, ...]:
         """The first row of finite numbers that is said by some properties; none where one of them is no number."""
         for value in self.values(*properties):
-            text = _BRACKETS.sub(" ", words.text_in(value) or "").strip()
-            row = [words.number_in(part) for part in _BETWEEN.split(text)]
+            text = _BRACKETS.sub(" ", words.literal_text(value) or "").strip()
+            row = [words.parse_number(part) for part in _SEPARATORS.split(text)]
             numbers = tuple(number for number in row if number is not None)
             if len(numbers) == len(row):
                 return numbers
         return ()
 
 
-class Nodes:
+class RdfNodes:
     """The things of a graph, nested or not."""
 
     def __init__(self, graph: Graph, individuals: Container[Iri] = ()) -> None:
@@ -69,36 +69,36 @@ class Nodes:
         """
         self._graph, self._individuals = graph, individuals
 
-    def node(self, value: FactValue) -> Node | None:
+    def node_from_value(self, value: FactValue) -> RdfNode | None:
         """What a value stands for, if it is a thing that something is said about."""
-        if isinstance(value, Anonymous):
-            return Node(None, value.facts)
-        if isinstance(value, Reference) and value.iri in self._graph:
-            return Node(value.iri, self._graph[value.iri])
+        if isinstance(value, BlankNode):
+            return RdfNode(None, value.facts)
+        if isinstance(value, IriRef) and value.iri in self._graph:
+            return RdfNode(value.iri, self._graph[value.iri])
         return None
 
-    def of(self, subject: Iri) -> Node:
+    def node_named(self, subject: Iri) -> RdfNode:
         """A thing by its name."""
-        return Node(subject, self._graph.get(subject, ()))
+        return RdfNode(subject, self._graph.get(subject, ()))
 
-    def below(self, start: Node, *properties: Iri, depth: int = _DEPTH) -> Iterator[Node]:
+    def descendants(self, start: RdfNode, *properties: Iri, depth: int = _MAX_DEPTH) -> Iterator[RdfNode]:
         """What hangs on some properties of a thing, and what hangs on that, the nearest first."""
         seen = set() if start.name is None else {start.name}
-        level = self._parts(start.values(*properties), seen)
+        level = self._child_nodes(start.values(*properties), seen)
         for _ in range(depth):
             yield from level
-            level = self._parts((fact.value for above in level for fact in above.facts), seen)
+            level = self._child_nodes((fact.value for above in level for fact in above.facts), seen)
 
-    def _parts(self, values: Iterable[FactValue], seen: set[Iri]) -> list[Node]:
+    def _child_nodes(self, values: Iterable[FactValue], seen: set[Iri]) -> list[RdfNode]:
         """The things among some values, each named one once: a web of names has more ways than anyone could go."""
         found = []
         for value in values:
-            if isinstance(value, Anonymous):
-                found.append(Node(None, value.facts))
-            elif isinstance(value, Reference) and value.iri not in seen and self._hangs_below(value.iri):
+            if isinstance(value, BlankNode):
+                found.append(RdfNode(None, value.facts))
+            elif isinstance(value, IriRef) and value.iri not in seen and self._is_nested(value.iri):
                 seen.add(value.iri)
-                found.append(Node(value.iri, self._graph[value.iri]))
+                found.append(RdfNode(value.iri, self._graph[value.iri]))
         return found
 
-    def _hangs_below(self, name: Iri) -> bool:
+    def _is_nested(self, name: Iri) -> bool:
         return name in self._graph and name not in self._individuals

@@ -8,14 +8,14 @@ import msgspec
 
 from mindstage.world import Iri
 
-__all__ = ["Assume", "Assumption"]
+__all__ = ["Assumption", "AssumptionSink"]
 
 
 class Assumption(msgspec.Struct, frozen=True):
     """One decision about a whole map. If it is wrong, all that was read is wrong with it, so it is said aloud."""
 
     map: Iri
-    about: str
+    topic: str
     """What had to be decided, such as "units", "frame" or "quaternion"."""
     value: str
     evidence: str
@@ -25,10 +25,10 @@ class Assumption(msgspec.Struct, frozen=True):
 
     def __str__(self) -> str:
         how = "as told" if self.overridden else "assumed"
-        return f"{self.about}: {self.value}, {how}: {self.evidence}"
+        return f"{self.topic}: {self.value}, {how}: {self.evidence}"
 
 
-class Assume(Protocol):
+class AssumptionSink(Protocol):
     """Where assumptions go while a map is read."""
 
     def __call__(self, assumption: Assumption) -> None:

@@ -1,6 +1,6 @@
 """Conventions: in which units, frame and order of a quaternion's parts a map writes its numbers.
 
-Few maps say it. A reader decides it from what it finds (see `assumptions`), unless whoever loads the map knows better.
+Few maps say it. A reader decides it from what it finds (see `assumption_notes`), unless whoever loads the map knows better.
 """
 
 from __future__ import annotations
@@ -9,23 +9,23 @@ from enum import StrEnum
 
 import msgspec
 
-__all__ = ["SI", "Conventions", "Frame", "QuaternionOrder", "Units"]
+__all__ = ["SI", "Handedness", "LengthUnit", "QuaternionOrder", "UnitConventions"]
 
 
-class Units(StrEnum):
+class LengthUnit(StrEnum):
     """What lengths are counted in."""
 
-    METRES = "m"
-    CENTIMETRES = "cm"
-    MILLIMETRES = "mm"
+    METERS = "m"
+    CENTIMETERS = "cm"
+    MILLIMETERS = "mm"
 
     @property
-    def per_metre(self) -> float:
-        """How many of them make a metre."""
-        return {Units.METRES: 1.0, Units.CENTIMETRES: 100.0, Units.MILLIMETRES: 1000.0}[self]
+    def per_meter(self) -> float:
+        """How many of them make a meter."""
+        return {LengthUnit.METERS: 1.0, LengthUnit.CENTIMETERS: 100.0, LengthUnit.MILLIMETERS: 1000.0}[self]
 
 
-class Frame(StrEnum):
+class Handedness(StrEnum):
     """Which way the axes point; z is up in both."""
 
     ROS = "ros"
@@ -41,13 +41,13 @@ class QuaternionOrder(StrEnum):
     XYZW = "xyzw"
 
 
-class Conventions(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class UnitConventions(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """How the numbers of one map are meant; what is None is decided by whoever reads it."""
 
-    units: Units | None = None
-    frame: Frame | None = None
+    units: LengthUnit | None = None
+    frame: Handedness | None = None
     quaternion: QuaternionOrder | None = None
 
 
-SI = Conventions(units=Units.METRES, frame=Frame.ROS, quaternion=QuaternionOrder.WXYZ)
+SI = UnitConventions(units=LengthUnit.METERS, frame=Handedness.ROS, quaternion=QuaternionOrder.WXYZ)
 """What a world is in."""

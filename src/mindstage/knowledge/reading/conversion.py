@@ -1,6 +1,6 @@
-"""Conversion: a map whose numbers are meant otherwise, said in metres, in ROS's frame and with w x y z, and back.
+"""Conversion: a map whose numbers are meant otherwise, said in meters, in ROS's frame and with w x y z, and back.
 
-Every number that changes is kept beside the new one, under the name of its property with `given` before it. A map
+Every number that changes is kept beside the new one, under the name of its property with `original_property` before it. A map
 that says such a thing about itself has been converted already. Numbers change digit by digit, as on paper, so that
 each comes back as it was: of those that a computer divides by 100, some do not.
 """
@@ -15,8 +15,8 @@ from functools import lru_cache
 from typing import Any
 
 from mindstage.knowledge.names import local_name
-from mindstage.knowledge.reading.conventions import SI, Conventions, Frame, QuaternionOrder, Units
-from mindstage.knowledge.reading.excerpt import Excerpt
+from mindstage.knowledge.reading.conventions import SI, Handedness, LengthUnit, QuaternionOrder, UnitConventions
+from mindstage.knowledge.reading.excerpt import SourceMap
 from mindstage.knowledge.vocabulary import FRAME, HAS_VALUE, ON_PROPERTY, QUATERNION_ORDER, UNITS, ms
 from mindstage.knowledge.wording.nesting import sorted_facts
 from mindstage.knowledge.wording.words import (
@@ -29,39 +29,52 @@ from mindstage.knowledge.wording.words import (
     X_MIDDLE,
     Y_MIDDLE,
     Z_MIDDLE,
-    Word,
-    text_in,
+    PropertyCodec,
+    literal_text,
 )
-from mindstage.world import Anonymous, Fact, Iri, Literal, Reference
+from mindstage.world import BlankNode, Iri, IriRef, Literal, PropertyAssertion
 
-__all__ = ["CONVERTED", "convert", "converted", "declared", "given", "given_conventions", "is_converted", "unconverted"]
+__all__ = [
+    "CONVERTED_PROPERTIES",
+    "convert_facts",
+    "convert_source_map",
+    "is_converted",
+    "original_conventions",
+    "original_property",
+    "restore_declarations",
+    "restore_facts",
+]
 
-Row = tuple[Decimal, ...]
+Decimals = tuple[Decimal, ...]
 
 _DECLARATIONS = (UNITS, FRAME, QUATERNION_ORDER)
-_LENGTHS: dict[Iri, Word[float]] = {word.property: word for word in (*SIZE, LIMIT, X_MIDDLE, Y_MIDDLE, Z_MIDDLE)}
-_ANGLES: dict[Iri, Word[float]] = {word.property: word for word in (TWIST_MIDDLE, SWING1_MIDDLE)}
+_LENGTH_CODECS: dict[Iri, PropertyCodec[float]] = {
+    word.property: word for word in (*SIZE, LIMIT, X_MIDDLE, Y_MIDDLE, Z_MIDDLE)
+}
+_ANGLE_CODECS: dict[Iri, PropertyCodec[float]] = {word.property: word for word in (TWIST_MIDDLE, SWING1_MIDDLE)}
 """Of turns that run the other way in a mirrored frame."""
 
-_WORDS: dict[Iri, Word[Any]] = _LENGTHS | _ANGLES | {word.property: word for word in (TRANSLATION, QUATERNION)}
-CONVERTED = frozenset({HAS_VALUE, *_WORDS})
+_CODECS: dict[Iri, PropertyCodec[Any]] = (
+    _LENGTH_CODECS | _ANGLE_CODECS | {word.property: word for word in (TRANSLATION, QUATERNION)}
+)
+CONVERTED_PROPERTIES = frozenset({HAS_VALUE, *_CODECS})
 """Properties whose values may change."""
-_MIRRORED = frozenset({Y_MIDDLE.property, *_ANGLES})
+_MIRRORED_PROPERTIES = frozenset({Y_MIDDLE.property, *_ANGLE_CODECS})
 
 
 @lru_cache(maxsize=1024)
-def given(property: Iri) -> Iri:
+def original_property(property: Iri) -> Iri:
     """The name under which a map's own statement is kept, where one in SI stands in its place."""
     name = local_name(property)
     return ms(f"given{name[:1].upper()}{name[1:]}")
 
 
-def is_converted(excerpt: Excerpt) -> bool:
+def is_converted(source_map: SourceMap) -> bool:
     """Whether the map says that its numbers are in SI now, and how they were meant before."""
-    return any(fact.property == given(UNITS) for fact in excerpt.graph.get(excerpt.map, ()))
+    return any(fact.property == original_property(UNITS) for fact in source_map.graph.get(source_map.map, ()))
 
 
-def convert(excerpt: Excerpt, conventions: Conventions, *, dialect: str) -> Excerpt:
+def convert_source_map(source_map: SourceMap, conventions: UnitConventions, *, dialect: str) -> SourceMap:
     """The same excerpt in SI; it tells how it was, so that it can be written back in its own way.
 
     Args:
@@ -70,37 +83,45 @@ def convert(excerpt: Excerpt, conventions: Conventions, *, dialect: str) -> Exce
         dialect: what kind of map it is, which is kept too.
     """
     if conventions == SI:
-        return excerpt
-    graph = {subject: converted(facts, conventions) for subject, facts in excerpt.graph.items()}
-    graph[excerpt.map] = [
-        *(fact for fact in graph.get(excerpt.map, ()) if fact.property not in _DECLARATIONS),
-        Fact(ms("givenDialect"), Literal(dialect)),
-        *(Fact(given(property), Literal(told.value)) for property, told in _declared(conventions)),
+        return source_map
+    graph = {subject: convert_facts(facts, conventions) for subject, facts in source_map.graph.items()}
+    graph[source_map.map] = [
+        *(fact for fact in graph.get(source_map.map, ()) if fact.property not in _DECLARATIONS),
+        PropertyAssertion(ms("givenDialect"), Literal(dialect)),
+        *(
+            PropertyAssertion(original_property(property), Literal(told.value))
+            for property, told in _declaration_values(conventions)
+        ),
     ]
-    return replace(excerpt, graph=graph)
+    return replace(source_map, graph=graph)
 
 
-def given_conventions(facts: Iterable[Fact]) -> Conventions | None:
+def original_conventions(facts: Iterable[PropertyAssertion]) -> UnitConventions | None:
     """How a map's numbers were meant before, as its facts tell it; None where it never was converted."""
-    told = {fact.property: text_in(fact.value) for fact in facts}
+    told = {fact.property: literal_text(fact.value) for fact in facts}
     chosen: list[Any] = []
-    kinds: tuple[type[Enum], ...] = (Units, Frame, QuaternionOrder)
+    kinds: tuple[type[Enum], ...] = (LengthUnit, Handedness, QuaternionOrder)
     for property, kind in zip(_DECLARATIONS, kinds, strict=True):
-        chosen += [each for each in kind if each.value == told.get(given(property))]
+        chosen += [each for each in kind if each.value == told.get(original_property(property))]
     if len(chosen) != len(kinds):
         return None
     units, frame, quaternion = chosen
-    return Conventions(units=units, frame=frame, quaternion=quaternion)
+    return UnitConventions(units=units, frame=frame, quaternion=quaternion)
 
 
-def declared(facts: Iterable[Fact], conventions: Conventions) -> list[Fact]:
+def restore_declarations(facts: Iterable[PropertyAssertion], conventions: UnitConventions) -> list[PropertyAssertion]:
     """What a map that was converted says of itself once it is as it was."""
-    away = {ms("givenDialect"), *map(given, _DECLARATIONS)}
+    away = {ms("givenDialect"), *map(original_property, _DECLARATIONS)}
     kept = [fact for fact in facts if fact.property not in away]
-    return [*kept, *(Fact(property, Literal(told.value)) for property, told in _declared(conventions))]
+    return [
+        *kept,
+        *(PropertyAssertion(property, Literal(told.value)) for property, told in _declaration_values(conventions)),
+    ]
 
 
-def _declared(conventions: Conventions) -> Iterator[tuple[Iri, Units | Frame | QuaternionOrder]]:
+def _declaration_values(
+    conventions: UnitConventions,
+) -> Iterator[tuple[Iri, LengthUnit | Handedness | QuaternionOrder]]:
     for property, told in zip(
         _DECLARATIONS, (conventions.units, conventions.frame, conventions.quaternion), strict=True
     ):
@@ -108,119 +129,130 @@ def _declared(conventions: Conventions) -> Iterator[tuple[Iri, Units | Frame | Q
         yield property, told
 
 
-def converted(facts: Sequence[Fact], conventions: Conventions) -> list[Fact]:
+def convert_facts(facts: Sequence[PropertyAssertion], conventions: UnitConventions) -> list[PropertyAssertion]:
     """Statements about one thing in SI, and what was given in their place."""
-    if not any(fact.property in CONVERTED or isinstance(fact.value, Anonymous) for fact in facts):
+    if not any(fact.property in CONVERTED_PROPERTIES or isinstance(fact.value, BlankNode) for fact in facts):
         return list(facts)
-    measures = _measures(facts)
-    found: list[Fact] = []
+    measures = _measured_length(facts)
+    found: list[PropertyAssertion] = []
     for fact in facts:
-        if isinstance(fact.value, Anonymous):
-            found.append(Fact(fact.property, Anonymous(sorted_facts(converted(fact.value.facts, conventions)))))
+        if isinstance(fact.value, BlankNode):
+            found.append(
+                PropertyAssertion(fact.property, BlankNode(sorted_facts(convert_facts(fact.value.facts, conventions))))
+            )
             continue
-        value = _changed(fact, measures, _Change(conventions))
+        value = _changed_literal(fact, measures, _UnitChange(conventions))
         if value is None:
             found.append(fact)
         else:
-            found += (Fact(fact.property, value), Fact(given(fact.property), fact.value))
+            found += (
+                PropertyAssertion(fact.property, value),
+                PropertyAssertion(original_property(fact.property), fact.value),
+            )
     return list(dict.fromkeys(found))  # two numbers may come to the same
 
 
-def unconverted(facts: Sequence[Fact], conventions: Conventions) -> list[Fact]:
+def restore_facts(facts: Sequence[PropertyAssertion], conventions: UnitConventions) -> list[PropertyAssertion]:
     """The same statements as they were given; those that say something else by now are converted back."""
-    measures = _measures(facts)
+    measures = _measured_length(facts)
     kept: dict[Iri, list[Literal]] = {}
     for fact in facts:
         if isinstance(fact.value, Literal):
             kept.setdefault(fact.property, []).append(fact.value)
-    found: list[Fact] = []
-    gone: set[Fact] = set()
+    found: list[PropertyAssertion] = []
+    gone: set[PropertyAssertion] = set()
     for fact in facts:
-        if isinstance(fact.value, Anonymous):
-            found.append(Fact(fact.property, Anonymous(sorted_facts(unconverted(fact.value.facts, conventions)))))
+        if isinstance(fact.value, BlankNode):
+            found.append(
+                PropertyAssertion(fact.property, BlankNode(sorted_facts(restore_facts(fact.value.facts, conventions))))
+            )
             continue
-        word = _word(fact, measures)
+        word = _codec_for(fact, measures)
         if word is None:
             found.append(fact)
             continue
-        before = [Fact(fact.property, value) for value in kept.get(given(fact.property), ())]
-        same = [each for each in before if _means(each, word, measures, conventions) == word.understand(fact.value)]
-        back = _changed(fact, measures, _Change(conventions, back=True))
-        found += same or [fact if back is None else Fact(fact.property, back)]
-        gone.update(Fact(given(fact.property), each.value) for each in before)
+        before = [PropertyAssertion(fact.property, value) for value in kept.get(original_property(fact.property), ())]
+        same = [
+            each for each in before if _converted_value(each, word, measures, conventions) == word.decode(fact.value)
+        ]
+        back = _changed_literal(fact, measures, _UnitChange(conventions, inverse=True))
+        found += same or [fact if back is None else PropertyAssertion(fact.property, back)]
+        gone.update(PropertyAssertion(original_property(fact.property), each.value) for each in before)
     return [fact for fact in dict.fromkeys(found) if fact not in gone]
 
 
-def _measures(facts: Sequence[Fact]) -> Iri | None:
+def _measured_length(facts: Sequence[PropertyAssertion]) -> Iri | None:
     """The length that a restriction is about, if it is one about a length."""
-    on = (fact.value.iri for fact in facts if fact.property == ON_PROPERTY and isinstance(fact.value, Reference))
-    return next((property for property in on if property in _LENGTHS), None)
+    on = (fact.value.iri for fact in facts if fact.property == ON_PROPERTY and isinstance(fact.value, IriRef))
+    return next((property for property in on if property in _LENGTH_CODECS), None)
 
 
-def _word(fact: Fact, measures: Iri | None) -> Word[Any] | None:
+def _codec_for(fact: PropertyAssertion, measured_length: Iri | None) -> PropertyCodec[Any] | None:
     """What a statement says, if it is one of those that change."""
-    property = measures if fact.property == HAS_VALUE and measures else fact.property
-    return _WORDS.get(property)
+    property = measured_length if fact.property == HAS_VALUE and measured_length else fact.property
+    return _CODECS.get(property)
 
 
-def _means(fact: Fact, word: Word[Any], measures: Iri | None, conventions: Conventions) -> object:
+def _converted_value(
+    fact: PropertyAssertion, codec: PropertyCodec[Any], measured_length: Iri | None, conventions: UnitConventions
+) -> object:
     """What a statement comes to in SI."""
-    return word.understand(_changed(fact, measures, _Change(conventions)) or fact.value)
+    return codec.decode(_changed_literal(fact, measured_length, _UnitChange(conventions)) or fact.value)
 
 
-def _changed(fact: Fact, measures: Iri | None, change: _Change) -> Literal | None:
+def _changed_literal(fact: PropertyAssertion, measured_length: Iri | None, change: _UnitChange) -> Literal | None:
     """Another value for a fact; None where it is no number that changes."""
-    word = _word(fact, measures)
-    told = None if word is None else word.understand(fact.value)
+    word = _codec_for(fact, measured_length)
+    told = None if word is None else word.decode(fact.value)
     if word is None or told is None:
         return None
-    row = change.row(word, tuple(map(_decimal, (text_in(fact.value) or "").split())))
+    row = change.row(word, tuple(map(_parse_decimal, (literal_text(fact.value) or "").split())))
     numbers = tuple(map(float, row))
     if numbers == (told if isinstance(told, tuple) else (told,)):
         return None
-    if change.back:
+    if change.inverse:
         # Digit by digit: of the numbers that a computer has, not each is the hundredfold of another one.
-        return Literal(" ".join(map(_plain, row)), word.datatype)
-    said = word.say(numbers if isinstance(told, tuple) else numbers[0])
+        return Literal(" ".join(map(_format_decimal, row)), word.datatype)
+    said = word.encode(numbers if isinstance(told, tuple) else numbers[0])
     assert isinstance(said, Literal)
     return said
 
 
 @dataclass(frozen=True, slots=True)
-class _Change:
+class _UnitChange:
     """The way of numbers into SI, or back."""
 
-    conventions: Conventions
-    back: bool = False
+    conventions: UnitConventions
+    inverse: bool = False
 
-    def row(self, word: Word[Any], row: Row) -> Row:
-        mirrors = self.conventions.frame is Frame.UNREAL
-        if word is QUATERNION:
+    def row(self, codec: PropertyCodec[Any], row: Decimals) -> Decimals:
+        mirrors = self.conventions.frame is Handedness.UNREAL
+        if codec is QUATERNION:
             return self._rotation(row, mirrors)
-        if word is TRANSLATION:
+        if codec is TRANSLATION:
             x, y, z = map(self._length, row)
             return (x, _negated(y), z) if mirrors else (x, y, z)
-        if word.property in _LENGTHS:
+        if codec.property in _LENGTH_CODECS:
             row = tuple(map(self._length, row))
-        return tuple(map(_negated, row)) if mirrors and word.property in _MIRRORED else row
+        return tuple(map(_negated, row)) if mirrors and codec.property in _MIRRORED_PROPERTIES else row
 
-    def _rotation(self, row: Row, mirrors: bool) -> Row:
+    def _rotation(self, row: Decimals, mirrors: bool) -> Decimals:
         scalar_last = self.conventions.quaternion is QuaternionOrder.XYZW
         a, b, c, d = row
-        w, x, y, z = (d, a, b, c) if scalar_last and not self.back else (a, b, c, d)
+        w, x, y, z = (d, a, b, c) if scalar_last and not self.inverse else (a, b, c, d)
         if mirrors:  # the same turn runs the other way; y, which is mirrored itself, keeps its sign
             x, z = _negated(x), _negated(z)
-        return (x, y, z, w) if scalar_last and self.back else (w, x, y, z)
+        return (x, y, z, w) if scalar_last and self.inverse else (w, x, y, z)
 
     def _length(self, number: Decimal) -> Decimal:
         assert self.conventions.units is not None
-        digits = {Units.METRES: 0, Units.CENTIMETRES: 2, Units.MILLIMETRES: 3}[self.conventions.units]
+        digits = {LengthUnit.METERS: 0, LengthUnit.CENTIMETERS: 2, LengthUnit.MILLIMETERS: 3}[self.conventions.units]
         told = number.as_tuple()
         assert isinstance(told.exponent, int)
-        return Decimal((told.sign, told.digits, told.exponent + (digits if self.back else -digits)))
+        return Decimal((told.sign, told.digits, told.exponent + (digits if self.inverse else -digits)))
 
 
-def _decimal(text: str) -> Decimal:
+def _parse_decimal(text: str) -> Decimal:
     """A number to all its digits; one so small that it is none is 0."""
     number = float(text)
     return Decimal(text if number else repr(number))
@@ -230,7 +262,7 @@ def _negated(number: Decimal) -> Decimal:
     return number.copy_negate() if number else Decimal(0)
 
 
-def _plain(number: Decimal) -> str:
+def _format_decimal(number: Decimal) -> str:
     """A number without an exponent, unless it is far from 1, and with a point."""
     text = f"{number:f}" if not number or -9 <= number.adjusted() <= 15 else str(number)
     return text if "." in text or "E" in text else f"{text}.0"

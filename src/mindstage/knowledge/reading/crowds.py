@@ -4,21 +4,21 @@ from __future__ import annotations
 
 from collections import Counter
 
-from mindstage.knowledge.findings import Report, Severity
+from mindstage.knowledge.findings import FindingSink, Severity
 from mindstage.knowledge.vocabulary import HAS_POSE
 from mindstage.world import World
 
-__all__ = ["report_crowds"]
+__all__ = ["check_duplicate_poses"]
 
-_CROWD = 10
+_MIN_DUPLICATES = 10
 """So many bodies in one place are a crowd; a door, its panel and its hinge may well share one."""
 
 
-def report_crowds(world: World, report: Report) -> None:
+def check_duplicate_poses(world: World, report: FindingSink) -> None:
     """Reports the places that many bodies are in."""
     places = Counter(body.pose.position for body in world.bodies)
     for place, number in places.items():
-        if number >= _CROWD:
+        if number >= _MIN_DUPLICATES:
             where = " ".join(f"{part:g}" for part in place)
             report(
                 Severity.WARNING,

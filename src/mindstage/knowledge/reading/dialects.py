@@ -8,53 +8,53 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import NamedTuple
 
-from mindstage.knowledge.bulk import bulk_work
-from mindstage.knowledge.readers.ameva import AMEVA, is_ameva, read_ameva
+from mindstage.knowledge.bulk import gc_paused
+from mindstage.knowledge.readers.ameva import AMEVA_DIALECT, is_ameva, read_ameva
 from mindstage.knowledge.readers.knowrob1 import is_knowrob1, read_knowrob1
 from mindstage.knowledge.readers.semlog import read_semlog_map
 from mindstage.knowledge.readers.semlog_early import is_early_semlog, read_early_semlog
 from mindstage.knowledge.readers.soma import is_soma, read_soma
-from mindstage.knowledge.reading.crowds import report_crowds
-from mindstage.knowledge.reading.excerpt import Excerpt
-from mindstage.knowledge.reading.restating import compare_restated, restated_extents, restored
+from mindstage.knowledge.reading.crowds import check_duplicate_poses
+from mindstage.knowledge.reading.excerpt import SourceMap
+from mindstage.knowledge.reading.restating import check_restated_sizes, restated_sizes, without_restatements
 from mindstage.world import World
 
-__all__ = ["DIALECTS", "Dialect", "dialect_of", "read_world"]
+__all__ = ["DIALECTS", "Dialect", "detect_dialect", "read_world"]
 
 
 class Dialect(NamedTuple):
     """One generation of maps."""
 
     name: str
-    holds: Callable[[Excerpt], bool]
+    matches: Callable[[SourceMap], bool]
     """Whether a map is of this dialect, from what its sources say."""
-    read: Callable[[Excerpt], World]
+    read: Callable[[SourceMap], World]
 
 
-def _always(excerpt: Excerpt) -> bool:
+def _match_any(source_map: SourceMap) -> bool:
     return True
 
 
 DIALECTS: tuple[Dialect, ...] = (
     Dialect("KnowRob 1", is_knowrob1, read_knowrob1),
     Dialect("SOMA", is_soma, read_soma),
-    Dialect(AMEVA, is_ameva, read_ameva),
+    Dialect(AMEVA_DIALECT, is_ameva, read_ameva),
     Dialect("SemLog, early", is_early_semlog, read_early_semlog),
-    Dialect("SemLog", _always, read_semlog_map),
+    Dialect("SemLog", _match_any, read_semlog_map),
 )
 """The first that holds reads; the last one holds for every map, and says of each individual why it has no place."""
 
 
-def dialect_of(excerpt: Excerpt) -> Dialect:
+def detect_dialect(source_map: SourceMap) -> Dialect:
     """What a map is written in."""
-    return next(dialect for dialect in DIALECTS if dialect.holds(excerpt))
+    return next(dialect for dialect in DIALECTS if dialect.matches(source_map))
 
 
-def read_world(excerpt: Excerpt) -> World:
+def read_world(source_map: SourceMap) -> World:
     """Reads a map, whatever its dialect."""
-    with bulk_work():
-        told = restored(excerpt)
-        world = dialect_of(told).read(told)
-    compare_restated(restated_extents(excerpt), world, excerpt.report)
-    report_crowds(world, excerpt.report)
+    with gc_paused():
+        told = without_restatements(source_map)
+        world = detect_dialect(told).read(told)
+    check_restated_sizes(restated_sizes(source_map), world, source_map.report)
+    check_duplicate_poses(world, source_map.report)
     return world

@@ -5,18 +5,18 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from mindstage.knowledge.findings import Report
+from mindstage.knowledge.findings import FindingSink
 from mindstage.knowledge.graph import Graph
-from mindstage.knowledge.reading.assumptions import Assume, Assumption
-from mindstage.knowledge.reading.conventions import Conventions
+from mindstage.knowledge.reading.assumptions import Assumption, AssumptionSink
+from mindstage.knowledge.reading.conventions import UnitConventions
 from mindstage.knowledge.taxonomy import ClassHierarchy
 from mindstage.world import Iri
 
-__all__ = ["Excerpt"]
+__all__ = ["SourceMap"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Excerpt:
+class SourceMap:
     """What a reader gets."""
 
     map: Iri
@@ -24,16 +24,16 @@ class Excerpt:
     """What the map's sources say, nested, but for what belongs to other maps."""
     members: Sequence[Iri]
     """The individuals that are described in the map."""
-    background: Sequence[Graph]
+    ontologies: Sequence[Graph]
     """Ontologies that say something about sizes."""
     hierarchy: ClassHierarchy
     """All that is known about classes."""
-    report: Report
-    keep_assumption: Assume
-    conventions: Conventions = field(default_factory=Conventions)
+    report: FindingSink
+    add_assumption: AssumptionSink
+    conventions: UnitConventions = field(default_factory=UnitConventions)
     """What the user says about the map's numbers; None in it is the reader's to decide."""
 
-    def assume(self, about: str, value: str, evidence: str) -> None:
+    def record_assumption(self, topic: str, value: str, evidence: str) -> None:
         """Says aloud what was decided about the whole map; one of `conventions`' fields counts as told by the user.
 
         Args:
@@ -41,5 +41,5 @@ class Excerpt:
             value: what the reader goes by.
             evidence: what speaks for it, or what would have been decided where the user said otherwise.
         """
-        overridden = getattr(self.conventions, about, None) is not None
-        self.keep_assumption(Assumption(self.map, about, value, evidence, overridden))
+        overridden = getattr(self.conventions, topic, None) is not None
+        self.add_assumption(Assumption(self.map, topic, value, evidence, overridden))

@@ -4,38 +4,38 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from mindstage.knowledge.reading.conversion import declared, given_conventions, unconverted
-from mindstage.knowledge.reading.dialects import dialect_of
-from mindstage.knowledge.reading.excerpt import Excerpt
-from mindstage.knowledge.reading.restating import restored
+from mindstage.knowledge.reading.conversion import original_conventions, restore_declarations, restore_facts
+from mindstage.knowledge.reading.dialects import detect_dialect
+from mindstage.knowledge.reading.excerpt import SourceMap
+from mindstage.knowledge.reading.restating import without_restatements
 from mindstage.world import Iri
 
-__all__ = ["Origin"]
+__all__ = ["SourceMapView"]
 
 
 @dataclass(frozen=True, slots=True)
-class Origin:
+class SourceMapView:
     """One map as its sources tell it."""
 
-    excerpt: Excerpt
+    source_map: SourceMap
     """All that the reader of its dialect has at hand."""
 
-    def given(self) -> Origin | None:
+    def before_conversion(self) -> SourceMapView | None:
         """The map as it was before its numbers were converted; None where it does not say that they were."""
-        graph, map = self.excerpt.graph, self.excerpt.map
-        conventions = given_conventions(graph.get(map, ()))
+        graph, map = self.source_map.graph, self.source_map.map
+        conventions = original_conventions(graph.get(map, ()))
         if conventions is None:
             return None
-        before = {subject: unconverted(facts, conventions) for subject, facts in graph.items()}
-        before[map] = declared(before[map], conventions)
-        return Origin(replace(self.excerpt, graph=before))
+        before = {subject: restore_facts(facts, conventions) for subject, facts in graph.items()}
+        before[map] = restore_declarations(before[map], conventions)
+        return SourceMapView(replace(self.source_map, graph=before))
 
     @property
     def map(self) -> Iri:
         """Which one it is."""
-        return self.excerpt.map
+        return self.source_map.map
 
     @property
     def dialect(self) -> str:
         """What kind of map it is."""
-        return dialect_of(restored(self.excerpt)).name
+        return detect_dialect(without_restatements(self.source_map)).name

@@ -1,6 +1,6 @@
 """Other words: names that dialects other than the first use for places, parts and joints.
 
-`knowrob:` names are KnowRob 1's (2009 to 2016), `soma:` and `dul:` those of KnowRob 2, which has `urdf:` from robots'
+`knowrob_iri:` names are KnowRob 1's (2009 to 2016), `soma:` and `dul:` those of KnowRob 2, which has `urdf:` from robots'
 descriptions.
 """
 
@@ -15,16 +15,16 @@ __all__ = [
     "DUL",
     "END_LINK_NAME",
     "EVENT_OCCURS_AT",
-    "HAS_COLOUR",
+    "HAS_COLOR",
     "HAS_JOINT",
     "HAS_LOCALIZATION",
     "HAS_SHAPE",
-    "HINGED",
+    "HINGED_TO",
     "JOINT_VALUES",
     "OBJECT_ACTED_ON",
     "ORIENTATION",
-    "PLACES",
-    "SLID",
+    "POSE_PROPERTIES",
+    "PRISMATICALLY_CONNECTED_TO",
     "SOMA",
     "START_TIME",
     "TO_PARTS",
@@ -63,9 +63,9 @@ EVENT_OCCURS_AT = knowrob("eventOccursAt")
 START_TIME = knowrob("startTime")
 JOINT_VALUES = (knowrob("minJointValue"), knowrob("maxJointValue"))
 
-HINGED, SLID = knowrob("hingedTo"), knowrob("prismaticallyConnectedTo")
+HINGED_TO, PRISMATICALLY_CONNECTED_TO = knowrob("hingedTo"), knowrob("prismaticallyConnectedTo")
 _RIGID = (knowrob("rigidlyFixedParts"), knowrob("connectedTo-Rigidly"), knowrob("connectedToRigidly"))
-CONNECTIONS = (*_RIGID, HINGED, SLID)
+CONNECTIONS = (*_RIGID, HINGED_TO, PRISMATICALLY_CONNECTED_TO)
 """What two things that hang together say of each other, whichever of them says it."""
 
 TO_PARTS = (
@@ -79,10 +79,10 @@ TO_WHOLES = (
 
 HAS_LOCALIZATION = soma("hasLocalization")
 HAS_SHAPE = soma("hasShape")
-HAS_COLOUR = soma("hasColor")
+HAS_COLOR = soma("hasColor")
 HAS_JOINT = urdf("hasJoint")
 BASE_LINK_NAME, END_LINK_NAME = urdf("hasBaseLinkName"), urdf("hasEndLinkName")
 URDF_LINK = urdf("Link")
 
-PLACES = (ORIENTATION, OBJECT_ACTED_ON, HAS_LOCALIZATION, BASE_LINK_NAME, END_LINK_NAME)
+POSE_PROPERTIES = (ORIENTATION, OBJECT_ACTED_ON, HAS_LOCALIZATION, BASE_LINK_NAME, END_LINK_NAME)
 """Who says one of these of something, or is said to have been perceived, has a place."""

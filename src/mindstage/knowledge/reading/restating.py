@@ -11,197 +11,199 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
-from mindstage.knowledge.findings import Report, Severity
-from mindstage.knowledge.readers.soma_nodes import Node
-from mindstage.knowledge.reading.conversion import given
-from mindstage.knowledge.reading.excerpt import Excerpt
+from mindstage.knowledge.findings import FindingSink, Severity
+from mindstage.knowledge.readers.soma_nodes import RdfNode
+from mindstage.knowledge.reading.conversion import original_property
+from mindstage.knowledge.reading.excerpt import SourceMap
 from mindstage.knowledge.reading.other_words import HAS_LOCALIZATION, HAS_SHAPE, OBJECT_ACTED_ON, dul, soma
 from mindstage.knowledge.vocabulary import DIALECT, HAS_POSE, PARENT, RESTATES, TYPE
 from mindstage.knowledge.wording import words
 from mindstage.knowledge.wording.nesting import sorted_facts
-from mindstage.knowledge.wording.words import QUATERNION, TRANSLATION, text_in
-from mindstage.world import Anonymous, Fact, FactValue, Iri, Literal, Reference, Vector, World
+from mindstage.knowledge.wording.words import QUATERNION, TRANSLATION, literal_text
+from mindstage.world import BlankNode, FactValue, Iri, IriRef, Literal, PropertyAssertion, Vector, World
 
 __all__ = [
     "ARRAY",
     "HAS_COMPONENT",
-    "SAME",
-    "SIX_POSE",
+    "POSE_6D",
+    "SAME_DIALECT",
     "SPACE_REGION",
-    "Restated",
-    "compare_restated",
-    "localized",
-    "restated_by",
-    "restated_extents",
-    "restored",
-    "restores",
+    "DualDialectInfo",
+    "check_restated_sizes",
+    "dual_dialect_info",
+    "is_restatement_of",
+    "restated_sizes",
+    "to_soma_pose",
+    "without_restatements",
 ]
 
 ARRAY = soma("array_double")
 SPACE_REGION = soma("hasSpaceRegion")
-SIX_POSE = soma("6DPose")
+POSE_6D = soma("6DPose")
 HAS_COMPONENT = dul("hasComponent")
-SAME = "same"
+SAME_DIALECT = "same"
 """Says of a map that it is in its own words, in which it restates where things have moved."""
-_ROW_WORDS = {TRANSLATION.property: TRANSLATION, QUATERNION.property: QUATERNION}
-_SHELVED = {given(property): property for property in (HAS_LOCALIZATION, HAS_SHAPE)}
+_POSE_CODECS = {TRANSLATION.property: TRANSLATION, QUATERNION.property: QUATERNION}
+_SHELVED_PROPERTIES = {original_property(property): property for property in (HAS_LOCALIZATION, HAS_SHAPE)}
 """Where another dialect's own statements stand that are not true any more, and where they stood."""
 
 
-def restores(facts: Sequence[Fact], what: Iri) -> bool:
+def is_restatement_of(facts: Sequence[PropertyAssertion], property: Iri) -> bool:
     """Whether a node says that it restates what a property says."""
-    return Fact(RESTATES, Reference(what)) in facts
+    return PropertyAssertion(RESTATES, IriRef(property)) in facts
 
 
 # -- poses -------------------------------------------------------------------------------------------------------------
 
 
-def localized(facts: Sequence[Fact]) -> list[Fact] | None:
+def to_soma_pose(facts: Sequence[PropertyAssertion]) -> list[PropertyAssertion] | None:
     """A pose as SOMA says it; None where it is told in a way that would not come back."""
-    numbers = [fact for fact in facts if fact.property in _ROW_WORDS]
-    if {fact.property for fact in numbers} != _ROW_WORDS.keys() or len(numbers) != len(_ROW_WORDS):
+    numbers = [fact for fact in facts if fact.property in _POSE_CODECS]
+    if {fact.property for fact in numbers} != _POSE_CODECS.keys() or len(numbers) != len(_POSE_CODECS):
         return None
-    if Fact(TYPE, Reference(SIX_POSE)) in facts or any(not _is_plain(fact) for fact in numbers):
+    if PropertyAssertion(TYPE, IriRef(POSE_6D)) in facts or any(not _is_plain(fact) for fact in numbers):
         return None
-    return [Fact(TYPE, Reference(SIX_POSE)), *(_turned(fact, ARRAY) for fact in facts)]
+    return [PropertyAssertion(TYPE, IriRef(POSE_6D)), *(_convert_pose_number(fact, ARRAY) for fact in facts)]
 
 
-def _is_plain(fact: Fact) -> bool:
+def _is_plain(fact: PropertyAssertion) -> bool:
     value = fact.value
     plain = isinstance(value, Literal) and value.datatype is None and value.language is None
-    return plain and _ROW_WORDS[fact.property].understand(value) is not None
+    return plain and _POSE_CODECS[fact.property].decode(value) is not None
 
 
-def _placed(facts: Sequence[Fact]) -> list[Fact]:
+def _to_dialect1_pose(facts: Sequence[PropertyAssertion]) -> list[PropertyAssertion]:
     """The same as dialect 1 says it."""
-    return [_turned(fact, None) for fact in facts if fact != Fact(TYPE, Reference(SIX_POSE))]
+    return [_convert_pose_number(fact, None) for fact in facts if fact != PropertyAssertion(TYPE, IriRef(POSE_6D))]
 
 
-def _turned(fact: Fact, datatype: Iri | None) -> Fact:
+def _convert_pose_number(fact: PropertyAssertion, datatype: Iri | None) -> PropertyAssertion:
     """Numbers of a pose under another datatype; a quaternion has its scalar last where there is one."""
-    if fact.property not in _ROW_WORDS:
+    if fact.property not in _POSE_CODECS:
         return fact
-    parts: Sequence[str] = (text_in(fact.value) or "").split()
-    if _ROW_WORDS[fact.property].understand(Literal(" ".join(parts))) is None:
-        numbers = Node(None, [fact]).numbers(fact.property)  # others write brackets and commas
+    parts: Sequence[str] = (literal_text(fact.value) or "").split()
+    if _POSE_CODECS[fact.property].decode(Literal(" ".join(parts))) is None:
+        numbers = RdfNode(None, [fact]).numbers(fact.property)  # others write brackets and commas
         if not numbers:
             return fact
         parts = [repr(number) for number in numbers]
     if fact.property == QUATERNION.property:
         parts = [*parts[1:], parts[0]] if datatype else [parts[-1], *parts[:-1]]
-    return Fact(fact.property, Literal(" ".join(parts), datatype))
+    return PropertyAssertion(fact.property, Literal(" ".join(parts), datatype))
 
 
 # -- reading -----------------------------------------------------------------------------------------------------------
 
 
-def restored(excerpt: Excerpt) -> Excerpt:
+def without_restatements(source_map: SourceMap) -> SourceMap:
     """The excerpt of a map as it was before it was written in other words; as it is, if it never was."""
-    if not any(fact.property == DIALECT for fact in excerpt.graph.get(excerpt.map, ())):
-        return excerpt
-    return replace(excerpt, graph=_Restoring(excerpt).graph())
+    if not any(fact.property == DIALECT for fact in source_map.graph.get(source_map.map, ())):
+        return source_map
+    return replace(source_map, graph=_RestatementRemover(source_map).graph())
 
 
-class _Restoring:
-    def __init__(self, excerpt: Excerpt) -> None:
-        self.excerpt, self.told = excerpt, excerpt.graph
+class _RestatementRemover:
+    def __init__(self, source_map: SourceMap) -> None:
+        self.source_map, self.source_graph = source_map, source_map.graph
         self.poses: set[Iri] = set()
         """Poses that have names."""
-        self.components: set[tuple[Iri, Fact]] = set()
+        self.components: set[tuple[Iri, PropertyAssertion]] = set()
 
-    def graph(self) -> Mapping[Iri, Sequence[Fact]]:
-        graph: dict[Iri, Sequence[Fact]] = {}
-        for subject, facts in self.told.items():
-            if not any(fact.property == RESTATES and fact.value != Reference(HAS_COMPONENT) for fact in facts):
-                graph[subject] = self._thing(subject, facts)
+    def graph(self) -> Mapping[Iri, Sequence[PropertyAssertion]]:
+        graph: dict[Iri, Sequence[PropertyAssertion]] = {}
+        for subject, facts in self.source_graph.items():
+            if not any(fact.property == RESTATES and fact.value != IriRef(HAS_COMPONENT) for fact in facts):
+                graph[subject] = self._strip(subject, facts)
         for pose in self.poses:
-            graph[pose] = _placed(graph.get(pose, ()))
+            graph[pose] = _to_dialect1_pose(graph.get(pose, ()))
         for whole, part in self.components:
             graph[whole] = [fact for fact in graph.get(whole, ()) if fact != part]
         return graph
 
-    def _thing(self, subject: Iri, facts: Sequence[Fact]) -> list[Fact]:
-        found: list[Fact] = []
+    def _strip(self, subject: Iri, facts: Sequence[PropertyAssertion]) -> list[PropertyAssertion]:
+        found: list[PropertyAssertion] = []
         is_restated = False
         for fact in facts:
-            inner = fact.value.facts if isinstance(fact.value, Anonymous) else ()
+            inner = fact.value.facts if isinstance(fact.value, BlankNode) else ()
             if fact.property == RESTATES:
-                self._forget_component(subject, facts)
+                self._mark_component(subject, facts)
             elif not any(each.property == RESTATES for each in inner):
                 found.append(fact)
             else:
                 is_restated = True
-                if restores(inner, HAS_POSE):
-                    found += [Fact(HAS_POSE, place) for place in self._places(inner)]
+                if is_restatement_of(inner, HAS_POSE):
+                    found += [PropertyAssertion(HAS_POSE, place) for place in self._restated_poses(inner)]
         if is_restated:
-            found = [Fact(_SHELVED.get(fact.property, fact.property), fact.value) for fact in found]
-        if subject == self.excerpt.map:
+            found = [
+                PropertyAssertion(_SHELVED_PROPERTIES.get(fact.property, fact.property), fact.value) for fact in found
+            ]
+        if subject == self.source_map.map:
             found = [fact for fact in found if fact.property != DIALECT]
         return found
 
-    def _places(self, facts: Sequence[Fact]) -> list[FactValue]:
+    def _restated_poses(self, facts: Sequence[PropertyAssertion]) -> list[FactValue]:
         places: list[FactValue] = []
         for fact in facts:
-            if fact.property == SPACE_REGION and isinstance(fact.value, Anonymous):
-                places.append(Anonymous(sorted_facts(_placed(fact.value.facts))))
-            elif fact.property == SPACE_REGION and isinstance(fact.value, Reference):
+            if fact.property == SPACE_REGION and isinstance(fact.value, BlankNode):
+                places.append(BlankNode(sorted_facts(_to_dialect1_pose(fact.value.facts))))
+            elif fact.property == SPACE_REGION and isinstance(fact.value, IriRef):
                 self.poses.add(fact.value.iri)
                 places.append(fact.value)
         return places
 
-    def _forget_component(self, subject: Iri, facts: Sequence[Fact]) -> None:
-        if restores(facts, HAS_COMPONENT):
-            part = Fact(HAS_COMPONENT, Reference(subject))
+    def _mark_component(self, subject: Iri, facts: Sequence[PropertyAssertion]) -> None:
+        if is_restatement_of(facts, HAS_COMPONENT):
+            part = PropertyAssertion(HAS_COMPONENT, IriRef(subject))
             wholes = (fact.value for fact in facts if fact.property == PARENT)
-            self.components.update((whole.iri, part) for whole in wholes if isinstance(whole, Reference))
+            self.components.update((whole.iri, part) for whole in wholes if isinstance(whole, IriRef))
 
 
-class Restated(NamedTuple):
+class DualDialectInfo(NamedTuple):
     """What a map says in other words, too."""
 
     dialect: str = ""
-    """In whose words all of it is written, or `SAME`; nothing, where nothing is restated."""
-    places: frozenset[Iri] = frozenset()
+    """In whose words all of it is written, or `SAME_DIALECT`; nothing, where nothing is restated."""
+    pose_iris: frozenset[Iri] = frozenset()
     """The things whose places are told so."""
 
 
-def restated_by(excerpt: Excerpt) -> Restated:
+def dual_dialect_info(source_map: SourceMap) -> DualDialectInfo:
     """What a map that we have written says in other words."""
-    told = (text_in(fact.value) for fact in excerpt.graph.get(excerpt.map, ()) if fact.property == DIALECT)
+    told = (literal_text(fact.value) for fact in source_map.graph.get(source_map.map, ()) if fact.property == DIALECT)
     dialect = next((text for text in told if text), "")
     if not dialect:
-        return Restated()
+        return DualDialectInfo()
     places: set[Iri] = set()
-    for subject, facts in excerpt.graph.items():
-        if restores(facts, HAS_POSE):
+    for subject, facts in source_map.graph.items():
+        if is_restatement_of(facts, HAS_POSE):
             seen = (fact.value for fact in facts if fact.property == OBJECT_ACTED_ON)
-            places.update(value.iri for value in seen if isinstance(value, Reference))
-        if any(isinstance(fact.value, Anonymous) and restores(fact.value.facts, HAS_POSE) for fact in facts):
+            places.update(value.iri for value in seen if isinstance(value, IriRef))
+        if any(isinstance(fact.value, BlankNode) and is_restatement_of(fact.value.facts, HAS_POSE) for fact in facts):
             places.add(subject)
-    return Restated(dialect, frozenset(places))
+    return DualDialectInfo(dialect, frozenset(places))
 
 
 # -- what is said twice ------------------------------------------------------------------------------------------------
 
 
-def restated_extents(excerpt: Excerpt) -> Mapping[Iri, Sequence[float]]:
+def restated_sizes(source_map: SourceMap) -> Mapping[Iri, Sequence[float]]:
     """How large things are in another dialect's words, where dialect 1's say it too."""
     found: dict[Iri, Sequence[float]] = {}
-    if not any(fact.property == DIALECT for fact in excerpt.graph.get(excerpt.map, ())):
+    if not any(fact.property == DIALECT for fact in source_map.graph.get(source_map.map, ())):
         return found
-    for member in excerpt.members:
-        for fact in excerpt.graph.get(member, ()):
-            if fact.property == HAS_SHAPE and isinstance(fact.value, Anonymous):
-                if not restores(fact.value.facts, words.SIZE[0].property):
+    for member in source_map.members:
+        for fact in source_map.graph.get(member, ()):
+            if fact.property == HAS_SHAPE and isinstance(fact.value, BlankNode):
+                if not is_restatement_of(fact.value.facts, words.SIZE[0].property):
                     continue
-                for region in (each.value for each in fact.value.facts if isinstance(each.value, Anonymous)):
-                    assert isinstance(region, Anonymous)
-                    if extents := extents_in(Node(None, region.facts)):
+                for region in (each.value for each in fact.value.facts if isinstance(each.value, BlankNode)):
+                    assert isinstance(region, BlankNode)
+                    if extents := extents_of(RdfNode(None, region.facts)):
                         found[member] = extents
     return found
 
 
-def extents_in(node: Node) -> Sequence[float]:
+def extents_of(node: RdfNode) -> Sequence[float]:
     """The extents of a shape along x, y and z; nothing, where it does not tell them."""
     radius = node.number(soma("hasRadius"))
     length = node.number(soma("hasLength"))
@@ -212,15 +214,15 @@ def extents_in(node: Node) -> Sequence[float]:
     return extents if len(extents) == len(told) else ()
 
 
-def compare_restated(told: Mapping[Iri, Sequence[float]], world: World, report: Report) -> None:
+def check_restated_sizes(restated: Mapping[Iri, Sequence[float]], world: World, report: FindingSink) -> None:
     """Reports where somebody has changed a size in one dialect's words only."""
     for body in world.bodies:
-        said = told.get(body.iri)
+        said = restated.get(body.iri)
         if said is not None and body.size != tuple(said):
-            what = f"as a shape it is {_row(said)}, and as a thing {_row(body.size or ())}"
+            what = f"as a shape it is {_numbers_text(said)}, and as a thing {_numbers_text(body.size or ())}"
             did = "the latter counts; the shape only restates it"
             report(Severity.WARNING, body.iri, HAS_SHAPE, what, did)
 
 
-def _row(numbers: Sequence[float] | Vector) -> str:
+def _numbers_text(numbers: Sequence[float] | Vector) -> str:
     return " x ".join(f"{number:g}" for number in numbers) or "without a size"

@@ -2,44 +2,44 @@
 
 from mindstage.knowledge.reasoning.axioms import ClassRestriction
 from mindstage.knowledge.reasoning.expressions import (
-    AllOf,
-    AnyOf,
+    ComplementOf,
     Expression,
-    Kind,
-    Named,
-    Not,
+    IntersectionOf,
+    LiteralValue,
+    NamedClass,
     OneOf,
     Restriction,
-    Unread,
-    Value,
-    classes_in,
+    RestrictionType,
+    UnionOf,
+    UnparsedExpression,
+    named_classes,
 )
-from mindstage.knowledge.reasoning.index import Index, Part
-from mindstage.knowledge.reasoning.membership import Ground, Rule
-from mindstage.knowledge.reasoning.namebook import Namebook, NameKind
-from mindstage.knowledge.reasoning.properties import PropertyIndex, Statement
-from mindstage.knowledge.taxonomy import Closure
+from mindstage.knowledge.reasoning.index import PartOfStep, Reasoner
+from mindstage.knowledge.reasoning.membership import InferenceRule, Justification
+from mindstage.knowledge.reasoning.namebook import EntityType, NameIndex
+from mindstage.knowledge.reasoning.properties import ObjectTriple, PropertyHierarchy
+from mindstage.knowledge.taxonomy import TransitiveClosure
 
 __all__ = [
-    "AllOf",
-    "AnyOf",
     "ClassRestriction",
-    "Closure",
+    "ComplementOf",
+    "EntityType",
     "Expression",
-    "Ground",
-    "Index",
-    "Kind",
-    "NameKind",
-    "Namebook",
-    "Named",
-    "Not",
+    "InferenceRule",
+    "IntersectionOf",
+    "Justification",
+    "LiteralValue",
+    "NameIndex",
+    "NamedClass",
+    "ObjectTriple",
     "OneOf",
-    "Part",
-    "PropertyIndex",
+    "PartOfStep",
+    "PropertyHierarchy",
+    "Reasoner",
     "Restriction",
-    "Rule",
-    "Statement",
-    "Unread",
-    "Value",
-    "classes_in",
+    "RestrictionType",
+    "TransitiveClosure",
+    "UnionOf",
+    "UnparsedExpression",
+    "named_classes",
 ]

@@ -13,29 +13,29 @@ import msgspec
 import pyoxigraph as ox
 
 from mindstage.knowledge.reasoning.expressions import (
-    STRUCTURE,
-    AllOf,
-    AnyOf,
+    EXPRESSION_PROPERTIES,
+    ClassExpressionParser,
+    ComplementOf,
     Expression,
-    ExpressionReader,
-    Kind,
-    Named,
-    Not,
+    IntersectionOf,
+    NamedClass,
     OneOf,
     Restriction,
-    classes_in,
+    RestrictionType,
+    UnionOf,
+    named_classes,
 )
-from mindstage.knowledge.taxonomy import Closure
+from mindstage.knowledge.taxonomy import TransitiveClosure
 from mindstage.knowledge.vocabulary import EQUIVALENT_CLASS, OWL, SUBCLASS_OF
 from mindstage.world import Iri
 
-__all__ = ["CLASS_WORDS", "ClassAxioms", "ClassRestriction", "Condition"]
+__all__ = ["CLASS_AXIOM_PROPERTIES", "ClassAxioms", "ClassRestriction", "SufficientCondition"]
 
 _DISJOINT = Iri(OWL + "disjointWith")
-CLASS_WORDS = frozenset({SUBCLASS_OF, EQUIVALENT_CLASS, _DISJOINT, *STRUCTURE})
+CLASS_AXIOM_PROPERTIES = frozenset({SUBCLASS_OF, EQUIVALENT_CLASS, _DISJOINT, *EXPRESSION_PROPERTIES})
 """The properties that tell something of classes."""
 
-Told = Callable[[str], Iterable[ox.Quad]]
+QuadsByPredicate = Callable[[str], Iterable[ox.Quad]]
 """All statements by a property, or those of one graph."""
 
 
@@ -46,231 +46,241 @@ class ClassRestriction(msgspec.Struct, frozen=True):
     restriction: Restriction
 
 
-class Edge(msgspec.Struct, frozen=True):
+class SubClassEdge(msgspec.Struct, frozen=True):
     """One class is directly below another."""
 
-    lower: Iri
-    upper: Iri
+    subclass: Iri
+    superclass: Iri
 
 
-class Condition(msgspec.Struct, frozen=True):
+class SufficientCondition(msgspec.Struct, frozen=True):
     """Whatever falls under the expression is a member of the class."""
 
     cls: Iri
     expression: Expression
 
 
-class Apart(msgspec.Struct, frozen=True):
+class DisjointClasses(msgspec.Struct, frozen=True):
     """Nothing is of both classes."""
 
-    one: Iri
-    other: Iri
+    first: Iri
+    second: Iri
 
 
-Consequence = ClassRestriction | Edge | Condition | Apart
+Axiom = ClassRestriction | SubClassEdge | SufficientCondition | DisjointClasses
 
 
 class ClassAxioms:
     """Classes, their restrictions and definitions."""
 
-    def __init__(self, told: Told) -> None:
+    def __init__(self, asserted: QuadsByPredicate) -> None:
         """Reads all that is told."""
-        self.lattice: Closure[Iri] = Closure()
-        self.conditions: dict[Condition, None] = {}
+        self.class_closure: TransitiveClosure[Iri] = TransitiveClosure()
+        self.sufficient_conditions: dict[SufficientCondition, None] = {}
         """The definitions that make individuals members, where a name alone does not."""
-        self.reader = ExpressionReader()
-        self._axioms: dict[ox.Triple, tuple[Consequence, ...]] = {}
-        self._counts: dict[Consequence, int] = {}
-        self._own: dict[Iri, dict[ClassRestriction, None]] = {}
-        self._ordered: dict[tuple[int, object], Sequence[ClassRestriction]] = {}
-        self._naming: dict[tuple[Iri, Iri], dict[ClassRestriction, None]] = {}
-        self._named: dict[Iri, dict[ClassRestriction, None]] = {}
-        self._stating: dict[Iri, dict[ClassRestriction, None]] = {}
-        self._apart: dict[Iri, dict[Iri, None]] = {}
-        self.read(told)
+        self.parser = ClassExpressionParser()
+        self._axioms_by_triple: dict[ox.Triple, tuple[Axiom, ...]] = {}
+        self._counts: dict[Axiom, int] = {}
+        self._by_class: dict[Iri, dict[ClassRestriction, None]] = {}
+        self._sorted_cache: dict[tuple[int, object], Sequence[ClassRestriction]] = {}
+        self._by_property_and_filler: dict[tuple[Iri, Iri], dict[ClassRestriction, None]] = {}
+        self._by_filler: dict[Iri, dict[ClassRestriction, None]] = {}
+        self._by_property: dict[Iri, dict[ClassRestriction, None]] = {}
+        self._disjoint: dict[Iri, dict[Iri, None]] = {}
+        self.add(asserted)
 
-    def read(self, told: Told) -> bool:
+    def add(self, asserted: QuadsByPredicate) -> bool:
         """Adds more; False where it changes what expressions meant, so that everything must be read anew."""
-        fresh = self.reader.learn(quad for property in STRUCTURE for quad in told(property))
+        fresh = self.parser.add(quad for property in EXPRESSION_PROPERTIES for quad in asserted(property))
         if fresh:
             for property in (SUBCLASS_OF, EQUIVALENT_CLASS, _DISJOINT):
-                for quad in told(property):
-                    self._add(quad.triple, self._consequences(quad.triple))
-            self.define()
+                for quad in asserted(property):
+                    self._add_axioms(quad.triple, self._axioms_of(quad.triple))
+            self.add_definitions()
         return fresh
 
-    def define(self) -> None:
+    def add_definitions(self) -> None:
         """Takes in named classes that are themselves said to be expressions."""
-        for cls, expression in self.reader.definitions():
+        for cls, expression in self.parser.definitions():
             # A definition is told by several statements; its key is one that no source can tell.
             key = ox.Triple(ox.NamedNode(cls), ox.NamedNode(OWL + "definition"), ox.Literal(repr(expression)))
-            self._add(key, (*_implies(Named(cls), expression), *_implies(expression, Named(cls))))
+            self._add_axioms(
+                key, (*_subclass_axioms(NamedClass(cls), expression), *_subclass_axioms(expression, NamedClass(cls)))
+            )
 
-    def reread(self, triple: ox.Triple, *, is_told: bool) -> None:
+    def update(self, triple: ox.Triple, *, is_asserted: bool) -> None:
         """Makes what a statement by one of the three properties says true, or no longer so."""
-        if is_told:
-            self._add(triple, self._consequences(triple))
+        if is_asserted:
+            self._add_axioms(triple, self._axioms_of(triple))
         else:
-            for consequence in self._axioms.pop(triple, ()):
-                self._unsay(consequence)
+            for consequence in self._axioms_by_triple.pop(triple, ()):
+                self._retract_axiom(consequence)
 
     # -- looking things up ---------------------------------------------------------------------------------------------
 
-    def own(self, cls: Iri) -> Sequence[Restriction]:
+    def own_restrictions(self, cls: Iri) -> Sequence[Restriction]:
         """What a class says itself."""
-        return [told.restriction for told in self._in_order(self._own, cls)]
+        return [told.restriction for told in self._sorted_group(self._by_class, cls)]
 
-    def restricting(self) -> list[Iri]:
+    def restricted_classes(self) -> list[Iri]:
         """Classes that say something themselves."""
-        return sorted(self._own)
+        return sorted(self._by_class)
 
-    def told_by(self, cls: Iri) -> Sequence[ClassRestriction]:
+    def class_restrictions(self, cls: Iri) -> Sequence[ClassRestriction]:
         """The same, with the class."""
-        return self._in_order(self._own, cls)
+        return self._sorted_group(self._by_class, cls)
 
-    def naming(self, property: Iri, cls: Iri) -> Sequence[ClassRestriction]:
+    def restrictions_with_filler(self, property: Iri, cls: Iri) -> Sequence[ClassRestriction]:
         """What classes say of another one by this very property."""
-        return self._in_order(self._naming, (property, cls))
+        return self._sorted_group(self._by_property_and_filler, (property, cls))
 
-    def stating(self, property: Iri) -> Sequence[ClassRestriction]:
+    def restrictions_on(self, property: Iri) -> Sequence[ClassRestriction]:
         """What classes say by this very property, forwards."""
-        return self._in_order(self._stating, property)
+        return self._sorted_group(self._by_property, property)
 
-    def apart(self, cls: Iri) -> Iterable[Iri]:
+    def disjoint_with(self, cls: Iri) -> Iterable[Iri]:
         """The classes that are told to have no member in common with this one."""
-        return self._apart.get(cls, ())
+        return self._disjoint.get(cls, ())
 
     def names(self) -> Iterator[Iri]:
         """Every name that may be, or become, the name of a class."""
-        nodes = (node for triple in self._axioms for node in (triple.subject, triple.object))
+        nodes = (node for triple in self._axioms_by_triple for node in (triple.subject, triple.object))
         yield from (Iri(node.value) for node in nodes if isinstance(node, ox.NamedNode))
-        yield from self.reader.names()
+        yield from self.parser.names()
 
     def __contains__(self, cls: object) -> bool:
         """Whether something is told of the class."""
         return (
-            cls in self.lattice
-            or cls in self._own
-            or cls in self._apart
-            or cls in self._named
-            or cls in self.reader.fillers
-            or any(condition.cls == cls for condition in self.conditions)
+            cls in self.class_closure
+            or cls in self._by_class
+            or cls in self._disjoint
+            or cls in self._by_filler
+            or cls in self.parser.fillers
+            or any(condition.cls == cls for condition in self.sufficient_conditions)
         )
 
-    def _in_order(self, groups: Mapping[Any, dict[ClassRestriction, None]], key: object) -> Sequence[ClassRestriction]:
+    def _sorted_group(
+        self, groups: Mapping[Any, dict[ClassRestriction, None]], key: object
+    ) -> Sequence[ClassRestriction]:
         if key not in groups:
             return ()
         place = id(groups), key
-        if place not in self._ordered:
-            self._ordered[place] = sorted(groups[key], key=_order)
-        return self._ordered[place]
+        if place not in self._sorted_cache:
+            self._sorted_cache[place] = sorted(groups[key], key=_sort_key)
+        return self._sorted_cache[place]
 
     # -- consequences --------------------------------------------------------------------------------------------------
 
-    def _consequences(self, triple: ox.Triple) -> Iterator[Consequence]:
-        one, other = self.reader.read(triple.subject), self.reader.read(triple.object)
+    def _axioms_of(self, triple: ox.Triple) -> Iterator[Axiom]:
+        one, other = self.parser.parse(triple.subject), self.parser.parse(triple.object)
         if triple.predicate.value == _DISJOINT:
-            yield from _apart(one, other)
+            yield from _disjoint_axioms(one, other)
             return
-        yield from _implies(one, other)
+        yield from _subclass_axioms(one, other)
         if triple.predicate.value == EQUIVALENT_CLASS:
-            yield from _implies(other, one)
+            yield from _subclass_axioms(other, one)
 
-    def _add(self, key: ox.Triple, consequences: Iterable[Consequence]) -> None:
-        if key not in self._axioms:
-            self._axioms[key] = tuple(dict.fromkeys(consequences))
-            for consequence in self._axioms[key]:
-                self._say(consequence)
+    def _add_axioms(self, key: ox.Triple, axioms: Iterable[Axiom]) -> None:
+        if key not in self._axioms_by_triple:
+            self._axioms_by_triple[key] = tuple(dict.fromkeys(axioms))
+            for consequence in self._axioms_by_triple[key]:
+                self._assert_axiom(consequence)
 
-    def _say(self, consequence: Consequence) -> None:
-        self._counts[consequence] = count = self._counts.get(consequence, 0) + 1
+    def _assert_axiom(self, axiom: Axiom) -> None:
+        self._counts[axiom] = count = self._counts.get(axiom, 0) + 1
         if count > 1:
             return
-        match consequence:
-            case Edge(lower, upper):
-                self.lattice.add(lower, upper)
+        match axiom:
+            case SubClassEdge(lower, upper):
+                self.class_closure.add(lower, upper)
             case ClassRestriction(cls, restriction):
-                self._ordered.clear()
-                self._own.setdefault(cls, {})[consequence] = None
-                for groups, key in self._groups(restriction):
-                    groups.setdefault(key, {})[consequence] = None
-            case Condition():
-                self.conditions[consequence] = None
-            case Apart(one, other):
-                self._apart.setdefault(one, {})[other] = None
+                self._sorted_cache.clear()
+                self._by_class.setdefault(cls, {})[axiom] = None
+                for groups, key in self._indexes_for(restriction):
+                    groups.setdefault(key, {})[axiom] = None
+            case SufficientCondition():
+                self.sufficient_conditions[axiom] = None
+            case DisjointClasses(one, other):
+                self._disjoint.setdefault(one, {})[other] = None
 
-    def _unsay(self, consequence: Consequence) -> None:
-        self._counts[consequence] -= 1
-        if self._counts[consequence]:
+    def _retract_axiom(self, axiom: Axiom) -> None:
+        self._counts[axiom] -= 1
+        if self._counts[axiom]:
             return
-        del self._counts[consequence]
-        match consequence:
-            case Edge(lower, upper):
-                self.lattice.discard(lower, upper)
+        del self._counts[axiom]
+        match axiom:
+            case SubClassEdge(lower, upper):
+                self.class_closure.discard(lower, upper)
             case ClassRestriction(cls, restriction):
-                self._ordered.clear()
-                _drop(self._own, cls, consequence)
-                for groups, key in self._groups(restriction):
-                    _drop(groups, key, consequence)
-            case Condition():
-                del self.conditions[consequence]
-            case Apart(one, other):
-                _drop(self._apart, one, other)
+                self._sorted_cache.clear()
+                _discard_from_group(self._by_class, cls, axiom)
+                for groups, key in self._indexes_for(restriction):
+                    _discard_from_group(groups, key, axiom)
+            case SufficientCondition():
+                del self.sufficient_conditions[axiom]
+            case DisjointClasses(one, other):
+                _discard_from_group(self._disjoint, one, other)
 
-    def _groups(self, restriction: Restriction) -> Iterator[tuple[dict[Any, dict[ClassRestriction, None]], object]]:
+    def _indexes_for(
+        self, restriction: Restriction
+    ) -> Iterator[tuple[dict[Any, dict[ClassRestriction, None]], object]]:
         """Where a restriction is to be found: by its property, and by what it speaks of."""
         if restriction.inverse:
             return
-        yield self._stating, restriction.property
-        for cls in dict.fromkeys(classes_in(restriction.filler)) if restriction.kind is not Kind.VALUE else ():
-            yield self._naming, (restriction.property, cls)
-            yield self._named, cls
+        yield self._by_property, restriction.property
+        for cls in (
+            dict.fromkeys(named_classes(restriction.filler))
+            if restriction.restriction_type is not RestrictionType.HAS_VALUE
+            else ()
+        ):
+            yield self._by_property_and_filler, (restriction.property, cls)
+            yield self._by_filler, cls
 
 
-def _implies(one: Expression, other: Expression) -> Iterator[Consequence]:
+def _subclass_axioms(one: Expression, other: Expression) -> Iterator[Axiom]:
     """Whatever falls under the one falls under the other."""
-    if isinstance(one, Named):
-        yield from _under(one.iri, other)
-    if isinstance(other, Named):
-        yield from _over(other.iri, one)
+    if isinstance(one, NamedClass):
+        yield from _superclass_axioms(one.iri, other)
+    if isinstance(other, NamedClass):
+        yield from _sufficient_axioms(other.iri, one)
 
 
-def _under(cls: Iri, expression: Expression) -> Iterator[Consequence]:
+def _superclass_axioms(cls: Iri, expression: Expression) -> Iterator[Axiom]:
     match expression:
-        case Named(iri):
-            yield Edge(cls, iri)
-        case AllOf(members):
+        case NamedClass(iri):
+            yield SubClassEdge(cls, iri)
+        case IntersectionOf(members):
             for member in members:
-                yield from _under(cls, member)
+                yield from _superclass_axioms(cls, member)
         case Restriction():
             yield ClassRestriction(cls, expression)
-        case Not(Named() as other):
-            yield from _apart(Named(cls), other)
+        case ComplementOf(NamedClass() as other):
+            yield from _disjoint_axioms(NamedClass(cls), other)
 
 
-def _over(cls: Iri, expression: Expression) -> Iterator[Consequence]:
+def _sufficient_axioms(cls: Iri, expression: Expression) -> Iterator[Axiom]:
     match expression:
-        case Named(iri):
-            yield Edge(iri, cls)
-        case AnyOf(members):
+        case NamedClass(iri):
+            yield SubClassEdge(iri, cls)
+        case UnionOf(members):
             for member in members:
-                yield from _over(cls, member)
-        case AllOf() | OneOf() | Restriction():
-            yield Condition(cls, expression)
+                yield from _sufficient_axioms(cls, member)
+        case IntersectionOf() | OneOf() | Restriction():
+            yield SufficientCondition(cls, expression)
 
 
-def _apart(one: Expression, other: Expression) -> Iterator[Consequence]:
-    if isinstance(one, Named) and isinstance(other, Named):
-        yield Apart(one.iri, other.iri)
-        yield Apart(other.iri, one.iri)
+def _disjoint_axioms(one: Expression, other: Expression) -> Iterator[Axiom]:
+    if isinstance(one, NamedClass) and isinstance(other, NamedClass):
+        yield DisjointClasses(one.iri, other.iri)
+        yield DisjointClasses(other.iri, one.iri)
 
 
-def _drop(told: dict[Any, dict[Any, None]], key: object, item: object) -> None:
-    told[key].pop(item, None)
-    if not told[key]:
-        del told[key]
+def _discard_from_group(groups: dict[Any, dict[Any, None]], key: object, item: object) -> None:
+    groups[key].pop(item, None)
+    if not groups[key]:
+        del groups[key]
 
 
-def _order(told: ClassRestriction) -> tuple[str, str, str, str]:
-    restriction = told.restriction
-    return told.cls, restriction.property, restriction.kind.value, repr(restriction)
+def _sort_key(restriction_of_class: ClassRestriction) -> tuple[str, str, str, str]:
+    restriction = restriction_of_class.restriction
+    return restriction_of_class.cls, restriction.property, restriction.restriction_type.value, repr(restriction)

@@ -11,43 +11,43 @@ from collections import deque
 from collections.abc import Callable, Container, Iterable, Mapping
 from typing import Generic, NamedTuple, TypeVar
 
-from mindstage.knowledge.taxonomy import Closure
+from mindstage.knowledge.taxonomy import TransitiveClosure
 from mindstage.world import Iri
 
-__all__ = ["Chain", "Line", "Search"]
+__all__ = ["ChainSearch", "PropertyChain", "PropertyExpression"]
 
 S = TypeVar("S")
 
-Line = tuple[Iri, bool]
+PropertyExpression = tuple[Iri, bool]
 """A property, read forwards or backwards."""
-Chain = tuple[Line, ...]
+PropertyChain = tuple[PropertyExpression, ...]
 
 
-class Goal(NamedTuple):
+class ChainGoal(NamedTuple):
     """What is asked for: all that lies one step, or any number of them, along a line from a thing."""
 
-    line: Line
-    thing: Iri
+    property_expression: PropertyExpression
+    start: Iri
     transitive: bool
 
 
-class Wish(NamedTuple, Generic[S]):
+class ChainContinuation(NamedTuple, Generic[S]):
     """Who wants to hear of a goal's values: another goal, once the rest of a chain was followed too."""
 
-    goal: Goal
-    rest: Chain
-    way: tuple[S, ...]
+    goal: ChainGoal
+    remaining: PropertyChain
+    path: tuple[S, ...]
 
 
-class Search(Generic[S]):
+class ChainSearch(Generic[S]):
     """One question's way through the statements."""
 
     def __init__(
         self,
-        lattice: Closure[Line],
-        chains: Mapping[Iri, Iterable[Chain]],
+        property_closure: TransitiveClosure[PropertyExpression],
+        chains: Mapping[Iri, Iterable[PropertyChain]],
         transitive: Container[Iri],
-        told: Callable[[Line, Iri], Iterable[tuple[Iri, tuple[S, ...]]]],
+        asserted_values: Callable[[PropertyExpression, Iri], Iterable[tuple[Iri, tuple[S, ...]]]],
     ) -> None:
         """Finds nothing yet.
 
@@ -57,15 +57,17 @@ class Search(Generic[S]):
             transitive: properties that are followed to the end.
             told: the told values of a line, each with its statement.
         """
-        self._lattice = lattice
+        self._property_closure = property_closure
         self._chains = chains
         self._transitive = transitive
-        self._told = told
-        self._found: dict[Goal, dict[Iri, tuple[S, ...]]] = {}
-        self._wishes: dict[Goal, list[Wish[S]]] = {}
-        self._news: deque[tuple[Wish[S], Iri, tuple[S, ...]]] = deque()
+        self._asserted_values = asserted_values
+        self._found: dict[ChainGoal, dict[Iri, tuple[S, ...]]] = {}
+        self._continuations: dict[ChainGoal, list[ChainContinuation[S]]] = {}
+        self._queue: deque[tuple[ChainContinuation[S], Iri, tuple[S, ...]]] = deque()
 
-    def values(self, line: Line, thing: Iri, *, transitive: bool = True) -> Mapping[Iri, tuple[S, ...]]:
+    def values(
+        self, property_expression: PropertyExpression, start: Iri, *, transitive: bool = True
+    ) -> Mapping[Iri, tuple[S, ...]]:
         """Everything along a line, with the statements on the way there.
 
         Args:
@@ -73,43 +75,51 @@ class Search(Generic[S]):
             thing: where it starts.
             transitive: whether the line itself is followed to the end, where it is transitive; those below it are.
         """
-        goal = Goal(line, thing, transitive)
-        self._open(goal)
-        while self._news:
-            wish, value, way = self._news.popleft()
-            self._hear(wish, value, way)
+        goal = ChainGoal(property_expression, start, transitive)
+        self._open_goal(goal)
+        while self._queue:
+            wish, value, way = self._queue.popleft()
+            self._on_value(wish, value, way)
         return self._found[goal]
 
-    def _open(self, goal: Goal) -> None:
+    def _open_goal(self, goal: ChainGoal) -> None:
         if goal in self._found:
             return
-        self._found[goal], self._wishes[goal] = {}, []
-        for line in self._lattice.below(goal.line):
+        self._found[goal], self._continuations[goal] = {}, []
+        for line in self._property_closure.below(goal.property_expression):
             property, forward = line
-            follows = property in self._transitive and line != goal.line
+            follows = property in self._transitive and line != goal.property_expression
             if follows:
-                self._ask(Goal(line, goal.thing, transitive=True), Wish(goal, (), ()))
+                self._subscribe(ChainGoal(line, goal.start, transitive=True), ChainContinuation(goal, (), ()))
                 continue
-            for value, way in self._told(line, goal.thing):
-                self._news.append((Wish(goal, (), ()), value, way))
+            for value, way in self._asserted_values(line, goal.start):
+                self._queue.append((ChainContinuation(goal, (), ()), value, way))
             for chain in self._chains.get(property, ()):
                 links = chain if forward else tuple((link, not ahead) for link, ahead in reversed(chain))
-                self._ask(Goal(links[0], goal.thing, transitive=True), Wish(goal, links[1:], ()))
+                self._subscribe(
+                    ChainGoal(links[0], goal.start, transitive=True), ChainContinuation(goal, links[1:], ())
+                )
 
-    def _ask(self, goal: Goal, wish: Wish[S]) -> None:
-        self._open(goal)
-        self._wishes[goal].append(wish)
-        self._news.extend((wish, value, way) for value, way in self._found[goal].items())
+    def _subscribe(self, goal: ChainGoal, continuation: ChainContinuation[S]) -> None:
+        self._open_goal(goal)
+        self._continuations[goal].append(continuation)
+        self._queue.extend((continuation, value, way) for value, way in self._found[goal].items())
 
-    def _hear(self, wish: Wish[S], value: Iri, way: tuple[S, ...]) -> None:
-        way = (*wish.way, *way)
-        if wish.rest:
-            self._ask(Goal(wish.rest[0], value, transitive=True), Wish(wish.goal, wish.rest[1:], way))
+    def _on_value(self, continuation: ChainContinuation[S], value: Iri, path: tuple[S, ...]) -> None:
+        path = (*continuation.path, *path)
+        if continuation.remaining:
+            self._subscribe(
+                ChainGoal(continuation.remaining[0], value, transitive=True),
+                ChainContinuation(continuation.goal, continuation.remaining[1:], path),
+            )
             return
-        found = self._found[wish.goal]
+        found = self._found[continuation.goal]
         if value in found:
             return
-        found[value] = way
-        self._news.extend((waiting, value, way) for waiting in self._wishes[wish.goal])
-        if wish.goal.transitive and wish.goal.line[0] in self._transitive:
-            self._ask(Goal(wish.goal.line, value, transitive=False), Wish(wish.goal, (), way))
+        found[value] = path
+        self._queue.extend((waiting, value, path) for waiting in self._continuations[continuation.goal])
+        if continuation.goal.transitive and continuation.goal.property_expression[0] in self._transitive:
+            self._subscribe(
+                ChainGoal(continuation.goal.property_expression, value, transitive=False),
+                ChainContinuation(continuation.goal, (), path),
+            )

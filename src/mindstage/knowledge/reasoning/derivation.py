@@ -12,69 +12,69 @@ from typing import Any
 
 import pyoxigraph as ox
 
-from mindstage.errors import ReasonerUnavailable
-from mindstage.knowledge.stores.triplestore import Object, Readable, Subject
+from mindstage.errors import ReasonerUnavailableError
+from mindstage.knowledge.stores.triplestore import ObjectNode, QuadSource, SubjectNode
 from mindstage.knowledge.vocabulary import OWL, RDF, RDFS, THING, XSD
 
-__all__ = ["DERIVED", "Derived", "derived_quads"]
+__all__ = ["INFERRED_GRAPH", "InferredTriples", "materialize_owl_rl"]
 
-DERIVED = ox.NamedNode("http://mindstage.org/derived")
+INFERRED_GRAPH = ox.NamedNode("http://mindstage.org/derived")
 """The graph of what was derived."""
 
 _BUILT_IN = (OWL, RDF, RDFS, XSD)
 
 
-class Told:
+class AssertedTriples:
     """A store without what was derived from it."""
 
-    def __init__(self, store: Readable) -> None:
+    def __init__(self, store: QuadSource) -> None:
         self._store = store
 
     def quads_for_pattern(
         self,
-        subject: Subject | ox.Triple | None,
+        subject: SubjectNode | ox.Triple | None,
         predicate: ox.NamedNode | None,
-        object: Object | None,
+        object: ObjectNode | None,
         graph_name: ox.NamedNode | ox.BlankNode | ox.DefaultGraph | None = None,
         /,
     ) -> Iterator[ox.Quad]:
         """All statements that fit; None fits everything."""
         quads = self._store.quads_for_pattern(subject, predicate, object, graph_name)
-        return (quad for quad in quads if quad.graph_name != DERIVED)
+        return (quad for quad in quads if quad.graph_name != INFERRED_GRAPH)
 
 
-class Derived:
+class InferredTriples:
     """What was derived, apart from what was told."""
 
-    def __init__(self, store: Readable) -> None:
+    def __init__(self, store: QuadSource) -> None:
         self._store = store
-        self._exists = next(iter(store.quads_for_pattern(None, None, None, DERIVED)), None) is not None
+        self._has_inferred = next(iter(store.quads_for_pattern(None, None, None, INFERRED_GRAPH)), None) is not None
 
     def __bool__(self) -> bool:
         """Whether there is anything."""
-        return self._exists
+        return self._has_inferred
 
-    def told(self) -> Readable:
+    def asserted(self) -> QuadSource:
         """The store without it."""
-        return Told(self._store) if self._exists else self._store
+        return AssertedTriples(self._store) if self._has_inferred else self._store
 
     def quads_for_pattern(
-        self, subject: Subject | ox.Triple | None, predicate: ox.NamedNode | None, object: Object | None, /
+        self, subject: SubjectNode | ox.Triple | None, predicate: ox.NamedNode | None, object: ObjectNode | None, /
     ) -> Iterable[ox.Quad]:
         """All derived statements that fit; None fits everything."""
-        return self._store.quads_for_pattern(subject, predicate, object, DERIVED) if self._exists else ()
+        return self._store.quads_for_pattern(subject, predicate, object, INFERRED_GRAPH) if self._has_inferred else ()
 
 
-def derived_quads(quads: Iterable[ox.Quad]) -> Iterator[ox.Quad]:
+def materialize_owl_rl(quads: Iterable[ox.Quad]) -> Iterator[ox.Quad]:
     """What follows from these statements and is not among them; what is true of everything is left out.
 
     Raises:
-        ReasonerUnavailable: `reasonable` is not installed.
+        ReasonerUnavailableError: `reasonable` is not installed.
     """
     try:
         reasonable, rdflib = import_module("reasonable"), import_module("rdflib")
     except ImportError as error:
-        raise ReasonerUnavailable(cause=str(error)) from error
+        raise ReasonerUnavailableError(cause=str(error)) from error
     told = {quad.triple for quad in quads}
     reasoner = reasonable.PyReasoner()
     reasoner.from_graph([triple for each in told if (triple := _to_rdflib(each, rdflib))])
@@ -83,11 +83,11 @@ def derived_quads(quads: Iterable[ox.Quad]) -> Iterator[ox.Quad]:
         if isinstance(subject, ox.Literal) or not isinstance(predicate, ox.NamedNode):
             continue
         found = ox.Triple(subject, predicate, value)
-        if found not in told and not _says_nothing(found):
-            yield ox.Quad(subject, predicate, value, DERIVED)
+        if found not in told and not _is_trivial(found):
+            yield ox.Quad(subject, predicate, value, INFERRED_GRAPH)
 
 
-def _says_nothing(triple: ox.Triple) -> bool:
+def _is_trivial(triple: ox.Triple) -> bool:
     """Whether it is true whatever anybody told."""
     subject, value = triple.subject, triple.object
     about_words = isinstance(subject, ox.NamedNode) and subject.value.startswith(_BUILT_IN)

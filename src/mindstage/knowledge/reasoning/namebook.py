@@ -1,4 +1,4 @@
-"""The name book: what people call things, short (`CowsMilk`), with a prefix (`knowrob:CowsMilk`) or whole."""
+"""The name book: what people call things, short (`CowsMilk`), with a prefix (`knowrob_iri:CowsMilk`) or whole."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ from functools import cached_property
 
 import pyoxigraph as ox
 
-from mindstage.errors import NameAmbiguous, NameUnknown
+from mindstage.errors import AmbiguousNameError, NameNotFoundError
 from mindstage.knowledge.names import local_name
 from mindstage.knowledge.reading.other_words import DUL, SOMA
-from mindstage.knowledge.reasoning.index import Index
-from mindstage.knowledge.stores.triplestore import Readable
+from mindstage.knowledge.reasoning.index import Reasoner
+from mindstage.knowledge.stores.triplestore import QuadSource
 from mindstage.knowledge.vocabulary import KNOWROB, MS, OWL, RDF, RDFS, TYPE, XSD
 from mindstage.world import Iri
 
-__all__ = ["PREFIXES", "NameKind", "Namebook", "shortened", "spelt_out"]
+__all__ = ["PREFIXES", "EntityType", "NameIndex", "compact_iri", "expand_prefix"]
 
 PREFIXES = {
     "knowrob": KNOWROB,
@@ -30,10 +30,10 @@ PREFIXES = {
 }
 """The prefixes that names may have."""
 
-_BUILT_IN = (TYPE, *(Iri(RDFS + name) for name in ("subClassOf", "subPropertyOf", "label", "comment")))
+_BUILT_IN_PROPERTIES = (TYPE, *(Iri(RDFS + name) for name in ("subClassOf", "subPropertyOf", "label", "comment")))
 
 
-class NameKind(StrEnum):
+class EntityType(StrEnum):
     """What a name can be the name of."""
 
     CLASS = "class"
@@ -44,54 +44,58 @@ class NameKind(StrEnum):
     """What has no such name is taken as it is."""
 
 
-_NAMING = (NameKind.CLASS, NameKind.INDIVIDUAL, NameKind.MAP, NameKind.PROPERTY)
+_NAMED_TYPES = (EntityType.CLASS, EntityType.INDIVIDUAL, EntityType.MAP, EntityType.PROPERTY)
 
 
-class Namebook:
+class NameIndex:
     """All names, found when the first is asked for and kept from then on.
 
     It remembers what things are called, and asks the index what they are now.
     """
 
-    def __init__(self, store: Readable, index: Index) -> None:
+    def __init__(self, store: QuadSource, reasoner: Reasoner) -> None:
         """Reads nothing yet."""
         self._store = store
-        self._index = index
+        self._reasoner = reasoner
 
-    def learn(self, names: Iterable[Iri]) -> None:
+    def add(self, names: Iterable[Iri]) -> None:
         """Adds names that have come up since."""
         if "_book" in self.__dict__:
             for name in names:
-                self._write(self._book, name)
+                self._add_name(self._names, name)
 
-    def find(self, name: str, kind: NameKind) -> Iri:
+    def find(self, name: str, entity_type: EntityType) -> Iri:
         """What a name means.
 
         An individual may also be called by the name of its class, where it is the only one of that class.
 
         Raises:
-            NameUnknown: nothing of that kind has the name.
-            NameAmbiguous: several have it.
+            NameNotFoundError: nothing of that kind has the name.
+            AmbiguousNameError: several have it.
         """
-        if kind is NameKind.VALUE:
-            known = self.kind_of(name)
+        if entity_type is EntityType.VALUE:
+            known = self.find_any(name)
             return known[0] if known else Iri(name)
-        found = self._meant(name, kind)
+        found = self._resolve(name, entity_type)
         if not found:
-            of_classes = map(local_name, self._index.individuals.members) if kind is NameKind.INDIVIDUAL else ()
-            raise NameUnknown(name, kind=kind.value, known=(*self._all(kind), *of_classes))
+            of_classes = (
+                map(local_name, self._reasoner.individuals.members) if entity_type is EntityType.INDIVIDUAL else ()
+            )
+            raise NameNotFoundError(
+                name, entity_type=entity_type.value, known=(*self._names_of_type(entity_type), *of_classes)
+            )
         return found
 
-    def kind_of(self, name: str) -> tuple[Iri, NameKind] | None:
+    def find_any(self, name: str) -> tuple[Iri, EntityType] | None:
         """What a name means, whatever it is; None where nothing has it.
 
         Raises:
-            NameAmbiguous: several things of one kind have it.
+            AmbiguousNameError: several things of one kind have it.
         """
-        found = ((self._meant(name, kind), kind) for kind in _NAMING)
+        found = ((self._resolve(name, kind), kind) for kind in _NAMED_TYPES)
         return next(((iri, kind) for iri, kind in found if iri), None)
 
-    def like(self, start: str, kind: NameKind, *, most: int) -> list[tuple[str, Iri]]:
+    def complete(self, prefix: str, entity_type: EntityType, *, limit: int) -> list[tuple[str, Iri]]:
         """What somebody may be about to type: names that begin so, then those with it inside, the shortest first.
 
         Args:
@@ -103,47 +107,51 @@ class Namebook:
             Pairs of what to type and what it means.
         """
         found: list[tuple[str, Iri]] = []
-        for name in sorted(self._with(start), key=lambda each: (not _begins(each, start), len(each), each)):
-            iris = [iri for iri in self._book[name] if self._is(iri, kind)]
-            found += [(name if len(iris) == 1 else shortened(iri), iri) for iri in sorted(iris)]
-            if len(found) >= most:
+        for name in sorted(
+            self._containing(prefix), key=lambda each: (not _starts_with(each, prefix), len(each), each)
+        ):
+            iris = [iri for iri in self._names[name] if self._has_type(iri, entity_type)]
+            found += [(name if len(iris) == 1 else compact_iri(iri), iri) for iri in sorted(iris)]
+            if len(found) >= limit:
                 break
-        return found[:most]
+        return found[:limit]
 
-    def all(self) -> Iterable[str]:
+    def short_names(self) -> Iterable[str]:
         """Every short name."""
-        return (name for kind in _NAMING for name in self._all(kind))
+        return (name for kind in _NAMED_TYPES for name in self._names_of_type(kind))
 
-    def _with(self, start: str) -> Iterable[str]:
-        whole = spelt_out(start)
-        if whole != start:
-            return (name for name, iris in self._book.items() if any(iri.startswith(whole) for iri in iris))
-        small = start.casefold()
-        return (name for name in self._book if small in name.casefold())
+    def _containing(self, text: str) -> Iterable[str]:
+        whole = expand_prefix(text)
+        if whole != text:
+            return (name for name, iris in self._names.items() if any(iri.startswith(whole) for iri in iris))
+        small = text.casefold()
+        return (name for name in self._names if small in name.casefold())
 
-    def _meant(self, name: str, kind: NameKind) -> Iri | None:
+    def _resolve(self, name: str, entity_type: EntityType) -> Iri | None:
         """What of a kind has a name; None where nothing does."""
-        found = self._named(name, kind)
-        if not found and kind is NameKind.INDIVIDUAL:
-            found = self._only_members(name) or self._strangers(name)
+        found = self._candidates(name, entity_type)
+        if not found and entity_type is EntityType.INDIVIDUAL:
+            found = self._sole_members(name) or self._mentioned_only(name)
         if len(found) > 1:
-            raise NameAmbiguous(name, kind=kind.value, known=found)
+            raise AmbiguousNameError(name, entity_type=entity_type.value, candidates=found)
         return found[0] if found else None
 
-    def _named(self, name: str, kind: NameKind) -> list[Iri]:
-        whole = spelt_out(name)
-        if ":" in whole and self._is(whole, kind):
+    def _candidates(self, name: str, entity_type: EntityType) -> list[Iri]:
+        whole = expand_prefix(name)
+        if ":" in whole and self._has_type(whole, entity_type):
             return [whole]
-        return sorted(iri for iri in self._book.get(name, ()) if self._is(iri, kind))
+        return sorted(iri for iri in self._names.get(name, ()) if self._has_type(iri, entity_type))
 
-    def _only_members(self, name: str) -> list[Iri]:
-        return sorted({member for cls in self._named(name, NameKind.CLASS) for member in self._index.members(cls)})
+    def _sole_members(self, name: str) -> list[Iri]:
+        return sorted(
+            {member for cls in self._candidates(name, EntityType.CLASS) for member in self._reasoner.members(cls)}
+        )
 
-    def _strangers(self, name: str) -> list[Iri]:
+    def _mentioned_only(self, name: str) -> list[Iri]:
         """What only statements by other properties speak of: a part, say, that nobody says anything else about."""
-        whole = spelt_out(name)
-        kinds = (NameKind.CLASS, NameKind.MAP, NameKind.PROPERTY)
-        if ":" not in whole or any(self._is(whole, kind) for kind in kinds):
+        whole = expand_prefix(name)
+        kinds = (EntityType.CLASS, EntityType.MAP, EntityType.PROPERTY)
+        if ":" not in whole or any(self._has_type(whole, kind) for kind in kinds):
             return []
         try:
             node = ox.NamedNode(whole)
@@ -152,37 +160,37 @@ class Namebook:
         told = (self._store.quads_for_pattern(node, None, None), self._store.quads_for_pattern(None, None, node))
         return [whole] if any(next(iter(quads), None) for quads in told) else []
 
-    def _is(self, iri: Iri, kind: NameKind) -> bool:
-        index = self._index
-        match kind:
-            case NameKind.CLASS:
-                return index.knows_class(iri)
-            case NameKind.MAP:
-                return iri in index.residents
-            case NameKind.INDIVIDUAL:
-                return index.knows_individual(iri)
-            case NameKind.PROPERTY:
-                return iri in _BUILT_IN or index.knows_property(iri)
-            case NameKind.VALUE:
-                return any(self._is(iri, each) for each in _NAMING)
+    def _has_type(self, iri: Iri, entity_type: EntityType) -> bool:
+        index = self._reasoner
+        match entity_type:
+            case EntityType.CLASS:
+                return index.is_class(iri)
+            case EntityType.MAP:
+                return iri in index.members_by_map
+            case EntityType.INDIVIDUAL:
+                return index.is_individual(iri)
+            case EntityType.PROPERTY:
+                return iri in _BUILT_IN_PROPERTIES or index.is_property(iri)
+            case EntityType.VALUE:
+                return any(self._has_type(iri, each) for each in _NAMED_TYPES)
 
-    def _all(self, kind: NameKind) -> Iterable[str]:
-        return (name for name, iris in self._book.items() if any(self._is(iri, kind) for iri in iris))
+    def _names_of_type(self, entity_type: EntityType) -> Iterable[str]:
+        return (name for name, iris in self._names.items() if any(self._has_type(iri, entity_type) for iri in iris))
 
     @cached_property
-    def _book(self) -> dict[str, dict[Iri, None]]:
+    def _names(self) -> dict[str, dict[Iri, None]]:
         """By short name; it may hold names of what is gone, and of what is nothing that can be asked about."""
         book: dict[str, dict[Iri, None]] = {}
-        for iri in (*_BUILT_IN, *dict.fromkeys(self._index.vocabulary())):
-            self._write(book, iri)
+        for iri in (*_BUILT_IN_PROPERTIES, *dict.fromkeys(self._reasoner.all_names())):
+            self._add_name(book, iri)
         return book
 
-    def _write(self, book: dict[str, dict[Iri, None]], iri: Iri) -> None:
+    def _add_name(self, names: dict[str, dict[Iri, None]], iri: Iri) -> None:
         if not iri.startswith("_:"):
-            book.setdefault(local_name(iri), {})[iri] = None
+            names.setdefault(local_name(iri), {})[iri] = None
 
 
-def spelt_out(name: str) -> Iri:
+def expand_prefix(name: str) -> Iri:
     """A name with its prefix written out; other names as they are, without angle brackets."""
     prefix, colon, rest = name.partition(":")
     if colon and prefix in PREFIXES:
@@ -190,10 +198,10 @@ def spelt_out(name: str) -> Iri:
     return Iri(name.removeprefix("<").removesuffix(">"))
 
 
-def shortened(iri: Iri) -> str:
+def compact_iri(iri: Iri) -> str:
     """A name with its prefix, where there is one."""
     return next((f"{prefix}:{iri[len(base) :]}" for prefix, base in PREFIXES.items() if iri.startswith(base)), iri)
 
 
-def _begins(name: str, start: str) -> bool:
-    return name.casefold().startswith(start.rpartition(":")[2].casefold())
+def _starts_with(name: str, prefix: str) -> bool:
+    return name.casefold().startswith(prefix.rpartition(":")[2].casefold())

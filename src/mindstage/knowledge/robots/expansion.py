@@ -10,24 +10,24 @@ import sys
 from importlib.util import find_spec
 from pathlib import Path
 
-from mindstage.errors import SourceUnreadable
-from mindstage.knowledge.sources.packages import Packages
+from mindstage.errors import SourceParseError
+from mindstage.knowledge.sources.packages import RosPackagePath
 
-__all__ = ["expanded"]
+__all__ = ["expand_xacro"]
 
-_PATIENCE_S = 60.0
+_TIMEOUT_S = 60.0
 """How long a description may take to expand; a whole robot takes one second."""
 
 
-def expanded(path: Path, packages: Packages, *, timeout_s: float = _PATIENCE_S) -> bytes:
+def expand_xacro(path: Path, packages: RosPackagePath, *, timeout_s: float = _TIMEOUT_S) -> bytes:
     """A description without macros.
 
     Raises:
-        SourceUnreadable: xacro is not installed, gives up, or does not end in time.
+        SourceParseError: xacro is not installed, gives up, or does not end in time.
     """
     if not _is_installed():
         cause = "it is written in xacro, which is not installed; try pip install mindstage[xacro]"
-        raise SourceUnreadable(str(path), cause=cause)
+        raise SourceParseError(str(path), cause=cause)
     # -P: nothing that lies in the working directory is taken for a library.
     command = [sys.executable, "-P", "-m", "mindstage.knowledge.robots.expansion_process", str(path)]
     try:
@@ -40,11 +40,11 @@ def expanded(path: Path, packages: Packages, *, timeout_s: float = _PATIENCE_S) 
         )
     except subprocess.TimeoutExpired as error:
         cause = f"xacro did not expand it within {timeout_s:g} s"
-        raise SourceUnreadable(str(path), cause=cause) from error
+        raise SourceParseError(str(path), cause=cause) from error
     if done.returncode:
         told = done.stderr.decode(errors="replace").strip().splitlines()
         why = told[-1] if told else f"the process that did it ended with {done.returncode}"
-        raise SourceUnreadable(str(path), cause=f"xacro cannot expand it: {why}")
+        raise SourceParseError(str(path), cause=f"xacro cannot expand it: {why}")
     return done.stdout
 
 

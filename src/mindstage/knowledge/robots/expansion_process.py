@@ -6,11 +6,11 @@ import sys
 from contextlib import suppress
 from pathlib import Path
 
-from mindstage.knowledge.sources.packages import Packages
+from mindstage.knowledge.sources.packages import RosPackagePath
 
 __all__ = ["main"]
 
-_MEMORY = 2 * 1024**3
+_MEMORY_LIMIT = 2 * 1024**3
 """More than any description takes [bytes]."""
 
 
@@ -19,10 +19,10 @@ def main(path: str, *folders: str) -> int:
     import xacro
     from xacro import substitution_args
 
-    packages = Packages(map(Path, folders))
+    packages = RosPackagePath(map(Path, folders))
 
     def find(name: str) -> str:
-        home = packages.home(name)
+        home = packages.package_folder(name)
         if home is None:
             known = ", ".join(map(str, packages.folders)) or "none; give one with --ontology"
             raise LookupError(f"no folder of packages has {name!r}; searched: {known}")
@@ -45,7 +45,7 @@ def _limit_memory() -> None:
         import resource
 
         _, hard = resource.getrlimit(resource.RLIMIT_AS)
-        resource.setrlimit(resource.RLIMIT_AS, (_MEMORY, hard))
+        resource.setrlimit(resource.RLIMIT_AS, (_MEMORY_LIMIT, hard))
 
 
 if __name__ == "__main__":

@@ -6,12 +6,12 @@ from enum import StrEnum
 
 import msgspec
 
-from mindstage.world import Colour, Pose, Vector
+from mindstage.world import Color, Pose, Vector
 
-__all__ = ["Geometry", "GeometryKind", "Joint", "JointType", "Link", "Oddity", "Robot"]
+__all__ = ["UrdfGeometry", "UrdfGeometryType", "UrdfIssue", "UrdfJoint", "UrdfJointType", "UrdfLink", "UrdfRobot"]
 
 
-class GeometryKind(StrEnum):
+class UrdfGeometryType(StrEnum):
     """The forms that a description knows."""
 
     BOX = "box"
@@ -20,32 +20,32 @@ class GeometryKind(StrEnum):
     MESH = "mesh"
 
 
-class Geometry(msgspec.Struct, frozen=True, kw_only=True):
+class UrdfGeometry(msgspec.Struct, frozen=True, kw_only=True):
     """One visible or solid piece of a link."""
 
-    kind: GeometryKind
+    geometry_type: UrdfGeometryType
     origin: Pose
     """Of its middle, or of a mesh's own origin, in the frame of the link."""
     size: Vector | None = None
     """The extents [m]; of a mesh where its file tells them."""
     mesh: str | None = None
     """As written, `package://…` or a path."""
-    colour: Colour | None = None
+    color: Color | None = None
     material: str = ""
 
 
-class Link(msgspec.Struct, frozen=True, kw_only=True):
+class UrdfLink(msgspec.Struct, frozen=True, kw_only=True):
     """One rigid piece."""
 
     name: str
-    visuals: tuple[Geometry, ...] = ()
-    collisions: tuple[Geometry, ...] = ()
+    visuals: tuple[UrdfGeometry, ...] = ()
+    collisions: tuple[UrdfGeometry, ...] = ()
     mass_kg: float | None = None
-    source: str = ""
+    source_xml: str = ""
     """The text that told it."""
 
 
-class JointType(StrEnum):
+class UrdfJointType(StrEnum):
     """What a joint lets its child do."""
 
     FIXED = "fixed"
@@ -56,11 +56,11 @@ class JointType(StrEnum):
     PLANAR = "planar"
 
 
-class Joint(msgspec.Struct, frozen=True, kw_only=True):
+class UrdfJoint(msgspec.Struct, frozen=True, kw_only=True):
     """What holds a link on another."""
 
     name: str
-    type: JointType
+    type: UrdfJointType
     parent: str
     child: str
     origin: Pose
@@ -70,26 +70,26 @@ class Joint(msgspec.Struct, frozen=True, kw_only=True):
     range: tuple[float, float] | None = None
     """The lower limit first [m or rad]; None where there is none."""
     damping: float = 0.0
-    source: str = ""
+    source_xml: str = ""
 
 
-class Oddity(msgspec.Struct, frozen=True):
+class UrdfIssue(msgspec.Struct, frozen=True):
     """Something that cannot be taken as it stands."""
 
-    about: str
+    subject: str
     """The link or joint; empty for the robot itself."""
-    what: str
-    did: str
-    missing: bool = False
+    problem: str
+    action: str
+    is_missing: bool = False
     """Whether something is not there because of it."""
 
 
-class Robot(msgspec.Struct, frozen=True, kw_only=True):
+class UrdfRobot(msgspec.Struct, frozen=True, kw_only=True):
     """A description."""
 
     name: str
-    links: tuple[Link, ...]
-    joints: tuple[Joint, ...]
-    rest: tuple[str, ...] = ()
+    links: tuple[UrdfLink, ...]
+    joints: tuple[UrdfJoint, ...]
+    other_elements: tuple[str, ...] = ()
     """The texts of all else in it: materials, transmissions, what simulators add."""
-    oddities: tuple[Oddity, ...] = ()
+    issues: tuple[UrdfIssue, ...] = ()

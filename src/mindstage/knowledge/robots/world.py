@@ -14,64 +14,72 @@ from urllib.parse import quote
 import numpy as np
 from msgspec.structs import replace
 
-from mindstage.knowledge.names import ids_for, part_name
-from mindstage.knowledge.readers.joint_frames import JointKind, joint_along
+from mindstage.knowledge.names import assign_ids, part_name
+from mindstage.knowledge.readers.joint_frames import JointType, joint_from_axis
 from mindstage.knowledge.reading.other_words import URDF_LINK
-from mindstage.knowledge.robots.posture import Posture, posture_of
-from mindstage.knowledge.robots.robot import Geometry, GeometryKind, Joint, JointType, Link, Oddity, Robot
+from mindstage.knowledge.robots.posture import RestPose, rest_pose
+from mindstage.knowledge.robots.robot import (
+    UrdfGeometry,
+    UrdfGeometryType,
+    UrdfIssue,
+    UrdfJoint,
+    UrdfJointType,
+    UrdfLink,
+    UrdfRobot,
+)
 from mindstage.knowledge.vocabulary import URDF_TEXT
 from mindstage.world import (
     Attachment,
     Body,
     BodyId,
-    Constraint,
-    Fact,
+    BodyPhysics,
     Iri,
+    Joint,
     Literal,
     Material,
     Mobility,
-    Physics,
-    Shape,
-    ShapeKind,
+    PrimitiveShape,
+    PrimitiveType,
+    PropertyAssertion,
     World,
 )
-from mindstage.world.geometry import Array, compose, pose_from, rotate, unit_pose
+from mindstage.world.geometry import Array, normalized_pose_array, pose_from_array, pose_multiply, quat_rotate
 
-__all__ = ["RobotWorld", "robot_world"]
+__all__ = ["UrdfWorld", "urdf_to_world"]
 
-_SHAPES = {
-    GeometryKind.BOX: None,
-    GeometryKind.MESH: None,
-    GeometryKind.SPHERE: Shape(kind=ShapeKind.SPHERE),
-    GeometryKind.CYLINDER: Shape(kind=ShapeKind.CYLINDER),
+_PRIMITIVE_SHAPES = {
+    UrdfGeometryType.BOX: None,
+    UrdfGeometryType.MESH: None,
+    UrdfGeometryType.SPHERE: PrimitiveShape(type=PrimitiveType.SPHERE),
+    UrdfGeometryType.CYLINDER: PrimitiveShape(type=PrimitiveType.CYLINDER),
 }
-_KINDS = {
-    JointType.REVOLUTE: JointKind.HINGE,
-    JointType.CONTINUOUS: JointKind.HINGE,
-    JointType.PRISMATIC: JointKind.SLIDE,
-    JointType.FLOATING: JointKind.FLOATING,
-    JointType.PLANAR: JointKind.PLANAR,
+_JOINT_TYPES = {
+    UrdfJointType.REVOLUTE: JointType.REVOLUTE,
+    UrdfJointType.CONTINUOUS: JointType.REVOLUTE,
+    UrdfJointType.PRISMATIC: JointType.PRISMATIC,
+    UrdfJointType.FLOATING: JointType.FLOATING,
+    UrdfJointType.PLANAR: JointType.PLANAR,
 }
 
 
-class RobotWorld(NamedTuple):
+class UrdfWorld(NamedTuple):
     """What a description comes to."""
 
     world: World
-    classes: Mapping[str, Iri]
+    class_of_link: Mapping[str, Iri]
     """By link, the class that its name tells."""
-    names: Mapping[str, Iri]
+    iris_by_name: Mapping[str, Iri]
     """By link and by joint, what it is called."""
-    oddities: Sequence[Oddity]
+    issues: Sequence[UrdfIssue]
 
 
-def robot_world(
-    robot: Robot,
+def urdf_to_world(
+    robot: UrdfRobot,
     *,
     map: Iri | None = None,
-    known: Mapping[str, tuple[Iri, Iri]] | None = None,
+    known_links: Mapping[str, tuple[Iri, Iri]] | None = None,
     class_of: Callable[[str], Iri | None] = lambda link: None,
-) -> RobotWorld:
+) -> UrdfWorld:
     """A robot standing in the origin, its root fixed to the world.
 
     Args:
@@ -80,72 +88,81 @@ def robot_world(
         known: links that are individuals already: their names and classes.
         class_of: what a link is by its name.
     """
-    return _Standing(robot, map, known or {}, class_of).world()
+    return _UrdfWorldBuilder(robot, map, known_links or {}, class_of).build()
 
 
-class _Standing:
+class _UrdfWorldBuilder:
     """One robot on its way to a world."""
 
     def __init__(
         self,
-        robot: Robot,
+        robot: UrdfRobot,
         map: Iri | None,
-        known: Mapping[str, tuple[Iri, Iri]],
+        known_links: Mapping[str, tuple[Iri, Iri]],
         class_of: Callable[[str], Iri | None],
     ) -> None:
-        self.robot, self.known, self.class_of = robot, known, class_of
-        self.posture: Posture = posture_of(robot)
-        base = f"http://mindstage.org/urdf/{_plain(robot.name)}.owl#" if map is None else f"{map.rpartition('#')[0]}#"
-        taken = {iri for iri, _ in known.values()} | ({map} if map else set())
-        self.iris: dict[str, Iri] = {}
+        self.robot, self.known_links, self.class_of = robot, known_links, class_of
+        self.rest_pose: RestPose = rest_pose(robot)
+        base = (
+            f"http://mindstage.org/urdf/{_url_quoted(robot.name)}.owl#" if map is None else f"{map.rpartition('#')[0]}#"
+        )
+        taken = {iri for iri, _ in known_links.values()} | ({map} if map else set())
+        self.link_iris: dict[str, Iri] = {}
         for link in robot.links:
-            self.iris[link.name] = self._named(base + _plain(link.name), taken, known.get(link.name, (None,))[0])
-        self.joint_iris = {joint.name: self._named(base + _plain(joint.name), taken) for joint in robot.joints}
-        self.map = map or self._named(base + _plain(robot.name), taken)
-        self.taken = taken
+            self.link_iris[link.name] = self._unused_iri(
+                base + _url_quoted(link.name), taken, known_links.get(link.name, (None,))[0]
+            )
+        self.joint_iris = {
+            joint.name: self._unused_iri(base + _url_quoted(joint.name), taken) for joint in robot.joints
+        }
+        self.map = map or self._unused_iri(base + _url_quoted(robot.name), taken)
+        self.used_iris = taken
         self.classes: dict[str, Iri] = {}
         self.bodies: list[Body] = []
         self.attachments: list[tuple[Iri, Iri]] = []
 
     @staticmethod
-    def _named(name: str, taken: set[Iri], given: Iri | None = None) -> Iri:
-        iri = given or (Iri(name) if name not in taken else part_name(Iri(name), "joint", taken))
-        taken.add(iri)
+    def _unused_iri(name: str, used_iris: set[Iri], preferred: Iri | None = None) -> Iri:
+        iri = preferred or (Iri(name) if name not in used_iris else part_name(Iri(name), "joint", used_iris))
+        used_iris.add(iri)
         return iri
 
-    def world(self) -> RobotWorld:
+    def build(self) -> UrdfWorld:
         for link in self.robot.links:
-            self._add(link)
-        joints: list[tuple[Iri, Joint, Array, float]] = []
-        for child, (joint, frame, at) in self.posture.joints.items():
-            if joint.type is JointType.FIXED:
-                self.attachments.append((self.iris[joint.parent], self.iris[child]))
+            self._add_link(link)
+        joints: list[tuple[Iri, UrdfJoint, Array, float]] = []
+        for child, (joint, frame, at) in self.rest_pose.joint_states.items():
+            if joint.type is UrdfJointType.FIXED:
+                self.attachments.append((self.link_iris[joint.parent], self.link_iris[child]))
             else:
                 joints.append((self.joint_iris[joint.name], joint, frame, at))
-        ids = ids_for({}, [self.map, *(body.iri for body in self.bodies), *(iri for iri, *_ in joints)])
+        ids = assign_ids({}, [self.map, *(body.iri for body in self.bodies), *(iri for iri, *_ in joints)])
         world = World(
             iri=self.map,
             name=self.map.rpartition("#")[2],
             bodies=tuple(_with_id(body, ids[body.iri]) for body in self.bodies),
-            constraints=tuple(self._constraint(ids, *each) for each in joints),
+            joints=tuple(self._constraint(ids, *each) for each in joints),
             attachments=tuple(Attachment(parent=ids[parent], child=ids[child]) for parent, child in self.attachments),
-            facts=tuple(Fact(URDF_TEXT, Literal(text)) for text in self.robot.rest),
+            facts=tuple(PropertyAssertion(URDF_TEXT, Literal(text)) for text in self.robot.other_elements),
         )
-        oddities = (*self.robot.oddities, *self.posture.oddities)
-        return RobotWorld(world, self.classes, self.joint_iris | self.iris, oddities)
+        oddities = (*self.robot.issues, *self.rest_pose.issues)
+        return UrdfWorld(world, self.classes, self.joint_iris | self.link_iris, oddities)
 
     # -- bodies --------------------------------------------------------------------------------------------------------
 
-    def _add(self, link: Link) -> None:
-        pieces = _pieces(link)
-        masses = _shares(link.mass_kg, pieces)
-        iri, frame = self.iris[link.name], self.posture.links[link.name]
-        facts = [Fact(URDF_TEXT, Literal(link.source))]
-        if link.name in self.posture.joints and self.posture.joints[link.name][0].type is JointType.FIXED:
-            facts.append(Fact(URDF_TEXT, Literal(self.posture.joints[link.name][0].source)))
-        mobility = Mobility.DYNAMIC if link.name in self.posture.moving else Mobility.STATIC
+    def _add_link(self, link: UrdfLink) -> None:
+        pieces = _body_geometries(link)
+        masses = _distribute_mass(link.mass_kg, pieces)
+        iri, frame = self.link_iris[link.name], self.rest_pose.link_poses[link.name]
+        facts = [PropertyAssertion(URDF_TEXT, Literal(link.source_xml))]
+        if (
+            link.name in self.rest_pose.joint_states
+            and self.rest_pose.joint_states[link.name][0].type is UrdfJointType.FIXED
+        ):
+            facts.append(PropertyAssertion(URDF_TEXT, Literal(self.rest_pose.joint_states[link.name][0].source_xml)))
+        mobility = Mobility.DYNAMIC if link.name in self.rest_pose.movable_links else Mobility.STATIC
         for number, (piece, mass) in enumerate(zip(pieces, masses, strict=True), 1):
-            own = iri if number == 1 else self._named(f"{iri}-piece{number}", self.taken)
+            own = iri if number == 1 else self._unused_iri(f"{iri}-piece{number}", self.used_iris)
             if number > 1:
                 self.attachments.append((iri, own))
             self.bodies.append(
@@ -153,19 +170,21 @@ class _Standing:
                     id=BodyId(own),
                     iri=own,
                     cls=self._class(link.name) if number == 1 else URDF_LINK,
-                    pose=pose_from(frame if piece is None else compose(frame, unit_pose(piece.origin))),
+                    pose=pose_from_array(
+                        frame if piece is None else pose_multiply(frame, normalized_pose_array(piece.origin))
+                    ),
                     size=(0.0, 0.0, 0.0) if piece is None else piece.size,
                     mesh=None if piece is None else piece.mesh,
-                    shape=None if piece is None else _SHAPES[piece.kind],
-                    physics=Physics(mobility=mobility, mass_kg=mass),
+                    shape=None if piece is None else _PRIMITIVE_SHAPES[piece.geometry_type],
+                    physics=BodyPhysics(mobility=mobility, mass_kg=mass),
                     materials=() if piece is None else _materials(piece),
                     facts=tuple(facts) if number == 1 else (),
                 )
             )
 
     def _class(self, link: str) -> Iri:
-        if link in self.known:
-            return self.known[link][1]
+        if link in self.known_links:
+            return self.known_links[link][1]
         told = self.class_of(link)
         if told is not None:
             self.classes[link] = told
@@ -173,62 +192,64 @@ class _Standing:
 
     # -- joints --------------------------------------------------------------------------------------------------------
 
-    def _constraint(self, ids: Mapping[Iri, BodyId], iri: Iri, joint: Joint, frame: Array, at: float) -> Constraint:
-        axis = rotate(frame[3:], np.array(joint.axis))
-        range = None if joint.range is None else (joint.range[0] - at, joint.range[1] - at)
-        made = joint_along(_KINDS[joint.type], frame[:3], axis, range, damping=joint.damping)
-        return Constraint(
+    def _constraint(
+        self, ids: Mapping[Iri, BodyId], iri: Iri, joint: UrdfJoint, frame: Array, joint_position: float
+    ) -> Joint:
+        axis = quat_rotate(frame[3:], np.array(joint.axis))
+        range = None if joint.range is None else (joint.range[0] - joint_position, joint.range[1] - joint_position)
+        made = joint_from_axis(_JOINT_TYPES[joint.type], frame[:3], axis, range, damping=joint.damping)
+        return Joint(
             id=ids[iri],
             iri=iri,
-            parent=ids[self.iris[joint.parent]],
-            child=ids[self.iris[joint.child]],
+            parent=ids[self.link_iris[joint.parent]],
+            child=ids[self.link_iris[joint.child]],
             pose=made.pose,
             linear=made.linear,
             angular=made.angular,
-            facts=(Fact(URDF_TEXT, Literal(joint.source)),),
+            facts=(PropertyAssertion(URDF_TEXT, Literal(joint.source_xml)),),
         )
 
 
-def _pieces(link: Link) -> Sequence[Geometry | None]:
+def _body_geometries(link: UrdfLink) -> Sequence[UrdfGeometry | None]:
     """What of a link becomes bodies: what is seen, unless only what is bumped into tells its extents."""
     seen, solid = link.visuals, link.collisions
     measured = [pieces for pieces in (seen, solid) if pieces and all(piece.size is not None for piece in pieces)]
     pieces = measured[0] if measured else seen or solid
     if pieces is solid and seen and seen[0].mesh and len(solid) == 1 and seen[0].origin == solid[0].origin:
-        return [_dressed(solid[0], seen[0])]
+        return [_with_visual(solid[0], seen[0])]
     return pieces or [None]
 
 
-def _dressed(solid: Geometry, seen: Geometry) -> Geometry:
+def _with_visual(collision: UrdfGeometry, visual: UrdfGeometry) -> UrdfGeometry:
     """A solid piece that looks like the mesh around it."""
-    return Geometry(
-        kind=solid.kind,
-        origin=solid.origin,
-        size=solid.size,
-        mesh=seen.mesh,
-        colour=seen.colour,
-        material=seen.material,
+    return UrdfGeometry(
+        geometry_type=collision.geometry_type,
+        origin=collision.origin,
+        size=collision.size,
+        mesh=visual.mesh,
+        color=visual.color,
+        material=visual.material,
     )
 
 
-def _shares(mass: float | None, pieces: Sequence[Geometry | None]) -> Sequence[float | None]:
+def _distribute_mass(mass: float | None, geometries: Sequence[UrdfGeometry | None]) -> Sequence[float | None]:
     """A link's mass over its pieces, by their boxes."""
-    if mass is None or len(pieces) == 1:
-        return [mass] * len(pieces)
-    volumes = np.array([np.prod(piece.size) if piece and piece.size else 0.0 for piece in pieces])
-    shares = volumes / volumes.sum() if volumes.sum() > 0.0 else np.full(len(pieces), 1 / len(pieces))
+    if mass is None or len(geometries) == 1:
+        return [mass] * len(geometries)
+    volumes = np.array([np.prod(piece.size) if piece and piece.size else 0.0 for piece in geometries])
+    shares = volumes / volumes.sum() if volumes.sum() > 0.0 else np.full(len(geometries), 1 / len(geometries))
     return [float(mass * share) or None for share in shares]
 
 
-def _materials(piece: Geometry) -> tuple[Material, ...]:
-    if not piece.material and piece.colour is None:
+def _materials(geometry: UrdfGeometry) -> tuple[Material, ...]:
+    if not geometry.material and geometry.color is None:
         return ()
-    return (Material(name=piece.material, colour=piece.colour),)
+    return (Material(name=geometry.material, color=geometry.color),)
 
 
 def _with_id(body: Body, id: BodyId) -> Body:
     return replace(body, id=id)
 
 
-def _plain(name: str) -> str:
+def _url_quoted(name: str) -> str:
     return quote(name, safe="-._~") or "robot"

@@ -24,15 +24,15 @@ from typing import TypeVar
 
 import pyoxigraph as ox
 
-from mindstage.errors import ColourUnknown
+from mindstage.errors import InvalidColorError
 from mindstage.knowledge.names import local_name
-from mindstage.knowledge.shaping.rule import BODY, Parameter
-from mindstage.knowledge.stores.triplestore import Readable
+from mindstage.knowledge.shaping.rule import DEFAULT_ROLE, ShapeParameter
+from mindstage.knowledge.stores.triplestore import QuadSource
 from mindstage.knowledge.vocabulary import LABEL, RDFS, XSD, ms
-from mindstage.world import Colour, Iri, LightKind, Vector
-from mindstage.world.colours import colour_from
+from mindstage.world import Color, Iri, LightType, Vector
+from mindstage.world.colors import parse_color
 
-__all__ = ["MATERIAL_FACTORS", "NO_LIGHT", "Notions"]
+__all__ = ["MATERIAL_FACTORS", "NO_LIGHT", "ShapeAnnotations"]
 
 T = TypeVar("T")
 
@@ -40,78 +40,81 @@ MATERIAL_FACTORS = ("metalness", "roughness", "opacity", "glow", "density", "fri
 NO_LIGHT = "none"
 
 _SHAPED_AS, _BUILT_AS, _PARAMETER = ms("shapedAs"), ms("builtAs"), ms("formParameter")
-_MADE_OF, _IN_COLOUR, _WORD = ms("madeOf"), ms("inColour"), ms("nameWord")
-_GIVES_LIGHT, _LIGHT_COLOUR, _LIGHT_INTENSITY = ms("givesLight"), ms("lightColour"), ms("lightIntensity")
+_MADE_OF, _IN_COLOR, _WORD = ms("madeOf"), ms("inColour"), ms("nameWord")
+_GIVES_LIGHT, _LIGHT_COLOR, _LIGHT_INTENSITY = ms("givesLight"), ms("lightColour"), ms("lightIntensity")
 _SUBPROPERTY = Iri(RDFS + "subPropertyOf")
 _BUNDLED_GRAPH = re.compile(r"/knowledge/bundled/[^/]*$")
 _NUMBERS = frozenset(XSD + name for name in ("integer", "int", "decimal", "double", "float", "nonNegativeInteger"))
 
 
-class Notions:
+class ShapeAnnotations:
     """What is said, by subject; of several values the one that does not come with Mindstage."""
 
-    def __init__(self, store: Readable) -> None:
+    def __init__(self, store: QuadSource) -> None:
         """Reads everything."""
         self._store = store
-        self._doubts: dict[Iri, list[str]] = {}
-        self.shaped_as = self._one(_SHAPED_AS, _iri)
-        self.kinds = self._one(_BUILT_AS, _text)
-        self.parameters: dict[Iri, dict[str, Parameter]] = {}
-        for property in self._below(_PARAMETER):
-            for subject, value in self._one(property, _parameter).items():
+        self._issues: dict[Iri, list[str]] = {}
+        self.shaped_as = self._single_values(_SHAPED_AS, _iri)
+        self.shape_types = self._single_values(_BUILT_AS, _text)
+        self.parameters: dict[Iri, dict[str, ShapeParameter]] = {}
+        for property in self._sub_properties(_PARAMETER):
+            for subject, value in self._single_values(property, _parameter).items():
                 self.parameters.setdefault(subject, {})[_snake(local_name(property))] = value
-        self.made_of = {_role(each, "MadeOf"): self._one(each, _iri) for each in (*self._below(_MADE_OF), _MADE_OF)}
-        in_colour = (*self._below(_IN_COLOUR), _IN_COLOUR)
-        self.colours = {_role(each, "InColour"): self._many(each, _colour) for each in in_colour}
-        self.lights = self._one(_GIVES_LIGHT, _light)
+        self.made_of = {
+            _role(each, "MadeOf"): self._single_values(each, _iri)
+            for each in (*self._sub_properties(_MADE_OF), _MADE_OF)
+        }
+        in_color = (*self._sub_properties(_IN_COLOR), _IN_COLOR)
+        self.colors = {_role(each, "InColour"): self._all_values(each, _color) for each in in_color}
+        self.lights = self._single_values(_GIVES_LIGHT, _light)
         """None for what is said to give none."""
-        self.light_colours = self._one(_LIGHT_COLOUR, _colour)
-        self.light_intensities = self._one(_LIGHT_INTENSITY, _positive)
-        self.sizes = self._one(ms("typicalSize"), _size)
-        self.factors = {name: self._one(ms(name), _positive) for name in MATERIAL_FACTORS}
+        self.light_colors = self._single_values(_LIGHT_COLOR, _color)
+        self.light_intensities = self._single_values(_LIGHT_INTENSITY, _positive)
+        self.sizes = self._single_values(ms("typicalSize"), _size)
+        self.material_factors = {name: self._single_values(ms(name), _positive) for name in MATERIAL_FACTORS}
         self.materials = {material for told in self.made_of.values() for material in told.values()}
 
     @property
     def roles(self) -> Iterable[str]:
-        """The parts of forms for which some material or colour is told, `BODY` among them."""
-        return dict.fromkeys((*self.made_of, *self.colours))
+        """The parts of forms for which some material or color is told, `DEFAULT_ROLE` among them."""
+        return dict.fromkeys((*self.made_of, *self.colors))
 
-    def names_of(self, subject: Iri) -> Iterator[str]:
+    def material_words(self, subject: Iri) -> Iterator[str]:
         """The words for a material."""
         for property in (LABEL, _WORD):
             for quad in self._quads(property, ox.NamedNode(subject)):
                 yield str(getattr(quad.object, "value", "")).lower()
 
-    def words(self) -> Iterator[tuple[str, Iri]]:
+    def all_words(self) -> Iterator[tuple[str, Iri]]:
         """All words for classes and materials: first those meant for it, then their labels."""
-        yield from self.name_words()
-        yield from self._texts(LABEL)
+        yield from self.primary_words()
+        yield from self._labels(LABEL)
 
-    def name_words(self) -> Iterator[tuple[str, Iri]]:
+    def primary_words(self) -> Iterator[tuple[str, Iri]]:
         """The words meant for it alone."""
-        return self._texts(_WORD)
+        return self._labels(_WORD)
 
-    def doubt(self, subject: Iri, text: str) -> None:
+    def add_issue(self, subject: Iri, text: str) -> None:
         """Keeps in mind that something was told that cannot be so."""
-        told = self._doubts.setdefault(subject, [])
+        told = self._issues.setdefault(subject, [])
         if text not in told:
             told.append(text)
 
-    def doubts_about(self, subjects: Iterable[Iri]) -> Iterator[str]:
+    def issues_of(self, subjects: Iterable[Iri]) -> Iterator[str]:
         """What could not be taken as told of these."""
         for subject in subjects:
-            yield from (f"{local_name(subject)}: {text}" for text in self._doubts.get(subject, ()))
+            yield from (f"{local_name(subject)}: {text}" for text in self._issues.get(subject, ()))
 
     # -- reading -------------------------------------------------------------------------------------------------------
 
-    def _below(self, property: Iri) -> list[Iri]:
+    def _sub_properties(self, property: Iri) -> list[Iri]:
         told = self._store.quads_for_pattern(None, ox.NamedNode(_SUBPROPERTY), ox.NamedNode(property))
         return sorted({Iri(quad.subject.value) for quad in told if isinstance(quad.subject, ox.NamedNode)} - {property})
 
-    def _one(self, property: Iri, read: Callable[[object], T]) -> dict[Iri, T]:
-        return {subject: values[0] for subject, values in self._many(property, read).items()}
+    def _single_values(self, property: Iri, read: Callable[[object], T]) -> dict[Iri, T]:
+        return {subject: values[0] for subject, values in self._all_values(property, read).items()}
 
-    def _many(self, property: Iri, read: Callable[[object], T]) -> dict[Iri, list[T]]:
+    def _all_values(self, property: Iri, read: Callable[[object], T]) -> dict[Iri, list[T]]:
         """What is said by a property; what comes with Mindstage gives way to what anybody else says."""
         found: dict[Iri, list[tuple[bool, T]]] = {}
         for quad in sorted(self._quads(property), key=lambda quad: (_is_bundled(quad), str(quad.object))):
@@ -120,10 +123,10 @@ class Notions:
                 try:
                     found.setdefault(subject, []).append((_is_bundled(quad), read(quad.object)))
                 except ValueError as error:
-                    self.doubt(subject, f"{local_name(property)} cannot be {error}")
-        return {subject: _first_hand(values) for subject, values in found.items() if values}
+                    self.add_issue(subject, f"{local_name(property)} cannot be {error}")
+        return {subject: _preferred(values) for subject, values in found.items() if values}
 
-    def _texts(self, property: Iri) -> Iterator[tuple[str, Iri]]:
+    def _labels(self, property: Iri) -> Iterator[tuple[str, Iri]]:
         for quad in sorted(self._quads(property), key=lambda quad: str(quad.subject)):
             if isinstance(quad.subject, ox.NamedNode) and isinstance(quad.object, ox.Literal):
                 yield quad.object.value.lower(), Iri(quad.subject.value)
@@ -132,7 +135,7 @@ class Notions:
         return self._store.quads_for_pattern(subject, ox.NamedNode(property), None)
 
 
-def _first_hand(values: list[tuple[bool, T]]) -> list[T]:
+def _preferred(values: list[tuple[bool, T]]) -> list[T]:
     return [value for bundled, value in values if bundled == values[0][0]]
 
 
@@ -141,7 +144,7 @@ def _is_bundled(quad: ox.Quad) -> bool:
 
 
 def _role(property: Iri, suffix: str) -> str:
-    return _snake(local_name(property).removesuffix(suffix)) if property not in (_MADE_OF, _IN_COLOUR) else BODY
+    return _snake(local_name(property).removesuffix(suffix)) if property not in (_MADE_OF, _IN_COLOR) else DEFAULT_ROLE
 
 
 def _snake(name: str) -> str:
@@ -150,17 +153,17 @@ def _snake(name: str) -> str:
 
 def _iri(node: object) -> Iri:
     if not isinstance(node, ox.NamedNode):
-        raise ValueError(f"{_shown(node)}; it leads to things that have a name")
+        raise ValueError(f"{_node_text(node)}; it leads to things that have a name")
     return Iri(node.value)
 
 
 def _text(node: object) -> str:
     if not isinstance(node, ox.Literal):
-        raise ValueError(f"{_shown(node)}; it is a word in quotes")
+        raise ValueError(f"{_node_text(node)}; it is a word in quotes")
     return node.value
 
 
-def _parameter(node: object) -> Parameter:
+def _parameter(node: object) -> ShapeParameter:
     text = _text(node)
     datatype = node.datatype.value if isinstance(node, ox.Literal) else ""
     if datatype == XSD + "boolean":
@@ -181,14 +184,14 @@ def _positive(node: object) -> float:
     return value
 
 
-def _colour(node: object) -> Colour:
+def _color(node: object) -> Color:
     try:
-        colour = colour_from(_text(node))
-    except ColourUnknown as error:
+        color = parse_color(_text(node))
+    except InvalidColorError as error:
         raise ValueError(f'"{_text(node)}": {error}') from None
-    if colour is None:
+    if color is None:
         raise ValueError(f'"{_text(node)}"; it is a colour')
-    return colour
+    return color
 
 
 def _size(node: object) -> Vector:
@@ -202,13 +205,13 @@ def _size(node: object) -> Vector:
     return depth, width, height
 
 
-def _light(node: object) -> LightKind | None:
+def _light(node: object) -> LightType | None:
     text = _text(node)
-    known: Mapping[str, LightKind | None] = {NO_LIGHT: None, **{kind.value: kind for kind in LightKind}}
+    known: Mapping[str, LightType | None] = {NO_LIGHT: None, **{kind.value: kind for kind in LightType}}
     if text not in known:
         raise ValueError(f'"{text}"; it is one of {", ".join(known)}')
     return known[text]
 
 
-def _shown(node: object) -> str:
+def _node_text(node: object) -> str:
     return str(node)

@@ -5,24 +5,24 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from mindstage.world import Colour, FormSource, Iri, LightKind, Surface, Vector
+from mindstage.world import Color, GeometrySource, Iri, LightType, PbrMaterial, Vector
 
-__all__ = ["BODY", "PLAIN", "Lighting", "Parameter", "ShapeRule", "Substance"]
+__all__ = ["DEFAULT_ROLE", "DEFAULT_SHAPE", "LightRule", "PartMaterial", "ShapeParameter", "ShapeRule"]
 
-Parameter = bool | int | float | str
+ShapeParameter = bool | int | float | str
 
-BODY = "body"
+DEFAULT_ROLE = "body"
 """The role of whatever has no other: the material of the thing as a whole."""
 
-PLAIN = "box"
+DEFAULT_SHAPE = "box"
 """The kind of what nobody knows better."""
 
 
 @dataclass(frozen=True, slots=True)
-class Substance:
+class PartMaterial:
     """What a part of a thing is made of."""
 
-    surface: Surface
+    pbr_material: PbrMaterial
     density: float | None = None
     """[kg/m3]."""
     friction: float | None = None
@@ -31,11 +31,11 @@ class Substance:
 
 
 @dataclass(frozen=True, slots=True)
-class Lighting:
+class LightRule:
     """The light that a thing gives."""
 
-    kind: LightKind
-    colour: Colour = (1.0, 1.0, 1.0)
+    light_type: LightType
+    color: Color = (1.0, 1.0, 1.0)
     intensity: float = 1.0
     """[cd], or [lx] of a directional one."""
 
@@ -45,22 +45,22 @@ class ShapeRule:
     """What is known of the form of a class's things."""
 
     cls: Iri
-    kind: str = PLAIN
+    shape_type: str = DEFAULT_SHAPE
     """The name of a form: "drawer", say."""
-    source: FormSource = FormSource.MAP
-    why: str = ""
+    source: GeometrySource = GeometrySource.MAP
+    reason: str = ""
     """Who says so, in one line."""
-    parameters: Mapping[str, Parameter]
+    parameters: Mapping[str, ShapeParameter]
     """As the form names them: `shelf_count`. A form need not have all of them."""
-    substances: Mapping[str, Substance]
-    """By role; that of `BODY` is always there."""
-    light: Lighting | None = None
+    materials: Mapping[str, PartMaterial]
+    """By role; that of `DEFAULT_ROLE` is always there."""
+    light: LightRule | None = None
     size: Vector | None = None
     """Of a typical one: depth, width, height [m]."""
-    doubts: tuple[str, ...] = ()
+    issues: tuple[str, ...] = ()
     """What was told and could not be taken as told."""
 
     @property
-    def substance(self) -> Substance:
+    def default_material(self) -> PartMaterial:
         """Of the thing as a whole."""
-        return self.substances[BODY]
+        return self.materials[DEFAULT_ROLE]

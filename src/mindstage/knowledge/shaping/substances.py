@@ -8,99 +8,108 @@ from colorsys import hls_to_rgb
 from typing import NamedTuple
 
 from mindstage.knowledge.names import local_name
-from mindstage.knowledge.shaping.notions import Notions
-from mindstage.knowledge.shaping.rule import BODY, Substance
-from mindstage.knowledge.shaping.words import number_of, words
-from mindstage.world import Colour, Iri, Surface
+from mindstage.knowledge.shaping.notions import ShapeAnnotations
+from mindstage.knowledge.shaping.rule import DEFAULT_ROLE, PartMaterial
+from mindstage.knowledge.shaping.words import name_tokens, stable_hash
+from mindstage.world import Color, Iri, PbrMaterial
 
-__all__ = ["Substances", "plain_substance"]
+__all__ = ["MaterialResolver", "default_material"]
 
-_SURFACE = ("metalness", "roughness", "opacity", "glow")
-_MATERIAL = "Material"
+_APPEARANCE_FACTORS = ("metalness", "roughness", "opacity", "glow")
+_MATERIAL_SUFFIX = "Material"
 _FRONT = "front"
 
 
-class _Told(NamedTuple):
+class _PartAnnotation(NamedTuple):
     """What is said of a part of a thing."""
 
     material: Iri | None
-    colours: Sequence[Colour]
-    at: int
+    colors: Sequence[Color]
+    specificity: int
     """Where in the line the most special of it is said."""
 
 
-_UNTOLD = _Told(None, (), sys.maxsize)
+_NO_ANNOTATION = _PartAnnotation(None, (), sys.maxsize)
 
 
-class Substances:
+class MaterialResolver:
     """Materials by name, and which one a class is made of."""
 
-    def __init__(self, notions: Notions) -> None:
+    def __init__(self, annotations: ShapeAnnotations) -> None:
         """Nothing is looked up yet."""
-        self._notions = notions
+        self._annotations = annotations
         self._adjectives: dict[str, Iri] | None = None
 
-    def of(self, cls: Iri, line: Sequence[Iri]) -> dict[str, Substance]:
+    def for_class(self, cls: Iri, lineage: Sequence[Iri]) -> dict[str, PartMaterial]:
         """By role, what the statements that hold for a class say; of the whole there is always something."""
-        told = {role: self._told(role, cls, line) for role in self._notions.roles}
-        body = told.get(BODY, _UNTOLD)
-        if _FRONT in told and told[_FRONT].at > body.at:  # whoever paints a drawer paints its front
+        told = {role: self._part_annotation(role, cls, lineage) for role in self._annotations.roles}
+        body = told.get(DEFAULT_ROLE, _NO_ANNOTATION)
+        if _FRONT in told and told[_FRONT].specificity > body.specificity:  # whoever paints a drawer paints its front
             del told[_FRONT]
         found = {}
-        for role, (material, colours, _) in told.items():
-            made = self._substance(cls, material, colours, line if role == BODY else ())
+        for role, (material, colors, _) in told.items():
+            made = self._resolve(cls, material, colors, lineage if role == DEFAULT_ROLE else ())
             if made is not None:
                 found[role] = made
-        return {BODY: plain_substance(cls), **found}
+        return {DEFAULT_ROLE: default_material(cls), **found}
 
-    def _told(self, role: str, cls: Iri, line: Sequence[Iri]) -> _Told:
-        made_of, colours = self._notions.made_of.get(role, {}), self._notions.colours.get(role, {})
-        made = next((at for at, each in enumerate(line) if each in made_of), len(line))
-        painted = next((at for at, each in enumerate(line) if each in colours), len(line))
-        material = made_of[line[made]] if made < len(line) else None
-        if role == BODY and made > 0 and (named := self._named(cls)):  # "steel" in its name says more than its kind
+    def _part_annotation(self, role: str, cls: Iri, lineage: Sequence[Iri]) -> _PartAnnotation:
+        made_of, colors = self._annotations.made_of.get(role, {}), self._annotations.colors.get(role, {})
+        made = next((at for at, each in enumerate(lineage) if each in made_of), len(lineage))
+        painted = next((at for at, each in enumerate(lineage) if each in colors), len(lineage))
+        material = made_of[lineage[made]] if made < len(lineage) else None
+        if (
+            role == DEFAULT_ROLE and made > 0 and (named := self._material_from_name(cls))
+        ):  # "steel" in its name says more than its kind
             material, made = named, 0
-        if painted > made or painted == len(line):  # the colour of something more general than the material is
-            return _Told(material, (), made)
-        return _Told(material, colours[line[painted]], painted)
+        if painted > made or painted == len(lineage):  # the color of something more general than the material is
+            return _PartAnnotation(material, (), made)
+        return _PartAnnotation(material, colors[lineage[painted]], painted)
 
-    def _substance(
-        self, cls: Iri, material: Iri | None, choices: Sequence[Colour], line: Sequence[Iri]
-    ) -> Substance | None:
-        if material is None and not choices:
+    def _resolve(
+        self, cls: Iri, material: Iri | None, colors: Sequence[Color], lineage: Sequence[Iri]
+    ) -> PartMaterial | None:
+        if material is None and not colors:
             return None
-        told = [*line, material] if material is not None else line
+        told = [*lineage, material] if material is not None else lineage
         factors = {}
-        for name, said in self._notions.factors.items():  # a carton of milk weighs what milk does, not what paper does
+        for (
+            name,
+            said,
+        ) in self._annotations.material_factors.items():  # a carton of milk weighs what milk does, not what paper does
             teller = next((each for each in told if each in said), None)
             if teller is not None:
                 factors[name] = said[teller]
-        own = self._notions.colours.get(BODY, {}).get(material, []) if material is not None else []
-        surface = Surface(
-            material=self._word(material) if material is not None else "",
-            colour=_chosen(cls, choices or own),
-            **{name: min(factors[name], 1.0) for name in _SURFACE if name in factors},
+        own = self._annotations.colors.get(DEFAULT_ROLE, {}).get(material, []) if material is not None else []
+        surface = PbrMaterial(
+            name=self._material_name(material) if material is not None else "",
+            color=_pick_color(cls, colors or own),
+            **{name: min(factors[name], 1.0) for name in _APPEARANCE_FACTORS if name in factors},
         )
-        return Substance(surface, **{name: value for name, value in factors.items() if name not in _SURFACE})
+        return PartMaterial(
+            surface, **{name: value for name, value in factors.items() if name not in _APPEARANCE_FACTORS}
+        )
 
-    def _word(self, material: Iri) -> str:
-        return next(self._notions.names_of(material), local_name(material).removesuffix(_MATERIAL).lower())
+    def _material_name(self, material: Iri) -> str:
+        return next(
+            self._annotations.material_words(material), local_name(material).removesuffix(_MATERIAL_SUFFIX).lower()
+        )
 
-    def _named(self, cls: Iri) -> Iri | None:
+    def _material_from_name(self, cls: Iri) -> Iri | None:
         """The material that a word before the noun speaks of: an OakBoard is of wood, a CutleryDrawer of nothing."""
         if self._adjectives is None:
             self._adjectives = {
-                word: named for word, named in self._notions.name_words() if named in self._notions.materials
+                word: named for word, named in self._annotations.primary_words() if named in self._annotations.materials
             }
-        return next((self._adjectives[word] for word in words(cls)[:-1] if word in self._adjectives), None)
+        return next((self._adjectives[word] for word in name_tokens(cls)[:-1] if word in self._adjectives), None)
 
 
-def plain_substance(cls: Iri) -> Substance:
+def default_material(cls: Iri) -> PartMaterial:
     """Of something of which nobody says what it is made of."""
-    return Substance(Surface(colour=_chosen(cls, ())))
+    return PartMaterial(PbrMaterial(color=_pick_color(cls, ())))
 
 
-def _chosen(cls: Iri, choices: Sequence[Colour]) -> Colour:
-    """One of several colours, or a quiet one of its own, greyish and neither dark nor bright; always the same."""
-    number = number_of(local_name(cls))
-    return choices[number % len(choices)] if choices else hls_to_rgb(number % 360 / 360, 0.66, 0.18)
+def _pick_color(cls: Iri, colors: Sequence[Color]) -> Color:
+    """One of several colors, or a quiet one of its own, grayish and neither dark nor bright; always the same."""
+    number = stable_hash(local_name(cls))
+    return colors[number % len(colors)] if colors else hls_to_rgb(number % 360 / 360, 0.66, 0.18)

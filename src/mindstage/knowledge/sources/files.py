@@ -12,32 +12,32 @@ from pathlib import Path
 
 import pyoxigraph as ox
 
-from mindstage.errors import SourceUnreadable
+from mindstage.errors import SourceParseError
 from mindstage.knowledge.findings import Finding, Severity
 from mindstage.knowledge.sources.xml_files import (
     DEPTH_LIMIT,
-    UnsafeEntity,
+    UnsafeXmlEntity,
+    expand_safe_entities,
+    find_xml_error,
     first_tag,
-    harmless,
-    has_rivals,
-    ill_formed,
+    has_conflicting_entities,
     is_complete,
     is_too_deep,
 )
-from mindstage.knowledge.sources.xml_repair import BeyondRepair, Repair, repaired_xml
+from mindstage.knowledge.sources.xml_repair import XmlNotRepairable, XmlRepair, repair_xml
 from mindstage.knowledge.vocabulary import RDF
 
 __all__ = ["SUFFIXES", "SourceFile", "read_file"]
 
-XML, TURTLE, N_TRIPLES = ox.RdfFormat.RDF_XML, ox.RdfFormat.TURTLE, ox.RdfFormat.N_TRIPLES
-SUFFIXES = {".owl": XML, ".rdf": XML, ".xml": XML, ".ttl": TURTLE, ".nt": N_TRIPLES}
+RDF_XML, TURTLE, N_TRIPLES = ox.RdfFormat.RDF_XML, ox.RdfFormat.TURTLE, ox.RdfFormat.N_TRIPLES
+SUFFIXES = {".owl": RDF_XML, ".rdf": RDF_XML, ".xml": RDF_XML, ".ttl": TURTLE, ".nt": N_TRIPLES}
 
-REPAIRS_TOLD = 100
+MAX_REPORTED_REPAIRS = 100
 """More repairs of one file than this are counted, but not told one by one."""
 
 _BOMS = ((b"\xef\xbb\xbf", "utf-8"), (b"\xff\xfe", "utf-16"), (b"\xfe\xff", "utf-16"))
 _DECLARED_ENCODING = re.compile(rb"""^\s*<\?xml[^>]*?\sencoding\s*=\s*["']([A-Za-z][\w.-]*)["']""")
-_WIDE = re.compile(r"utf-?(16|32)|ucs-?[24]", re.IGNORECASE)
+_WIDE_ENCODINGS = re.compile(r"utf-?(16|32)|ucs-?[24]", re.IGNORECASE)
 _DECLARATION = re.compile(r"^\s*<\?xml.*?\?>", re.DOTALL)
 _XML_START = re.compile(rb"\s*<(\?xml|!|[\w.-]+:RDF\b)")
 _LATE_START = re.compile(rb"<(\?xml\s|!DOCTYPE\s|[\w.-]*:RDF[\s>])")
@@ -47,13 +47,13 @@ _STATEMENT_START = re.compile(rb"(?:\s|#[^\n]*\n)*(?:<[^<>\"{}|^`\\\s]+>|_:\S+)\
 
 @dataclass(frozen=True, slots=True)
 class SourceFile:
-    """A file that parses, or is said to be `unreadable` by whoever finds that it does not."""
+    """A file that parses, or is said to be `parse_error` by whoever finds that it does not."""
 
     path: Path
     data: bytes
     """UTF-8."""
     format: ox.RdfFormat
-    repairs: tuple[Repair, ...] = ()
+    repairs: tuple[XmlRepair, ...] = ()
     """What was changed in it so that it can be parsed."""
 
     @property
@@ -63,65 +63,65 @@ class SourceFile:
 
     def findings(self) -> list[Finding]:
         """What is to be told about its repairs."""
-        told = [self._finding(f"line {line}: {what}", did) for line, what, did in self.repairs[:REPAIRS_TOLD]]
+        told = [self._finding(f"line {line}: {what}", did) for line, what, did in self.repairs[:MAX_REPORTED_REPAIRS]]
         if more := len(self.repairs) - len(told):
             told.append(self._finding(f"{more:,} more places like these", "they are read alike"))
         return told
 
-    def repaired(self, error: SyntaxError) -> SourceFile:
+    def repair(self, error: SyntaxError) -> SourceFile:
         """The file as SWI-Prolog would read it, after the parser gave up on it as it stands.
 
         Raises:
-            SourceUnreadable: there is no way to read it.
+            SourceParseError: there is no way to read it.
         """
         is_rdf = RDF.encode() in self.data or _LATE_START.search(self.data)
-        if self.format != XML or not is_rdf:
-            raise self.unreadable(error) from error
-        return _repaired(self)
+        if self.format != RDF_XML or not is_rdf:
+            raise self.parse_error(error) from error
+        return _repair(self)
 
-    def unreadable(self, error: SyntaxError) -> SourceUnreadable:
+    def parse_error(self, error: SyntaxError) -> SourceParseError:
         """What is to be said where the parser gave up on this file."""
-        if self.format == XML:
-            return _unreadable_xml(self, str(error))
-        return SourceUnreadable(str(self.path), cause=_without_place(str(error)), line=error.lineno)
+        if self.format == RDF_XML:
+            return _xml_error(self, str(error))
+        return SourceParseError(str(self.path), cause=_without_position(str(error)), line=error.lineno)
 
-    def _finding(self, what: str, did: str) -> Finding:
-        return Finding(Severity.WARNING, str(self.path), "", what, did)
+    def _finding(self, problem: str, action: str) -> Finding:
+        return Finding(Severity.WARNING, str(self.path), "", problem, action)
 
 
 def read_file(path: Path) -> SourceFile:
     """Reads a file and makes sure that parsing it is harmless; whether it parses shows only then.
 
     Raises:
-        SourceUnreadable: it is missing, of no known format, cut off, or dangerous.
+        SourceParseError: it is missing, of no known format, cut off, or dangerous.
     """
     try:
         data = path.read_bytes()
     except FileNotFoundError as error:
-        raise SourceUnreadable(str(path), cause="there is no such file") from error
+        raise SourceParseError(str(path), cause="there is no such file") from error
     except IsADirectoryError as error:
         cause = "it is a folder; name the map's file in it, or give a folder of ROS packages as an ontology"
-        raise SourceUnreadable(str(path), cause=cause) from error
+        raise SourceParseError(str(path), cause=cause) from error
     except OSError as error:
-        raise SourceUnreadable(str(path), cause=error.strerror or str(error)) from error
+        raise SourceParseError(str(path), cause=error.strerror or str(error)) from error
     data, repairs = _as_utf8(data)
     format = _format(path, data)
-    if format != XML:
+    if format != RDF_XML:
         return SourceFile(path, data, format, repairs)
-    data, late = _from_its_start(data)
+    data, late = _strip_leading_text(data)
     if is_too_deep(data):
         cause = f"its elements stand in one another more than {DEPTH_LIMIT:,} deep"
-        raise SourceUnreadable(str(path), cause=cause)
-    file = SourceFile(path, _harmless(path, data), XML, (*repairs, *late))
-    if has_rivals(file.data) or (not is_complete(file.data) and ill_formed(file.data)):
-        return _repaired(file)
+        raise SourceParseError(str(path), cause=cause)
+    file = SourceFile(path, _make_safe(path, data), RDF_XML, (*repairs, *late))
+    if has_conflicting_entities(file.data) or (not is_complete(file.data) and find_xml_error(file.data)):
+        return _repair(file)
     return file
 
 
 # -- letters -----------------------------------------------------------------------------------------------------------
 
 
-def _as_utf8(data: bytes) -> tuple[bytes, tuple[Repair, ...]]:
+def _as_utf8(data: bytes) -> tuple[bytes, tuple[XmlRepair, ...]]:
     """The file in the one encoding that the parser takes, and what was wrong with its own."""
     mark = next((name for mark, name in _BOMS if data.startswith(mark)), None)
     declared = _DECLARED_ENCODING.match(data)
@@ -130,21 +130,21 @@ def _as_utf8(data: bytes) -> tuple[bytes, tuple[Repair, ...]]:
         data = data.removeprefix(b"\xef\xbb\xbf")
         return (data, ()) if data.isascii() else _utf8_or_latin(data)
     try:
-        if mark is None and _WIDE.match(encoding):
+        if mark is None and _WIDE_ENCODINGS.match(encoding):
             raise UnicodeError("a declaration that can be read as ASCII is in no encoding of wider letters")
         text = data.decode(encoding)
-        repairs: tuple[Repair, ...] = ()
+        repairs: tuple[XmlRepair, ...] = ()
     except (LookupError, UnicodeError):
         data, others = _utf8_or_latin(data)
         text = data.decode()
         what = f"it names the encoding {encoding!r}, which it is not in"
-        repairs = (Repair(1, what, "it is read as UTF-8"), *others)
+        repairs = (XmlRepair(1, what, "it is read as UTF-8"), *others)
     # The declaration would now be wrong; UTF-8 is what XML takes where none is given.
     head, _, rest = text.partition("\n")
     return f"{_DECLARATION.sub('', head, count=1)}\n{rest}".encode("utf-8", "surrogatepass"), repairs
 
 
-def _utf8_or_latin(data: bytes) -> tuple[bytes, tuple[Repair, ...]]:
+def _utf8_or_latin(data: bytes) -> tuple[bytes, tuple[XmlRepair, ...]]:
     try:
         data.decode()
     except UnicodeDecodeError as error:
@@ -153,7 +153,7 @@ def _utf8_or_latin(data: bytes) -> tuple[bytes, tuple[Repair, ...]]:
         line = data.count(b"\n", 0, error.start) + 1
         what = f"the byte {data[error.start]:#04x} is no UTF-8"
         # In Windows' code page every byte but five is a letter, and ISO 8859-1 is a part of it.
-        repair = Repair(line, what, "the file is read in Windows' code page 1252")
+        repair = XmlRepair(line, what, "the file is read in Windows' code page 1252")
         return data.decode("cp1252", "replace").encode(), (repair,)
     return data, ()
 
@@ -168,25 +168,25 @@ def _format(path: Path, data: bytes) -> ox.RdfFormat:
     if told is not None:
         return told
     if _XML_START.match(data):
-        return XML
+        return RDF_XML
     if _STATEMENT_START.match(data):
         return TURTLE  # N-Triples is a part of it
     known = ", ".join(SUFFIXES)
     cause = f"neither its suffix {path.suffix!r} nor its beginning tell a format; known are {known}"
-    raise SourceUnreadable(str(path), cause=cause)
+    raise SourceParseError(str(path), cause=cause)
 
 
 # -- XML ---------------------------------------------------------------------------------------------------------------
 
 
-def _harmless(path: Path, data: bytes) -> bytes:
+def _make_safe(path: Path, data: bytes) -> bytes:
     try:
-        return harmless(data)
-    except UnsafeEntity as error:
-        raise SourceUnreadable(str(path), cause=str(error), line=error.line) from error
+        return expand_safe_entities(data)
+    except UnsafeXmlEntity as error:
+        raise SourceParseError(str(path), cause=str(error), line=error.line) from error
 
 
-def _from_its_start(data: bytes) -> tuple[bytes, tuple[Repair, ...]]:
+def _strip_leading_text(data: bytes) -> tuple[bytes, tuple[XmlRepair, ...]]:
     """The document without what stands before it, but for line breaks."""
     start = data.lstrip()
     if start.startswith((b"<?xml", b"<!", b"<")):
@@ -198,37 +198,37 @@ def _from_its_start(data: bytes) -> tuple[bytes, tuple[Repair, ...]]:
     before = data[: found.start()]
     shown = " ".join(before.decode("utf-8", "replace").split())[:40]
     line = data.count(b"\n", 0, len(data) - len(start)) + 1
-    repair = Repair(line, f"the text {shown!r} stands before the document", "it is ignored")
+    repair = XmlRepair(line, f"the text {shown!r} stands before the document", "it is ignored")
     return b"\n" * before.count(b"\n") + data[found.start() :], (repair,)
 
 
-def _repaired(file: SourceFile) -> SourceFile:
+def _repair(file: SourceFile) -> SourceFile:
     path = str(file.path)
     try:
-        text, repairs = repaired_xml(file.data.decode("utf-8", "surrogatepass"))
-    except BeyondRepair as error:
+        text, repairs = repair_xml(file.data.decode("utf-8", "surrogatepass"))
+    except XmlNotRepairable as error:
         # What a strict parser stumbled over first may be one of the things that could have been repaired.
-        first = None if error.is_cut else ill_formed(file.data)
+        first = None if error.is_truncated else find_xml_error(file.data)
         cause, line = first or (error.cause, error.line)
-        raise SourceUnreadable(path, cause=cause, line=line) from error
-    data = _harmless(file.path, text.encode("utf-8", "surrogatepass"))
+        raise SourceParseError(path, cause=cause, line=line) from error
+    data = _make_safe(file.path, text.encode("utf-8", "surrogatepass"))
     return replace(file, data=data, repairs=(*file.repairs, *repairs))
 
 
-def _unreadable_xml(file: SourceFile, cause: str) -> SourceUnreadable:
-    if not file.repairs and (problem := ill_formed(file.data)):
-        return SourceUnreadable(str(file.path), cause=problem[0], line=problem[1])
+def _xml_error(file: SourceFile, cause: str) -> SourceParseError:
+    if not file.repairs and (problem := find_xml_error(file.data)):
+        return SourceParseError(str(file.path), cause=problem[0], line=problem[1])
     root = first_tag(file.data)
     name = root[1].decode("utf-8", "replace") if root else ""
     if "XML namespaces are required" in cause and root and not name.endswith("RDF"):
         hint = "OWL/XML; save it as RDF/XML or Turtle" if name == "Ontology" else "some other XML"
         line = file.data.count(b"\n", 0, root.start()) + 1
         cause = f"its root element is <{name}>: not RDF/XML but {hint}"
-        return SourceUnreadable(str(file.path), cause=cause, line=line)
-    return SourceUnreadable(str(file.path), cause=cause, line=_line_of_failure(file))
+        return SourceParseError(str(file.path), cause=cause, line=line)
+    return SourceParseError(str(file.path), cause=cause, line=_failing_line(file))
 
 
-class _LineByLine(io.BytesIO):
+class _LineReader(io.BytesIO):
     """Hands out one line at a time, so that the parser's stop tells the line."""
 
     line = 0
@@ -239,8 +239,8 @@ class _LineByLine(io.BytesIO):
         return line
 
 
-def _line_of_failure(file: SourceFile) -> int | None:
-    lines = _LineByLine(file.data)
+def _failing_line(file: SourceFile) -> int | None:
+    lines = _LineReader(file.data)
     try:
         for _ in ox.parse(input=lines, format=file.format, base_iri=file.iri):
             pass
@@ -249,5 +249,5 @@ def _line_of_failure(file: SourceFile) -> int | None:
     return None
 
 
-def _without_place(message: str) -> str:
+def _without_position(message: str) -> str:
     return re.sub(r"^Parser error at line \d+[^:]*: | \(line \d+\)$", "", message)

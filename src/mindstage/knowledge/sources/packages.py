@@ -7,17 +7,17 @@ from glob import escape
 from pathlib import Path, PurePosixPath
 from urllib.parse import unquote, urlsplit
 
-__all__ = ["Packages", "file_named"]
+__all__ = ["RosPackagePath", "file_from_iri"]
 
 _SCHEME = "package://"
 
 
-class Packages:
+class RosPackagePath:
     """Folders that hold ROS packages, searched in the order that they were given."""
 
     def __init__(self, folders: Iterable[Path] = ()) -> None:
         self.folders = tuple(dict.fromkeys(folder.resolve() for folder in folders))
-        self._found: dict[str, Path | None] = {}
+        self._cache: dict[str, Path | None] = {}
 
     def find(self, iri: str) -> Path | None:
         """The file that `package://NAME/rest` names, or None where no folder has it.
@@ -27,30 +27,30 @@ class Packages:
         Raises:
             ValueError: the name leads out of its package.
         """
-        if iri not in self._found:
-            self._found[iri] = self._search(iri)
-        return self._found[iri]
+        if iri not in self._cache:
+            self._cache[iri] = self._search_file(iri)
+        return self._cache[iri]
 
-    def home(self, name: str) -> Path | None:
+    def package_folder(self, name: str) -> Path | None:
         """The folder of a package, or None where no folder has one of that name."""
         if not name or name == ".." or "/" in name:
             return None
-        homes = (home for folder in self.folders for home in _packages(folder, name))
+        homes = (home for folder in self.folders for home in _package_folders(folder, name))
         return next((home for home in homes if home.is_dir()), None)
 
-    def _search(self, iri: str) -> Path | None:
+    def _search_file(self, iri: str) -> Path | None:
         name, *rest = PurePosixPath(unquote(iri.removeprefix(_SCHEME))).parts or ("",)
         if name in {"", "/", ".."} or ".." in rest or not rest:
             raise ValueError("it leads out of every package")
         for folder in self.folders:
-            for package in _packages(folder, name):
+            for package in _package_folders(folder, name):
                 path = package.joinpath(*rest)
                 if path.is_file():
                     return path.resolve()
         return None
 
 
-def _packages(folder: Path, name: str) -> Iterator[Path]:
+def _package_folders(folder: Path, name: str) -> Iterator[Path]:
     yield folder / name
     if folder.name == name:
         yield folder
@@ -58,7 +58,7 @@ def _packages(folder: Path, name: str) -> Iterator[Path]:
         yield from sorted(path.parent for path in folder.glob(f"{level}/{escape(name)}/package.xml"))
 
 
-def file_named(iri: str, importer: Path) -> Path | None:
+def file_from_iri(iri: str, importer: Path) -> Path | None:
     """The file that a `file:` IRI names, relative to whoever imports it; None for files of other machines, or none."""
     try:
         parts = urlsplit(iri)

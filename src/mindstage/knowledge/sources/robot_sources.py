@@ -16,24 +16,24 @@ from mindstage.knowledge.graph import Graph
 from mindstage.knowledge.names import local_name
 from mindstage.knowledge.reading.assumptions import Assumption
 from mindstage.knowledge.reading.other_words import BASE_LINK_NAME, END_LINK_NAME, HAS_LOCALIZATION
-from mindstage.knowledge.robots import ClassNames, Robot, RobotWorld, read_robot, robot_world
+from mindstage.knowledge.robots import ClassNameIndex, UrdfRobot, UrdfWorld, read_urdf, urdf_to_world
 from mindstage.knowledge.sources.files import SourceFile
-from mindstage.knowledge.sources.packages import Packages
+from mindstage.knowledge.sources.packages import RosPackagePath
 from mindstage.knowledge.vocabulary import DESCRIBED_IN_MAP, HAS_POSE, THING
-from mindstage.knowledge.wording.words import text_in
+from mindstage.knowledge.wording.words import literal_text
 from mindstage.knowledge.writers.mapwriter import MapFormat, write_map
-from mindstage.world import Iri, Reference
+from mindstage.world import Iri, IriRef
 
-__all__ = ["RobotSources", "linked"]
+__all__ = ["UrdfSources", "linked_individuals"]
 
 
 @dataclass(slots=True)
-class RobotSources:
+class UrdfSources:
     """The descriptions that maps may name links of."""
 
-    packages: Packages
-    classes: ClassNames
-    robots: dict[Path, Robot] = field(default_factory=dict)
+    packages: RosPackagePath
+    class_names: ClassNameIndex
+    urdf_robots: dict[Path, UrdfRobot] = field(default_factory=dict)
     findings: list[Finding] = field(default_factory=list)
     assumptions: list[Assumption] = field(default_factory=list)
 
@@ -41,37 +41,37 @@ class RobotSources:
         """Reads a description that maps may lean on.
 
         Raises:
-            SourceUnreadable: it is none, or cannot be read.
+            SourceParseError: it is none, or cannot be read.
         """
-        self.robots[path] = read_robot(path, self.packages)
+        self.urdf_robots[path] = read_urdf(path, self.packages)
 
-    def as_map(self, path: Path) -> SourceFile:
+    def urdf_as_map(self, path: Path) -> SourceFile:
         """A description as a map of its own.
 
         Raises:
-            SourceUnreadable: it is none, or cannot be read.
+            SourceParseError: it is none, or cannot be read.
         """
-        standing = robot_world(read_robot(path, self.packages), class_of=self.classes.of)
-        self._tell(path, standing)
-        if standing.classes:
-            told = [f"{link} is a {local_name(cls)}" for link, cls in standing.classes.items()]
+        standing = urdf_to_world(read_urdf(path, self.packages), class_of=self.class_names.class_of_link)
+        self._report_issues(path, standing)
+        if standing.class_of_link:
+            told = [f"{link} is a {local_name(cls)}" for link, cls in standing.class_of_link.items()]
             value = "links are what the ends of their names say"
-            self._assume(standing, "classes", value, f"{len(told)} links: {', '.join(told[:3])}")
+            self._record_assumption(standing, "classes", value, f"{len(told)} links: {', '.join(told[:3])}")
         return SourceFile(path, write_map(standing.world, format=MapFormat.TURTLE).encode(), ox.RdfFormat.TURTLE)
 
-    def lent_to(self, file: SourceFile, graph: Graph) -> SourceFile:
+    def add_linked_robots(self, file: SourceFile, graph: Graph) -> SourceFile:
         """A map with the places and joints of the links that it names.
 
         Args:
             file: the map, as text that Turtle can go on from, if it names links of any description here.
             graph: what it says.
         """
-        links = dict(linked(graph))
+        links = dict(linked_individuals(graph))
         if not links:
             return file
         found: set[Iri] = set()
         data = file.data
-        for path, robot in self.robots.items():
+        for path, robot in self.urdf_robots.items():
             names = {link.name for link in robot.links}
             known = {link: (individual, THING) for individual, link in links.items() if link in names}
             if not known:
@@ -79,8 +79,10 @@ class RobotSources:
                 self.findings.append(Finding(Severity.WARNING, str(path), BASE_LINK_NAME, what, did))
                 continue
             found.update(individual for individual, _ in known.values())
-            standing = robot_world(robot, map=_home(graph, found), known=known, class_of=self.classes.of)
-            self._tell(path, standing)
+            standing = urdf_to_world(
+                robot, map=_map_of(graph, found), known_links=known, class_of=self.class_names.class_of_link
+            )
+            self._report_issues(path, standing)
             data += b"\n" + write_map(standing.world, format=MapFormat.TURTLE).encode()
         for individual, link in links.items():
             if individual not in found:
@@ -89,29 +91,29 @@ class RobotSources:
                 self.findings.append(Finding(Severity.WARNING, individual, BASE_LINK_NAME, what, did))
         return file if data is file.data else replace(file, data=data, format=ox.RdfFormat.TURTLE)
 
-    def _tell(self, path: Path, standing: RobotWorld) -> None:
-        for oddity in standing.oddities:
-            severity = Severity.ERROR if oddity.missing else Severity.WARNING
-            name = standing.names.get(oddity.about)
-            what = oddity.what if name or not oddity.about else f"{oddity.about}: {oddity.what}"
-            self.findings.append(Finding(severity, name or str(path), "", what, oddity.did))
-        world = standing.world
-        evidence = f"{len(world.constraints)} joints let something move; a description does not say what holds its root"
+    def _report_issues(self, path: Path, urdf_world: UrdfWorld) -> None:
+        for oddity in urdf_world.issues:
+            severity = Severity.ERROR if oddity.is_missing else Severity.WARNING
+            name = urdf_world.iris_by_name.get(oddity.subject)
+            what = oddity.problem if name or not oddity.subject else f"{oddity.subject}: {oddity.problem}"
+            self.findings.append(Finding(severity, name or str(path), "", what, oddity.action))
+        world = urdf_world.world
+        evidence = f"{len(world.joints)} joints let something move; a description does not say what holds its root"
         value = "what a joint lets move is dynamic, the root and all fixed to it static"
-        self._assume(standing, "mobility", value, evidence)
+        self._record_assumption(urdf_world, "mobility", value, evidence)
 
-    def _assume(self, standing: RobotWorld, about: str, value: str, evidence: str) -> None:
-        self.assumptions.append(Assumption(standing.world.iri, about, value, evidence))
+    def _record_assumption(self, urdf_world: UrdfWorld, topic: str, value: str, evidence: str) -> None:
+        self.assumptions.append(Assumption(urdf_world.world.iri, topic, value, evidence))
 
 
-def linked(graph: Graph) -> Iterable[tuple[Iri, str]]:
+def linked_individuals(graph: Graph) -> Iterable[tuple[Iri, str]]:
     """Each individual that names a link and has no place of its own, and the link.
 
     It is that which its description begins with, or else ends with.
     """
     for individual, facts in graph.items():
         told: Mapping[Iri, Sequence[str]] = {
-            property: [text for fact in facts if fact.property == property and (text := text_in(fact.value))]
+            property: [text for fact in facts if fact.property == property and (text := literal_text(fact.value))]
             for property in (BASE_LINK_NAME, END_LINK_NAME)
         }
         names = [*told[BASE_LINK_NAME], *told[END_LINK_NAME]]
@@ -120,10 +122,10 @@ def linked(graph: Graph) -> Iterable[tuple[Iri, str]]:
             yield individual, names[0]
 
 
-def _home(graph: Graph, individuals: Iterable[Iri]) -> Iri | None:
+def _map_of(graph: Graph, individuals: Iterable[Iri]) -> Iri | None:
     """The map that individuals are described in."""
     for individual in sorted(individuals):
         for fact in graph.get(individual, ()):
-            if fact.property == DESCRIBED_IN_MAP and isinstance(fact.value, Reference):
+            if fact.property == DESCRIBED_IN_MAP and isinstance(fact.value, IriRef):
                 return fact.value.iri
     return None

@@ -12,11 +12,11 @@ __all__ = [
     "DEPTH_LIMIT",
     "ENTITY_LIMIT",
     "EXPANSION_LIMIT",
-    "UnsafeEntity",
+    "UnsafeXmlEntity",
+    "expand_safe_entities",
+    "find_xml_error",
     "first_tag",
-    "harmless",
-    "has_rivals",
-    "ill_formed",
+    "has_conflicting_entities",
     "is_complete",
     "is_too_deep",
 ]
@@ -27,7 +27,7 @@ ENTITY_LIMIT = 64 * 1024
 """Bytes that one entity may stand for; namespaces, which they are there for, need a hundred."""
 EXPANSION_LIMIT = 8 * 1024 * 1024
 """Bytes that all uses of a file's entities may come to; the XML parser expat draws the same line."""
-HARMLESS_ENTITY = 256
+MAX_SAFE_ENTITY = 256
 """Bytes below which an entity cannot make a file a hundred times as long, as its use takes three."""
 
 _CHUNK = 64 * 1024
@@ -36,7 +36,7 @@ _ENTITY_USE = re.compile(rb"&([^\s&;#]+);")
 _FIRST_TAG = re.compile(rb"<([^\W\d][^\s/<>]*)")
 
 
-class UnsafeEntity(ValueError):
+class UnsafeXmlEntity(ValueError):
     """An entity that must not be expanded."""
 
     def __init__(self, cause: str, line: int | None = None) -> None:
@@ -44,11 +44,11 @@ class UnsafeEntity(ValueError):
         super().__init__(cause)
 
 
-def harmless(data: bytes) -> bytes:
+def expand_safe_entities(data: bytes) -> bytes:
     """The document, in which every entity is short and written as the parser wants it.
 
     Raises:
-        UnsafeEntity: one of them stands in another file, or they would grow beyond all measure.
+        UnsafeXmlEntity: one of them stands in another file, or they would grow beyond all measure.
     """
     if b"<!ENTITY" not in data and b"<!entity" not in data:
         return data
@@ -59,27 +59,27 @@ def harmless(data: bytes) -> bytes:
         shown = name.decode("utf-8", "replace")
         if quoted is None:
             cause = f"the entity {shown!r} stands in another file; nothing outside is ever fetched"
-            raise UnsafeEntity(cause, _line(data, entity))
+            raise UnsafeXmlEntity(cause, _line_of(data, entity))
         length = len(quoted) - 2 + sum(lengths.get(used, 0) for used in _ENTITY_USE.findall(quoted))
         lengths[name] = max(length, lengths.get(name, 0))  # whichever of two the parser takes
         if length > ENTITY_LIMIT:
             cause = f"the entity {shown!r} would grow to {length:,} bytes; {ENTITY_LIMIT:,} are allowed"
-            raise UnsafeEntity(cause, _line(data, entity))
+            raise UnsafeXmlEntity(cause, _line_of(data, entity))
         needs_quotes = needs_quotes or quoted.startswith(b"'")
-    if max(lengths.values(), default=0) > HARMLESS_ENTITY:
+    if max(lengths.values(), default=0) > MAX_SAFE_ENTITY:
         grown = sum(length * data.count(b"&" + name + b";") for name, length in lengths.items())
         if grown > max(EXPANSION_LIMIT, 100 * len(data)):
-            raise UnsafeEntity(f"its entities would grow to {grown:,} bytes")
+            raise UnsafeXmlEntity(f"its entities would grow to {grown:,} bytes")
     return _ENTITY.sub(_double_quoted, data) if needs_quotes else data
 
 
-def has_rivals(data: bytes) -> bool:
+def has_conflicting_entities(data: bytes) -> bool:
     """Whether an entity is declared twice, differently: the first counts, but not for the parser."""
     meanings: dict[bytes, bytes] = {}
     return any(meanings.setdefault(entity[3], entity[4][1:-1]) != entity[4][1:-1] for entity in _ENTITY.finditer(data))
 
 
-def _line(data: bytes, entity: re.Match[bytes]) -> int:
+def _line_of(data: bytes, entity: re.Match[bytes]) -> int:
     return data.count(b"\n", 0, entity.start()) + 1
 
 
@@ -119,17 +119,17 @@ def is_too_deep(data: bytes) -> bool:
     return False
 
 
-def ill_formed(data: bytes) -> tuple[str, int] | None:
+def find_xml_error(data: bytes) -> tuple[str, int] | None:
     """Why it is no XML document, and the line; None where it is one."""
     parser = expat.ParserCreate()
     try:
         parser.Parse(data, True)
     except expat.ExpatError as error:
-        return _plain_cause(data, error), error.lineno
+        return _xml_error_cause(data, error), error.lineno
     return None
 
 
-def _plain_cause(data: bytes, error: expat.ExpatError) -> str:
+def _xml_error_cause(data: bytes, error: expat.ExpatError) -> str:
     codes = expat.errors.codes
     if not data.strip():
         return "it is empty"

@@ -12,15 +12,15 @@ from html import escape
 from html.entities import name2codepoint
 from typing import NamedTuple
 
-from mindstage.knowledge.sources.xml_tags import Attribute, Element, Holds, ending_of, start_tag
+from mindstage.knowledge.sources.xml_tags import Attribute, ContentModel, OpenElement, find_tag_end, parse_start_tag
 from mindstage.knowledge.vocabulary import KNOWROB, OWL, RDF, RDFS, XSD
 
-__all__ = ["BeyondRepair", "Repair", "repaired_xml"]
+__all__ = ["XmlNotRepairable", "XmlRepair", "repair_xml"]
 
-WELL_KNOWN = {"rdf": RDF, "rdfs": RDFS, "owl": OWL, "xsd": XSD, "knowrob": KNOWROB}
+WELL_KNOWN_PREFIXES = {"rdf": RDF, "rdfs": RDFS, "owl": OWL, "xsd": XSD, "knowrob": KNOWROB}
 """What these prefixes and entities mean wherever nobody says otherwise."""
 
-_OF_XML = {"amp", "lt", "gt", "quot", "apos"}
+_XML_ENTITIES = {"amp", "lt", "gt", "quot", "apos"}
 _XML_NAMESPACE = "xml"
 _RDF_ATTRIBUTES = {"about", "ID", "resource", "datatype", "nodeID", "parseType"}
 _AMPERSAND = re.compile(r"&(#\d+;|#x[0-9a-fA-F]+;|([^\W\d][\w.-]*)([;:]))?")
@@ -35,74 +35,76 @@ _LANGUAGE = re.compile(r"[A-Za-z]{1,8}(-[A-Za-z0-9]{1,8})*\Z")
 _XML_NAME = re.compile(r"[^\W\d][\w.-]*\Z")
 
 
-class Repair(NamedTuple):
+class XmlRepair(NamedTuple):
     """One place that was wrong."""
 
     line: int
-    what: str
-    did: str
+    problem: str
+    action: str
 
 
-class BeyondRepair(Exception):
+class XmlNotRepairable(Exception):
     """No reading of the file suggests itself."""
 
-    def __init__(self, line: int, cause: str, *, is_cut: bool = False) -> None:
+    def __init__(self, line: int, cause: str, *, is_truncated: bool = False) -> None:
         self.line = line
-        self.cause = f"it is cut off: {cause}" if is_cut else cause
-        self.is_cut = is_cut
+        self.cause = f"it is cut off: {cause}" if is_truncated else cause
+        self.is_truncated = is_truncated
         super().__init__(cause)
 
 
-def repaired_xml(text: str) -> tuple[str, list[Repair]]:
+def repair_xml(text: str) -> tuple[str, list[XmlRepair]]:
     """The text as well-formed XML, line by line where it was, and what was changed.
 
     Raises:
-        BeyondRepair: it is cut off, or no one document.
+        XmlNotRepairable: it is cut off, or no one document.
     """
-    repairing = _Repairing(text)
+    repairing = _XmlRepairer(text)
     repairing.run()
-    return "".join(repairing.out), sorted(repairing.repairs)
+    return "".join(repairing.output), sorted(repairing.repairs)
 
 
-class _Repairing:
+class _XmlRepairer:
     """One pass from the beginning to the end; `out` grows as `at` moves on."""
 
     def __init__(self, text: str) -> None:
         self.text = text
-        self.at = 0
+        self.position = 0
         self.line = 1
-        self._counted = 0
-        self.out: list[str] = []
-        self.repairs: list[Repair] = []
-        self.open: list[Element] = []
+        self._counted_position = 0
+        self.output: list[str] = []
+        self.repairs: list[XmlRepair] = []
+        self.open_elements: list[OpenElement] = []
         self.entities: dict[str, str] = {}
         self.namespaces: dict[str, str] = {}
-        self.declared: Counter[str] = Counter([_XML_NAMESPACE])
+        self.declared_prefixes: Counter[str] = Counter([_XML_NAMESPACE])
         self.ids: set[str] = set()
         self.root_end: int | None = None
         """Where in `out` the outermost start tag ends, since prefixes may have to be declared in it."""
-        self.missing: dict[str, int] = {}
+        self.undeclared_prefixes: dict[str, int] = {}
         """Prefixes that nobody declares, and where they are first used."""
 
     def run(self) -> None:
-        while self.at < len(self.text):
+        while self.position < len(self.text):
             self._step()
         if self.root_end is None:
-            raise BeyondRepair(self._line(), "it is not XML")
-        if self.open:
-            raise BeyondRepair(self._line(), "the file ends before its outermost element does", is_cut=True)
-        for prefix, line in self.missing.items():
+            raise XmlNotRepairable(self._line(), "it is not XML")
+        if self.open_elements:
+            raise XmlNotRepairable(self._line(), "the file ends before its outermost element does", is_truncated=True)
+        for prefix, line in self.undeclared_prefixes.items():
             namespace = self._namespace(prefix)
-            self.out[self.root_end] = f' xmlns:{prefix}="{escape(namespace, quote=False)}"{self.out[self.root_end]}'
+            self.output[self.root_end] = (
+                f' xmlns:{prefix}="{escape(namespace, quote=False)}"{self.output[self.root_end]}'
+            )
             self.repairs.append(
-                Repair(line, f"nothing declares the prefix {prefix!r}", f"it is taken to mean {namespace}")
+                XmlRepair(line, f"nothing declares the prefix {prefix!r}", f"it is taken to mean {namespace}")
             )
 
     def _step(self) -> None:
-        text, at = self.text, self.at
+        text, at = self.text, self.position
         opening = text.find("<", at)
         if opening != at:
-            self._characters(opening if opening >= 0 else len(text))
+            self._text(opening if opening >= 0 else len(text))
         elif text.startswith("<!--", at):
             self._copy_until("-->")
         elif text.startswith("<![CDATA[", at):
@@ -117,70 +119,74 @@ class _Repairing:
             self._start_tag()
         else:
             self._warn("a < stands in a text", "it is read as &lt;")
-            self._characters(at + 1, "&lt;")
+            self._text(at + 1, "&lt;")
 
     # -- what stands between tags --------------------------------------------------------------------------------------
 
     def _copy_until(self, end: str) -> None:
-        found = self.text.find(end, self.at)
+        found = self.text.find(end, self.position)
         if found < 0:
-            raise BeyondRepair(self._line(), f"a {self.text[self.at : self.at + 4]} has no {end}", is_cut=True)
-        self._put(self.text[self.at : found + len(end)], to=found + len(end))
+            raise XmlNotRepairable(
+                self._line(), f"a {self.text[self.position : self.position + 4]} has no {end}", is_truncated=True
+            )
+        self._emit(self.text[self.position : found + len(end)], to=found + len(end))
 
     def _cdata(self) -> None:
-        if self.open:
+        if self.open_elements:
             self._copy_until("]]>")
         else:
-            raise BeyondRepair(
+            raise XmlNotRepairable(
                 self._line(), "it is not well-formed XML: a text stands outside of its outermost element"
             )
 
     def _instruction(self) -> None:
-        declares = re.match(r"<\?xml\s", self.text[self.at : self.at + 6])
-        if declares and self.out and "".join(self.out).strip():
+        declares = re.match(r"<\?xml\s", self.text[self.position : self.position + 6])
+        if declares and self.output and "".join(self.output).strip():
             self._warn("an XML declaration stands inside the document", "it is ignored")
             self._skip_until("?>")
-        elif declares and self.out:
+        elif declares and self.output:
             self._skip_until("?>")
         else:
             self._copy_until("?>")
 
     def _skip_until(self, end: str) -> None:
-        found = self.text.find(end, self.at)
+        found = self.text.find(end, self.position)
         stop = len(self.text) if found < 0 else found + len(end)
-        self._put("\n" * self.text.count("\n", self.at, stop), to=stop)
+        self._emit("\n" * self.text.count("\n", self.position, stop), to=stop)
 
-    def _characters(self, stop: int, text: str | None = None) -> None:
+    def _text(self, stop: int, text: str | None = None) -> None:
         """What stands between two tags; kept where RDF/XML has a place for text."""
-        text = self.text[self.at : stop] if text is None else text
+        text = self.text[self.position : stop] if text is None else text
         blank = not text.strip()
-        if not self.open:
+        if not self.open_elements:
             if not blank:
                 what = "after its outermost element" if self.root_end is not None else "before its first element"
-                raise BeyondRepair(self._line(), f"it is not well-formed XML: text stands {what}")
-        elif not blank and not self.open[-1].takes_text():
-            self._warn(f"the text {_short(text)} stands where <{self.open[-1].name}> takes none", "it is ignored")
+                raise XmlNotRepairable(self._line(), f"it is not well-formed XML: text stands {what}")
+        elif not blank and not self.open_elements[-1].allows_text():
+            self._warn(
+                f"the text {_shortened(text)} stands where <{self.open_elements[-1].name}> takes none", "it is ignored"
+            )
             text = "\n" * text.count("\n")
         elif not blank:
-            self.open[-1].texts.append(len(self.out))
+            self.open_elements[-1].text_positions.append(len(self.output))
             text = self._resolved(text)
-        self._put(text, to=stop)
+        self._emit(text, to=stop)
 
     # -- what stands before them ---------------------------------------------------------------------------------------
 
     def _doctype(self) -> None:
-        bracket, close = self.text.find("[", self.at), self.text.find(">", self.at)
+        bracket, close = self.text.find("[", self.position), self.text.find(">", self.position)
         if close < 0 or (0 <= bracket < close and not _DOCTYPE_END.search(self.text, bracket)):
-            raise BeyondRepair(self._line(), "it is not well-formed XML: its DOCTYPE has no end")
+            raise XmlNotRepairable(self._line(), "it is not well-formed XML: its DOCTYPE has no end")
         if not 0 <= bracket < close:
-            self._put(self.text[self.at : close + 1], to=close + 1)
+            self._emit(self.text[self.position : close + 1], to=close + 1)
             return
         end = _DOCTYPE_END.search(self.text, bracket)
         assert end is not None
         subset = self.text[bracket : end.start()]
-        start = self._line() + self.text.count("\n", self.at, bracket)
+        start = self._line() + self.text.count("\n", self.position, bracket)
         fixed = _ENTITY.sub(lambda entity: self._entity(entity, start), subset)
-        self._put(self.text[self.at : bracket] + fixed + "]>", to=end.end())
+        self._emit(self.text[self.position : bracket] + fixed + "]>", to=end.end())
 
     def _entity(self, entity: re.Match[str], start: int) -> str:
         if entity["bare"] and entity["bare"].upper() in {"SYSTEM", "PUBLIC"}:
@@ -191,104 +197,110 @@ class _Repairing:
         if name in self.entities:
             if self.entities[name] != value:
                 other = f"the first counts; the other, {value!r}, is ignored"
-                self.repairs.append(Repair(line, f"the entity {name!r} is declared twice", other))
+                self.repairs.append(XmlRepair(line, f"the entity {name!r} is declared twice", other))
             return breaks
         self.entities[name] = value
         if _STRICT_ENTITY.fullmatch(entity[0].rstrip()):
             return entity[0]
         what = f"the declaration of the entity {name!r} is not well-formed"
-        self.repairs.append(Repair(line, what, "it is read all the same"))
+        self.repairs.append(XmlRepair(line, what, "it is read all the same"))
         return f'<!ENTITY {name} "{value.replace(chr(34), "&#34;")}">{breaks}'
 
     # -- tags ----------------------------------------------------------------------------------------------------------
 
     def _end_tag(self) -> None:
-        stop = ending_of(self.text, self.at)
+        stop = find_tag_end(self.text, self.position)
         if stop is None:
-            raise BeyondRepair(self._line(), "the file ends within a tag", is_cut=True)
+            raise XmlNotRepairable(self._line(), "the file ends within a tag", is_truncated=True)
         if self.text[stop - 1] != ">":
             self._warn("an end tag has no >", "it is read all the same")
-        name = self.text[self.at + 2 : stop].rstrip(">").strip()
-        if not any(element.name == name for element in self.open):
+        name = self.text[self.position + 2 : stop].rstrip(">").strip()
+        if not any(element.name == name for element in self.open_elements):
             self._warn(f"</{name}> ends what never began", "it is ignored")
-            self._put("", to=stop)
+            self._emit("", to=stop)
             return
         ends = []
-        while self.open[-1].name != name:
-            ends.append(f"</{self.open[-1].name}>")
-            self._warn(f"<{self.open[-1].name}> has no end tag", f"it ends before </{name}>")
+        while self.open_elements[-1].name != name:
+            ends.append(f"</{self.open_elements[-1].name}>")
+            self._warn(f"<{self.open_elements[-1].name}> has no end tag", f"it ends before </{name}>")
             self._close()
         self._close()
-        self._put("".join(ends) + f"</{name}>", to=stop)
+        self._emit("".join(ends) + f"</{name}>", to=stop)
 
     def _start_tag(self) -> None:
-        if self.root_end is not None and not self.open:
-            raise BeyondRepair(self._line(), "it is not well-formed XML: junk after document element")
-        tag = start_tag(self.text, self.at)
-        if tag.cut:
-            raise BeyondRepair(self._line(), "the file ends within a tag", is_cut=True)
-        for what in tag.oddities:
+        if self.root_end is not None and not self.open_elements:
+            raise XmlNotRepairable(self._line(), "it is not well-formed XML: junk after document element")
+        tag = parse_start_tag(self.text, self.position)
+        if tag.is_truncated:
+            raise XmlNotRepairable(self._line(), "the file ends within a tag", is_truncated=True)
+        for what in tag.issues:
             self._warn(f"<{tag.name}>: {what}", "it is read all the same")
-        self._leave_full_property(tag.name)
-        above = self.open[-1] if self.open else None
-        element = Element.below(above, tag.name, is_root=self.root_end is None)
-        if above is not None and element.kind is not Holds.LITERAL:
-            self._forget_texts(above)
+        self._close_full_property(tag.name)
+        above = self.open_elements[-1] if self.open_elements else None
+        element = OpenElement.child_of(above, tag.name, is_root=self.root_end is None)
+        if above is not None and element.content_model is not ContentModel.LITERAL:
+            self._drop_texts(above)
         attributes = list(self._attributes(tag.name, element, tag.attributes))
         self._declare(element, tag.name, attributes)
-        element.learn(attributes)
+        element.apply_attributes(attributes)
         written = "".join(f' {name}="{value}"' for name, value in attributes)
-        self.out.append(f"<{tag.name}{written}")
+        self.output.append(f"<{tag.name}{written}")
         if self.root_end is None:
-            self.root_end = len(self.out)
-        breaks = "\n" * (self.text.count("\n", self.at, tag.stop) - written.count("\n"))
-        self._put(f"{breaks}/>" if tag.empty else f"{breaks}>", to=tag.stop)
-        self.open.append(element)
-        if tag.empty:
+            self.root_end = len(self.output)
+        breaks = "\n" * (self.text.count("\n", self.position, tag.end) - written.count("\n"))
+        self._emit(f"{breaks}/>" if tag.is_self_closing else f"{breaks}>", to=tag.end)
+        self.open_elements.append(element)
+        if tag.is_self_closing:
             self._close()
 
-    def _leave_full_property(self, name: str) -> None:
+    def _close_full_property(self, name: str) -> None:
         """A statement has one object: what follows is the next statement, or the object of one that says the same."""
-        above = self.open[-1] if self.open else None
-        if above is None or above.kind is not Holds.VALUE or not (above.has_children or above.has_resource):
+        above = self.open_elements[-1] if self.open_elements else None
+        if (
+            above is None
+            or above.content_model is not ContentModel.VALUE
+            or not (above.has_children or above.has_resource)
+        ):
             return
-        self.out.append(f"</{above.name}>")
+        self.output.append(f"</{above.name}>")
         if above.has_children and name.rpartition(":")[2][:1].isupper():
             self._warn(f"<{above.name}> holds several things", f"<{name}> is read as if in a <{above.name}> of its own")
-            self.out.append(f"<{above.name}>")
+            self.output.append(f"<{above.name}>")
         else:
             self._warn(f"<{above.name}> has no end tag", f"it ends before <{name}>")
             self._close()
 
-    def _forget_texts(self, above: Element) -> None:
+    def _drop_texts(self, parent: OpenElement) -> None:
         """What holds things cannot hold text beside them."""
-        above.has_children = True
-        for index in above.texts:
-            self._warn(f"the text {_short(self.out[index])} stands beside what is in <{above.name}>", "it is ignored")
-            self.out[index] = "\n" * self.out[index].count("\n")
-        above.texts.clear()
+        parent.has_children = True
+        for index in parent.text_positions:
+            self._warn(
+                f"the text {_shortened(self.output[index])} stands beside what is in <{parent.name}>", "it is ignored"
+            )
+            self.output[index] = "\n" * self.output[index].count("\n")
+        parent.text_positions.clear()
 
     def _close(self) -> None:
-        for prefix in self.open.pop().declares:
-            self.declared[prefix] -= 1
+        for prefix in self.open_elements.pop().declared_prefixes:
+            self.declared_prefixes[prefix] -= 1
 
-    def _declare(self, element: Element, name: str, attributes: list[Attribute]) -> None:
-        element.declares = [key[6:] for key, _ in attributes if key.startswith("xmlns:")]
-        self.declared.update(element.declares)
+    def _declare(self, element: OpenElement, name: str, attributes: list[Attribute]) -> None:
+        element.declared_prefixes = [key[6:] for key, _ in attributes if key.startswith("xmlns:")]
+        self.declared_prefixes.update(element.declared_prefixes)
         for key, value in attributes:
             if key.startswith("xmlns:"):
-                self.namespaces.setdefault(key[6:], self._plain(value))
+                self.namespaces.setdefault(key[6:], self._unescape(value))
         for used in (name, *(key for key, _ in attributes)):
             prefix, colon, _ = used.partition(":")
-            if colon and prefix != "xmlns" and self.declared[prefix] <= 0:
-                self.missing.setdefault(prefix, self._line())
+            if colon and prefix != "xmlns" and self.declared_prefixes[prefix] <= 0:
+                self.undeclared_prefixes.setdefault(prefix, self._line())
 
-    def _attributes(self, tag: str, element: Element, told: list[Attribute]) -> Iterator[Attribute]:
-        names = {name for name, _ in told}
+    def _attributes(self, tag: str, element: OpenElement, attributes: list[Attribute]) -> Iterator[Attribute]:
+        names = {name for name, _ in attributes}
         seen: dict[str, str] = {}
-        for name, value in told:
+        for name, value in attributes:
             key = name
-            if name in _RDF_ATTRIBUTES and element.kind is not Holds.LITERAL:
+            if name in _RDF_ATTRIBUTES and element.content_model is not ContentModel.LITERAL:
                 key = f"rdf:{name}"
                 self._warn(f"<{tag}> says {name!r} without a prefix", f"it is read as {key}")
             if key in seen:
@@ -296,7 +308,7 @@ class _Repairing:
                 self._warn(f"<{tag}> says {key} twice", f"the first counts{other}")
                 continue
             seen[key] = value
-            if key == "rdf:ID" and element.kind is Holds.PROPERTIES:
+            if key == "rdf:ID" and element.content_model is ContentModel.PROPERTIES:
                 if {"rdf:about", "about"} & names:
                     self._warn(f"<{tag}> says both rdf:about and rdf:ID", "rdf:about counts")
                     continue
@@ -333,10 +345,10 @@ class _Repairing:
     def _reference(self, reference: re.Match[str]) -> str:
         name = reference[2]
         if not reference[1] or reference[3] == ":":
-            return self._lone(reference)
-        if name is None or name in _OF_XML or name in self.entities:
+            return self._escape_ampersand(reference)
+        if name is None or name in _XML_ENTITIES or name in self.entities:
             return reference[0]
-        meaning = self.namespaces.get(name) or WELL_KNOWN.get(name)
+        meaning = self.namespaces.get(name) or WELL_KNOWN_PREFIXES.get(name)
         if meaning is None and name in name2codepoint:
             meaning = chr(name2codepoint[name])
         if meaning is None:
@@ -345,7 +357,7 @@ class _Repairing:
         self._warn(f"nothing declares the entity {name!r}", f"it is taken to mean {meaning}")
         return escape(meaning, quote=False)
 
-    def _lone(self, ampersand: re.Match[str]) -> str:
+    def _escape_ampersand(self, ampersand: re.Match[str]) -> str:
         name = ampersand[2]
         if name in self.entities:
             self._warn(f"the entity {name!r} is used with a colon", "it is read as if with a semicolon")
@@ -354,26 +366,26 @@ class _Repairing:
         return f"&amp;{ampersand[0][1:]}"
 
     def _namespace(self, prefix: str) -> str:
-        return self.entities.get(prefix) or WELL_KNOWN.get(prefix) or f"{prefix}:"
+        return self.entities.get(prefix) or WELL_KNOWN_PREFIXES.get(prefix) or f"{prefix}:"
 
-    def _plain(self, value: str) -> str:
+    def _unescape(self, value: str) -> str:
         return _AMPERSAND.sub(lambda found: self.entities.get(found[2] or "", found[0]), value)
 
     # -- the way forward -----------------------------------------------------------------------------------------------
 
-    def _put(self, text: str, *, to: int) -> None:
-        self.out.append(text)
-        self.at = to
+    def _emit(self, text: str, *, to: int) -> None:
+        self.output.append(text)
+        self.position = to
 
     def _line(self) -> int:
-        self.line += self.text.count("\n", self._counted, self.at)
-        self._counted = self.at
+        self.line += self.text.count("\n", self._counted_position, self.position)
+        self._counted_position = self.position
         return self.line
 
-    def _warn(self, what: str, did: str) -> None:
-        self.repairs.append(Repair(self._line(), what, did))
+    def _warn(self, problem: str, action: str) -> None:
+        self.repairs.append(XmlRepair(self._line(), problem, action))
 
 
-def _short(text: str) -> str:
+def _shortened(text: str) -> str:
     text = " ".join(text.split())
     return repr(text if len(text) <= 40 else f"{text[:40]}…")

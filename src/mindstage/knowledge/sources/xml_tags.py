@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import Enum, auto
 
-__all__ = ["Attribute", "Element", "Holds", "StartTag", "ending_of", "start_tag"]
+__all__ = ["Attribute", "ContentModel", "OpenElement", "StartTag", "find_tag_end", "parse_start_tag"]
 
 Attribute = tuple[str, str]
 """Name and value, the value as it stands in the file."""
@@ -26,55 +26,55 @@ class StartTag:
 
     name: str
     attributes: list[Attribute] = field(default_factory=list)
-    oddities: list[str] = field(default_factory=list)
+    issues: list[str] = field(default_factory=list)
     """What is wrong with it that had no effect."""
-    empty: bool = False
+    is_self_closing: bool = False
     """Whether it is an end tag as well."""
-    cut: bool = False
+    is_truncated: bool = False
     """Whether the text ends before the tag does."""
-    stop: int = 0
+    end: int = 0
     """Where the text goes on."""
 
 
-def start_tag(text: str, at: int) -> StartTag:
+def parse_start_tag(text: str, position: int) -> StartTag:
     """The start tag that begins there."""
-    named = _NAME.match(text, at + 1)
-    tag = StartTag(named[0] if named else "", stop=named.end() if named else at + 1)
+    named = _NAME.match(text, position + 1)
+    tag = StartTag(named[0] if named else "", end=named.end() if named else position + 1)
     while True:
-        if end := _END.match(text, tag.stop):
-            tag.empty, tag.stop = bool(end[1]), end.end()
+        if end := _END.match(text, tag.end):
+            tag.is_self_closing, tag.end = bool(end[1]), end.end()
             return tag
-        if attribute := _ATTRIBUTE.match(text, tag.stop):
-            _take(tag, attribute)
-        elif junk := _JUNK.match(text, tag.stop):
-            tag.oddities.append(f"{junk[0].strip()[:40]!r} is no attribute")
-            tag.stop = junk.end()
+        if attribute := _ATTRIBUTE.match(text, tag.end):
+            _add_attribute(tag, attribute)
+        elif junk := _JUNK.match(text, tag.end):
+            tag.issues.append(f"{junk[0].strip()[:40]!r} is no attribute")
+            tag.end = junk.end()
         else:
-            rest = text[tag.stop : tag.stop + 1_000].lstrip()
-            tag.cut = not rest
-            tag.oddities.append("its > is missing")
+            rest = text[tag.end : tag.end + 1_000].lstrip()
+            tag.is_truncated = not rest
+            tag.issues.append("its > is missing")
             return tag
 
 
-def _take(tag: StartTag, attribute: re.Match[str]) -> None:
+def _add_attribute(tag: StartTag, attribute: re.Match[str]) -> None:
     if not attribute["gap"]:
-        tag.oddities.append(f"there is no blank before {attribute['name']}")
+        tag.issues.append(f"there is no blank before {attribute['name']}")
     if attribute["bare"] is not None:
-        tag.oddities.append(f"the value of {attribute['name']} has no quotes")
+        tag.issues.append(f"the value of {attribute['name']} has no quotes")
     value = next(attribute[kind] for kind in ("double", "single", "bare") if attribute[kind] is not None)
     tag.attributes.append((attribute["name"], value))
-    tag.stop = attribute.end()
+    tag.end = attribute.end()
 
 
-def ending_of(text: str, at: int) -> int | None:
+def find_tag_end(text: str, position: int) -> int | None:
     """Where the end tag that begins there ends; None where the text ends before."""
-    close, opening = text.find(">", at), text.find("<", at + 1)
+    close, opening = text.find(">", position), text.find("<", position + 1)
     if close < 0 or 0 <= opening < close:
         return opening if opening >= 0 else None
     return close + 1
 
 
-class Holds(Enum):
+class ContentModel(Enum):
     """What RDF/XML lets stand inside an element."""
 
     NODES = auto()
@@ -88,41 +88,43 @@ class Holds(Enum):
 
 
 @dataclass(slots=True)
-class Element:
+class OpenElement:
     """An element that has begun."""
 
     name: str
-    kind: Holds
-    declares: Sequence[str] = ()
+    content_model: ContentModel
+    declared_prefixes: Sequence[str] = ()
     """Prefixes."""
-    texts: list[int] = field(default_factory=list)
+    text_positions: list[int] = field(default_factory=list)
     """Where its texts stand in what is written."""
     has_children: bool = False
     has_resource: bool = False
 
     @classmethod
-    def below(cls, above: Element | None, name: str, *, is_root: bool) -> Element:
+    def child_of(cls, parent: OpenElement | None, name: str, *, is_root: bool) -> OpenElement:
         """An element that begins inside another one, or first of all."""
-        if above is None:
-            return cls(name, Holds.NODES if is_root and name.endswith(":RDF") else Holds.PROPERTIES)
+        if parent is None:
+            return cls(name, ContentModel.NODES if is_root and name.endswith(":RDF") else ContentModel.PROPERTIES)
         inside = {
-            Holds.NODES: Holds.PROPERTIES,
-            Holds.PROPERTIES: Holds.VALUE,
-            Holds.VALUE: Holds.PROPERTIES,
-            Holds.LITERAL: Holds.LITERAL,
+            ContentModel.NODES: ContentModel.PROPERTIES,
+            ContentModel.PROPERTIES: ContentModel.VALUE,
+            ContentModel.VALUE: ContentModel.PROPERTIES,
+            ContentModel.LITERAL: ContentModel.LITERAL,
         }
-        return cls(name, inside[above.kind])
+        return cls(name, inside[parent.content_model])
 
-    def learn(self, attributes: Sequence[Attribute]) -> None:
+    def apply_attributes(self, attributes: Sequence[Attribute]) -> None:
         """Heeds the attributes that change what it holds."""
         for name, value in attributes:
-            if self.kind is Holds.VALUE and name == "rdf:parseType":
-                self.kind = {"Resource": Holds.PROPERTIES, "Collection": Holds.NODES}.get(value, Holds.LITERAL)
+            if self.content_model is ContentModel.VALUE and name == "rdf:parseType":
+                self.content_model = {"Resource": ContentModel.PROPERTIES, "Collection": ContentModel.NODES}.get(
+                    value, ContentModel.LITERAL
+                )
             elif name in {"rdf:resource", "rdf:nodeID"}:
                 self.has_resource = True
 
-    def takes_text(self) -> bool:
+    def allows_text(self) -> bool:
         """Whether a text has a place in it."""
-        return self.kind is Holds.LITERAL or (
-            self.kind is Holds.VALUE and not self.has_children and not self.has_resource
+        return self.content_model is ContentModel.LITERAL or (
+            self.content_model is ContentModel.VALUE and not self.has_children and not self.has_resource
         )

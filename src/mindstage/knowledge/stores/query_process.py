@@ -28,19 +28,19 @@ REPLY_LIMIT = 256 * 1024**2
 _JSON, _TRIPLES = ox.QueryResultsFormat.JSON, ox.RdfFormat.N_TRIPLES
 
 
-class _Reply:
+class _BoundedBuffer:
     """The bytes of an answer, as they are written."""
 
     def __init__(self) -> None:
-        self.parts: list[bytes] = []
-        self.room = REPLY_LIMIT
+        self.chunks: list[bytes] = []
+        self.remaining = REPLY_LIMIT
 
-    def write(self, part: bytes) -> int:
-        self.room -= len(part)
-        if self.room < 0:
+    def write(self, chunk: bytes) -> int:
+        self.remaining -= len(chunk)
+        if self.remaining < 0:
             raise _TooLargeError
-        self.parts.append(part)
-        return len(part)
+        self.chunks.append(chunk)
+        return len(chunk)
 
     def flush(self) -> None:
         pass
@@ -55,20 +55,20 @@ def serve(store: ox.Store, connection: Connection) -> None:
 
     A query is (text, prefixes, seconds); the answer (kind, bytes): solutions and truth as JSON, triples, or why not.
     """
-    _behave()
+    _limit_resources()
     while True:
         try:
             query, prefixes, timeout_s = connection.recv()
         except EOFError:
             return
         signal.setitimer(signal.ITIMER_REAL, timeout_s)
-        answer = _answer(store, query, prefixes)
+        answer = _evaluate(store, query, prefixes)
         signal.setitimer(signal.ITIMER_REAL, 0)
         connection.send(answer)
 
 
-def _answer(store: ox.Store, query: str, prefixes: dict[str, str]) -> tuple[str, bytes]:
-    reply: Any = _Reply()
+def _evaluate(store: ox.Store, query: str, prefixes: dict[str, str]) -> tuple[str, bytes]:
+    reply: Any = _BoundedBuffer()
     try:
         found = store.query(query, prefixes=prefixes, use_default_graph_as_union=True)
         if isinstance(found, ox.QueryTriples):
@@ -84,7 +84,7 @@ def _answer(store: ox.Store, query: str, prefixes: dict[str, str]) -> tuple[str,
         return "refused", str(error).encode()
 
 
-def _behave() -> None:
+def _limit_resources() -> None:
     """Silent, bounded, and ended by the clock; whoever is asked to stop by Ctrl-C is the process that waits."""
     signal.signal(signal.SIGALRM, signal.SIG_DFL)
     signal.signal(signal.SIGINT, signal.SIG_IGN)

@@ -8,13 +8,22 @@ from collections.abc import Iterable
 import msgspec
 import pyoxigraph as ox
 
-from mindstage.errors import QueryRefused
+from mindstage.errors import SparqlSyntaxError
 from mindstage.knowledge.reasoning.namebook import PREFIXES
 
-__all__ = ["PREFIXES", "Table", "Term", "check_query", "solutions_table", "syntax_cause", "term_of", "triples_table"]
+__all__ = [
+    "PREFIXES",
+    "RdfTerm",
+    "SparqlResult",
+    "check_query",
+    "short_syntax_error",
+    "solutions_table",
+    "term_from_node",
+    "triples_table",
+]
 
 
-class Term(msgspec.Struct, frozen=True, omit_defaults=True):
+class RdfTerm(msgspec.Struct, frozen=True, omit_defaults=True):
     """One value of a solution."""
 
     kind: str
@@ -24,18 +33,18 @@ class Term(msgspec.Struct, frozen=True, omit_defaults=True):
     language: str | None = None
 
 
-class Table(msgspec.Struct, frozen=True):
+class SparqlResult(msgspec.Struct, frozen=True):
     """What a query found: a truth (ASK), triples (CONSTRUCT, DESCRIBE) or solutions (SELECT)."""
 
     columns: tuple[str, ...]
-    rows: tuple[tuple[Term | None, ...], ...]
-    truth: bool | None = None
+    rows: tuple[tuple[RdfTerm | None, ...], ...]
+    boolean: bool | None = None
     """The answer of ASK, and None of any other."""
 
 
 # -- what may be asked -------------------------------------------------------------------------------------------------
 
-_TEXTS = re.compile(
+_STRING_LITERALS = re.compile(
     r'''\\.|"""(?:[^"\\]|\\.|"(?!""))*"""|\'\'\'(?:[^'\\]|\\.|'(?!''))*\'\'\''''
     r"""|"(?:[^"\\\n\r]|\\.)*"|'(?:[^'\\\n\r]|\\.)*'|<[^<>"{}|^`\\\x00-\x20]*>|\#[^\n\r]*""",
     re.DOTALL,
@@ -55,19 +64,19 @@ def check_query(query: str, *, allow_service: bool) -> None:
     In doubt it takes a word for SERVICE: a prefix of that name, say.
 
     Raises:
-        QueryRefused: it is an update, or asks another server.
+        SparqlSyntaxError: it is an update, or asks another server.
     """
     for text in {query, _CODE_POINT.sub(lambda code: chr(int(code[1] or code[2], 16)), query)}:
-        words = _NAMES.sub(" ", _TEXTS.sub(" ", text))
+        words = _NAMES.sub(" ", _STRING_LITERALS.sub(" ", text))
         if update := _UPDATE.match(words):
             cause = f"it is an update ({update[1].upper()}), and queries only read"
-            raise QueryRefused(cause, remedy="statements are added and taken back with tell and retract")
+            raise SparqlSyntaxError(cause, remedy="statements are added and taken back with tell and retract")
         if _SERVICE.search(words) and not allow_service:
             remedy = "allow it with --allow-service (in Python: allow_service=True)"
-            raise QueryRefused("it asks another server (SERVICE), and nothing is fetched unasked", remedy=remedy)
+            raise SparqlSyntaxError("it asks another server (SERVICE), and nothing is fetched unasked", remedy=remedy)
 
 
-def syntax_cause(message: str) -> str:
+def short_syntax_error(message: str) -> str:
     """What the parser says, without the hundred things that it would have taken instead."""
     place, _, expected = message.partition(": expected ")
     if "Prefix not found" in expected:
@@ -78,7 +87,7 @@ def syntax_cause(message: str) -> str:
 # -- what was found ----------------------------------------------------------------------------------------------------
 
 
-def solutions_table(json: bytes) -> Table:
+def solutions_table(json: bytes) -> SparqlResult:
     """What SELECT or ASK found, from SPARQL's own JSON.
 
     Raises:
@@ -86,31 +95,32 @@ def solutions_table(json: bytes) -> Table:
     """
     found = ox.parse_query_results(json, ox.QueryResultsFormat.JSON)
     if isinstance(found, ox.QueryBoolean):
-        return Table((), (), bool(found))
+        return SparqlResult((), (), bool(found))
     names = tuple(variable.value for variable in found.variables)
-    return Table(names, tuple(tuple(_bound(solution[name]) for name in names) for solution in found))
+    return SparqlResult(names, tuple(tuple(_parse_binding(solution[name]) for name in names) for solution in found))
 
 
-def triples_table(triples: Iterable[ox.Quad]) -> Table:
+def triples_table(triples: Iterable[ox.Quad]) -> SparqlResult:
     """What CONSTRUCT or DESCRIBE found, each triple once."""
     rows = tuple(
-        (term_of(each.subject), term_of(each.predicate), term_of(each.object)) for each in dict.fromkeys(triples)
+        (term_from_node(each.subject), term_from_node(each.predicate), term_from_node(each.object))
+        for each in dict.fromkeys(triples)
     )
-    return Table(("subject", "predicate", "object"), rows)
+    return SparqlResult(("subject", "predicate", "object"), rows)
 
 
-def _bound(value: object) -> Term | None:
-    return None if value is None else term_of(value)
+def _parse_binding(value: object) -> RdfTerm | None:
+    return None if value is None else term_from_node(value)
 
 
-def term_of(value: object) -> Term:
+def term_from_node(value: object) -> RdfTerm:
     """A node of the store as plain data."""
     match value:
         case ox.NamedNode():
-            return Term("iri", value.value)
+            return RdfTerm("iri", value.value)
         case ox.BlankNode():
-            return Term("blank", value.value)
+            return RdfTerm("blank", value.value)
         case ox.Literal():
-            return Term("literal", value.value, value.datatype.value, value.language)
+            return RdfTerm("literal", value.value, value.datatype.value, value.language)
         case _:
-            return Term("triple", str(value))
+            return RdfTerm("triple", str(value))

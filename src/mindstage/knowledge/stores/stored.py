@@ -22,74 +22,76 @@ import msgspec
 import pyoxigraph as ox
 from msgspec.structs import replace
 
-from mindstage.errors import StoreUnusable
+from mindstage.errors import StoreError
 from mindstage.files import atomic_write
 from mindstage.knowledge.findings import Finding
 from mindstage.knowledge.reading.assumptions import Assumption
-from mindstage.knowledge.reading.conventions import Conventions
+from mindstage.knowledge.reading.conventions import UnitConventions
 from mindstage.knowledge.sources.files import SourceFile
 from mindstage.knowledge.sources.source import Source
-from mindstage.knowledge.stores.localstore import LocalStore
+from mindstage.knowledge.stores.localstore import OxigraphStore
 
-__all__ = ["FORMAT_VERSION", "Record", "StoreContents", "StoreFolder"]
+__all__ = ["FORMAT_VERSION", "SourceRecord", "StoreDirectory", "StoreManifest"]
 
 FORMAT_VERSION = 1
-_CONTENTS, _TRIPLES, _TEXTS = "mindstage.json", "triples", "texts"
-_ANEW = "delete the folder and load the sources into it again"
+_MANIFEST, _TRIPLES, _TEXTS = "mindstage.json", "triples", "texts"
+_RECREATE_HINT = "delete the folder and load the sources into it again"
 
 
-class Record(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class SourceRecord(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """One source, as it was when it was loaded."""
 
     path: str
     format: str
     """Its media type."""
-    text: str
+    content_hash: str
     """The hash of what was parsed, which names the text."""
-    hash: str
+    file_hash: str
     """Of the file itself."""
     size: int
     modified_ns: int
-    asked_for: bool = False
-    given: bool = False
+    is_map: bool = False
+    is_explicit: bool = False
 
 
-class StoreContents(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class StoreManifest(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """What a folder holds."""
 
     format_version: int = FORMAT_VERSION
-    whole: bool = True
-    bundled: str | None = None
+    complete: bool = True
+    bundled_ontology: str | None = None
     """Where the bundled ontology lay; None for a knowledge base without it."""
     packages: tuple[str, ...] = ()
-    robots: tuple[str, ...] = ()
+    urdf_files: tuple[str, ...] = ()
     """Descriptions that maps were read with."""
-    sources: tuple[Record, ...] = ()
-    conventions: dict[str, Conventions] = {}
+    sources: tuple[SourceRecord, ...] = ()
+    conventions: dict[str, UnitConventions] = {}
     assumptions: tuple[Assumption, ...] = ()
     findings: tuple[Finding, ...] = ()
 
 
-class StoreFolder:
+class StoreDirectory:
     """One folder, held by this process alone as long as it is open."""
 
     def __init__(self, folder: Path) -> None:
         """Opens a folder, or makes it.
 
         Raises:
-            StoreUnusable: it is no such folder, of a newer format, half-written, or held by another process.
+            StoreError: it is no such folder, of a newer format, half-written, or held by another process.
         """
         self.path = folder
-        self.is_new = not (folder / _CONTENTS).exists()
+        self.is_new = not (folder / _MANIFEST).exists()
         if self.is_new:
-            self._make()
+            self._create()
         self.read_only = not os.access(folder, os.W_OK)
-        self.contents = self._read()
-        self.store = self._open()
-        if not self.contents.whole and not self.is_new:
+        self.manifest = self._read_manifest()
+        self.store = self._open_store()
+        if not self.manifest.complete and not self.is_new:
             self.store.close()
-            raise StoreUnusable(str(folder), cause="it is half-written: a process died while filling it", remedy=_ANEW)
-        self._records = {record.path: record for record in self.contents.sources}
+            raise StoreError(
+                str(folder), cause="it is half-written: a process died while filling it", remedy=_RECREATE_HINT
+            )
+        self._records = {record.path: record for record in self.manifest.sources}
 
     # -- what it holds -------------------------------------------------------------------------------------------------
 
@@ -100,76 +102,76 @@ class StoreFolder:
                 name=record.path,
                 graph=ox.NamedNode(Path(record.path).as_uri()),
                 store=self.store,
-                read=self._reader(record),
-                asked_for=record.asked_for,
-                given=record.given,
+                load_text=self._text_loader(record),
+                is_map=record.is_map,
+                is_explicit=record.is_explicit,
             )
-            for record in self.contents.sources
+            for record in self.manifest.sources
         }
 
-    def changed(self) -> list[Path]:
+    def changed_sources(self) -> list[Path]:
         """Sources whose files say something else now; one that is gone has not changed."""
-        return [Path(record.path) for record in self.contents.sources if _has_changed(record)]
+        return [Path(record.path) for record in self.manifest.sources if _has_changed(record)]
 
-    def has(self, path: Path) -> bool:
+    def contains_version_of(self, path: Path) -> bool:
         """Whether some source says just what a file says."""
         told = sha256(path.read_bytes()).hexdigest()
-        return any(record.hash == told for record in self.contents.sources)
+        return any(record.file_hash == told for record in self.manifest.sources)
 
     # -- change --------------------------------------------------------------------------------------------------------
 
     @contextmanager
-    def changing(self) -> Iterator[None]:
+    def transaction(self) -> Iterator[None]:
         """The folder is not whole until somebody tells what it holds, or all is put back after an error.
 
         Raises:
-            StoreUnusable: it can only be read.
+            StoreError: it can only be read.
         """
         self.check_writable()
-        before = self.contents
-        self._write(replace(before, whole=False))
+        before = self.manifest
+        self._write_manifest(replace(before, complete=False))
         try:
             yield
         except BaseException:
-            self._write(before)
+            self._write_manifest(before)
             raise
 
     def check_writable(self) -> None:
         """Does nothing where it can be written.
 
         Raises:
-            StoreUnusable: it can only be read.
+            StoreError: it can only be read.
         """
         if self.read_only:
-            raise StoreUnusable(str(self.path), cause="it can only be read", remedy="copy it, and use the copy")
+            raise StoreError(str(self.path), cause="it can only be read", remedy="copy it, and use the copy")
 
-    def keep(self, file: SourceFile) -> Callable[[], SourceFile]:
+    def store_text(self, file: SourceFile) -> Callable[[], SourceFile]:
         """Keeps a text, and says how to get it back."""
         state = file.path.stat()
-        record = Record(
+        record = SourceRecord(
             path=str(file.path),
             format=file.format.media_type,
-            text=sha256(file.data).hexdigest(),
-            hash=sha256(file.path.read_bytes()).hexdigest(),
+            content_hash=sha256(file.data).hexdigest(),
+            file_hash=sha256(file.path.read_bytes()).hexdigest(),
             size=state.st_size,
             modified_ns=state.st_mtime_ns,
         )
-        path = self.path / _TEXTS / record.text
+        path = self.path / _TEXTS / record.content_hash
         if not path.exists():
             path.parent.mkdir(exist_ok=True)
             atomic_write(path, file.data, durable=True)
         self._records[record.path] = record
-        return self._reader(record)
+        return self._text_loader(record)
 
-    def hold(self, contents: StoreContents, sources: Iterable[Source]) -> None:
+    def commit(self, manifest: StoreManifest, sources: Iterable[Source]) -> None:
         """Tells what the folder holds from now on, these sources among it."""
         told = ((self._records[source.name], source) for source in sources)
-        records = (replace(record, asked_for=each.asked_for, given=each.given) for record, each in told)
-        contents = replace(contents, sources=tuple(records))
-        if contents != self.contents:
+        records = (replace(record, is_map=each.is_map, is_explicit=each.is_explicit) for record, each in told)
+        manifest = replace(manifest, sources=tuple(records))
+        if manifest != self.manifest:
             self.store.flush()
-            self._write(contents)
-            self._forget_texts()
+            self._write_manifest(manifest)
+            self._delete_unused_texts()
 
     def close(self) -> None:
         """Lets go of the folder; any number of times."""
@@ -177,83 +179,83 @@ class StoreFolder:
 
     # -- files ---------------------------------------------------------------------------------------------------------
 
-    def _make(self) -> None:
+    def _create(self) -> None:
         try:
             self.path.mkdir(parents=True, exist_ok=True)
             if next(self.path.iterdir(), None) is not None:
                 cause, remedy = "there are other files in it", "name a new folder, or one that a store was made in"
-                raise StoreUnusable(str(self.path), cause=cause, remedy=remedy)
-            self._write(StoreContents(whole=False))
+                raise StoreError(str(self.path), cause=cause, remedy=remedy)
+            self._write_manifest(StoreManifest(complete=False))
         except (FileExistsError, NotADirectoryError) as error:
-            raise StoreUnusable(str(self.path), cause="a file is in its place", remedy="name a new folder") from error
+            raise StoreError(str(self.path), cause="a file is in its place", remedy="name a new folder") from error
         except OSError as error:
-            raise self._unusable(error) from error
+            raise self._os_error(error) from error
 
-    def _open(self) -> LocalStore:
+    def _open_store(self) -> OxigraphStore:
         if not self.read_only:
             for copy in self.path.glob(f"{_TRIPLES}-as-asked-*"):  # of a process that was killed
                 shutil.rmtree(copy, ignore_errors=True)
         try:
-            return LocalStore(self.path / _TRIPLES, read_only=self.read_only)
+            return OxigraphStore(self.path / _TRIPLES, read_only=self.read_only)
         except OSError as error:
             if "lock" in str(error).lower():
                 cause = "another process holds it"
-                raise StoreUnusable(str(self.path), cause=cause, remedy="wait until that has ended") from error
-            raise self._unusable(error) from error
+                raise StoreError(str(self.path), cause=cause, remedy="wait until that has ended") from error
+            raise self._os_error(error) from error
         except RuntimeError as error:
-            raise StoreUnusable(str(self.path), cause=str(error), remedy=_ANEW) from error
+            raise StoreError(str(self.path), cause=str(error), remedy=_RECREATE_HINT) from error
 
-    def _read(self) -> StoreContents:
+    def _read_manifest(self) -> StoreManifest:
         try:
-            data = (self.path / _CONTENTS).read_bytes()
-            version = msgspec.json.decode(data, type=_Version).format_version
+            data = (self.path / _MANIFEST).read_bytes()
+            version = msgspec.json.decode(data, type=_ManifestVersion).format_version
             if version > FORMAT_VERSION:
                 cause = f"it is of format {version}, and this version knows {FORMAT_VERSION}"
-                raise StoreUnusable(str(self.path), cause=cause, remedy="use a newer Mindstage")
-            contents = msgspec.json.decode(data, type=StoreContents)
+                raise StoreError(str(self.path), cause=cause, remedy="use a newer Mindstage")
+            contents = msgspec.json.decode(data, type=StoreManifest)
         except OSError as error:
-            raise self._unusable(error) from error
+            raise self._os_error(error) from error
         except msgspec.DecodeError as error:
-            raise StoreUnusable(str(self.path), cause=f"{_CONTENTS}: {error}", remedy=_ANEW) from error
+            raise StoreError(str(self.path), cause=f"{_MANIFEST}: {error}", remedy=_RECREATE_HINT) from error
         return contents
 
-    def _write(self, contents: StoreContents) -> None:
-        contents_json = msgspec.json.format(msgspec.json.encode(contents), indent=1)
-        atomic_write(self.path / _CONTENTS, contents_json, durable=True)
-        self.contents = contents
+    def _write_manifest(self, manifest: StoreManifest) -> None:
+        contents_json = msgspec.json.format(msgspec.json.encode(manifest), indent=1)
+        atomic_write(self.path / _MANIFEST, contents_json, durable=True)
+        self.manifest = manifest
 
-    def _reader(self, record: Record) -> Callable[[], SourceFile]:
+    def _text_loader(self, record: SourceRecord) -> Callable[[], SourceFile]:
         format = ox.RdfFormat.from_media_type(record.format)
         if format is None:
-            raise StoreUnusable(str(self.path), cause=f"nobody knows the format {record.format}", remedy=_ANEW)
+            raise StoreError(str(self.path), cause=f"nobody knows the format {record.format}", remedy=_RECREATE_HINT)
 
         def read() -> SourceFile:
             try:
-                return SourceFile(Path(record.path), (self.path / _TEXTS / record.text).read_bytes(), format)
+                return SourceFile(Path(record.path), (self.path / _TEXTS / record.content_hash).read_bytes(), format)
             except OSError as error:
-                raise self._unusable(error) from error
+                raise self._os_error(error) from error
 
         return read
 
-    def _forget_texts(self) -> None:
-        needed = {record.text for record in self.contents.sources}
+    def _delete_unused_texts(self) -> None:
+        needed = {record.content_hash for record in self.manifest.sources}
         for path in (self.path / _TEXTS).glob("*"):
             if path.name not in needed:
                 path.unlink(missing_ok=True)
 
-    def _unusable(self, error: OSError) -> StoreUnusable:
-        return StoreUnusable(str(self.path), cause=error.strerror or str(error))
+    def _os_error(self, error: OSError) -> StoreError:
+        return StoreError(str(self.path), cause=error.strerror or str(error))
 
 
-def _has_changed(record: Record) -> bool:
+def _has_changed(record: SourceRecord) -> bool:
     try:
         state = Path(record.path).stat()
         if (state.st_size, state.st_mtime_ns) == (record.size, record.modified_ns):
             return False
-        return sha256(Path(record.path).read_bytes()).hexdigest() != record.hash
+        return sha256(Path(record.path).read_bytes()).hexdigest() != record.file_hash
     except OSError:
         return False  # what was kept is all there is
 
 
-class _Version(msgspec.Struct):
+class _ManifestVersion(msgspec.Struct):
     format_version: int

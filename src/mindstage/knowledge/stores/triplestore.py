@@ -12,29 +12,29 @@ from typing import TYPE_CHECKING, Protocol
 import pyoxigraph as ox
 
 if TYPE_CHECKING:
-    from mindstage.knowledge.stores.sparql import Table
+    from mindstage.knowledge.stores.sparql import SparqlResult
 
-__all__ = ["Object", "Readable", "Subject", "TripleStore"]
+__all__ = ["ObjectNode", "QuadSource", "SubjectNode", "TripleStore"]
 
-Subject = ox.NamedNode | ox.BlankNode
-Object = ox.NamedNode | ox.BlankNode | ox.Literal | ox.Triple
+SubjectNode = ox.NamedNode | ox.BlankNode
+ObjectNode = ox.NamedNode | ox.BlankNode | ox.Literal | ox.Triple
 
 
-class Readable(Protocol):
+class QuadSource(Protocol):
     """What the index reads from."""
 
     def quads_for_pattern(
         self,
-        subject: Subject | ox.Triple | None,
+        subject: SubjectNode | ox.Triple | None,
         predicate: ox.NamedNode | None,
-        object: Object | None,
+        object: ObjectNode | None,
         graph_name: ox.NamedNode | ox.BlankNode | ox.DefaultGraph | None = None,
         /,
     ) -> Iterator[ox.Quad]:
         """All statements that fit, of one graph or of all; None fits everything."""
 
 
-class TripleStore(Readable, Protocol):
+class TripleStore(QuadSource, Protocol):
     """What a knowledge base keeps its statements in.
 
     Each call is done whole or not at all. Reading is safe from several threads, writing from one at a time.
@@ -59,12 +59,12 @@ class TripleStore(Readable, Protocol):
     def remove_graph(self, graph: ox.NamedNode, /) -> None:
         """Takes all statements of a graph away."""
 
-    def query(self, query: str, *, timeout_s: float, allow_service: bool = False) -> Table:
+    def query(self, query: str, *, timeout_s: float, allow_service: bool = False) -> SparqlResult:
         """Answers a SPARQL query, or stops it when its time is over.
 
         Raises:
-            QueryRefused: it is no query, asks for what it may not, or for more than can be had.
-            QueryTimedOut: it did not end in time.
+            SparqlSyntaxError: it is no query, asks for what it may not, or for more than can be had.
+            SparqlTimeoutError: it did not end in time.
         """
 
     def close(self) -> None:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from functools import cache
 
-__all__ = ["forbidden_in_xml", "last_name", "without_forbidden"]
+__all__ = ["find_forbidden_character", "remove_forbidden_characters", "xml_local_name"]
 
 _START = (
     "A-Z_a-z\u00c0-\u00d6\u00d8-\u00f6\u00f8-\u02ff\u0370-\u037d\u037f-\u1fff\u200c-\u200d\u2070-\u218f"
@@ -18,26 +18,26 @@ _START = (
 _PLAIN_LAST_NAME = re.compile(r"[A-Za-z_][A-Za-z_0-9.-]*\Z")
 
 
-def forbidden_in_xml(text: str) -> re.Match[str] | None:
+def find_forbidden_character(text: str) -> re.Match[str] | None:
     """The first letter that no XML file can hold, not even escaped."""
-    return None if text.isascii() and text.isprintable() else _forbidden().search(text)
+    return None if text.isascii() and text.isprintable() else _forbidden_pattern().search(text)
 
 
-def without_forbidden(text: str) -> str:
+def remove_forbidden_characters(text: str) -> str:
     """The text without letters that no XML file can hold."""
-    return text if text.isascii() and text.isprintable() else _forbidden().sub("", text)
+    return text if text.isascii() and text.isprintable() else _forbidden_pattern().sub("", text)
 
 
-def last_name(iri: str) -> re.Match[str] | None:
+def xml_local_name(iri: str) -> re.Match[str] | None:
     """The longest end of an IRI that is a name in XML."""
-    return (_PLAIN_LAST_NAME if iri.isascii() else _last_name()).search(iri)
+    return (_PLAIN_LAST_NAME if iri.isascii() else _local_name_pattern()).search(iri)
 
 
 @cache
-def _forbidden() -> re.Pattern[str]:
+def _forbidden_pattern() -> re.Pattern[str]:
     return re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 
 @cache
-def _last_name() -> re.Pattern[str]:
+def _local_name_pattern() -> re.Pattern[str]:
     return re.compile(rf"[{_START}][{_START}0-9.\u00b7\u0300-\u036f\u203f-\u2040-]*\Z")

@@ -20,20 +20,20 @@ from mindstage.knowledge.vocabulary import (
     POSE,
 )
 from mindstage.knowledge.wording import words
-from mindstage.knowledge.wording.statements import Heard, Said
-from mindstage.knowledge.wording.words import Word
-from mindstage.world import AngularMotion, Iri, LinearMotion, Motion, Pose, Soft
+from mindstage.knowledge.wording.statements import SubjectReader, SubjectWriter
+from mindstage.knowledge.wording.words import PropertyCodec
+from mindstage.world import AngularLimits, AxisMotion, Iri, LinearLimits, Pose, SoftLimit
 
-__all__ = ["ANGULAR_PART", "LINEAR_PART", "PARTS", "POSE_PART", "Part"]
+__all__ = ["NESTED_ANGULAR_LIMITS", "NESTED_LINEAR_LIMITS", "NESTED_POSE", "NESTED_RESOURCES", "NestedResource"]
 
 T = TypeVar("T")
 
-_OFF_UNIT = 1e-3
+_UNIT_TOLERANCE = 1e-3
 """Six digits, as maps write them, leave a norm a thousand times nearer to 1."""
 
 
 @dataclass(frozen=True, slots=True)
-class Part(Generic[T]):
+class NestedResource(Generic[T]):
     """One kind of part."""
 
     property: Iri
@@ -41,123 +41,131 @@ class Part(Generic[T]):
     cls: Iri
     suffix: str
     """What a part without a name of its own is called, after the whole."""
-    read: Callable[[Heard], T | None]
-    write: Callable[[Said, T], None]
+    read: Callable[[SubjectReader], T | None]
+    write: Callable[[SubjectWriter, T], None]
 
 
-def _read_pose(heard: Heard) -> Pose | None:
-    position, quaternion = heard.value(words.TRANSLATION), heard.value(words.QUATERNION)
+def _read_pose(reader: SubjectReader) -> Pose | None:
+    position, quaternion = reader.read(words.TRANSLATION), reader.read(words.QUATERNION)
     for word, value in ((words.TRANSLATION, position), (words.QUATERNION, quaternion)):
-        if value is None and not heard.at(word.property):
-            heard.warn(word.property, "a pose does not tell it", "it is no pose then")
+        if value is None and not reader.indexes_of(word.property):
+            reader.warn(word.property, "a pose does not tell it", "it is no pose then")
     if position is None or quaternion is None:
         return None
     norm = math.hypot(*quaternion)
-    if abs(norm - 1.0) > _OFF_UNIT:
+    if abs(norm - 1.0) > _UNIT_TOLERANCE:
         what, did = f"the quaternion has the norm {norm:.6g} and not 1", "it is normalised where it is used"
-        heard.warn(words.QUATERNION.property, what, did)
+        reader.warn(words.QUATERNION.property, what, did)
     x, y, z = position
     w, i, j, k = quaternion
     return Pose((x, y, z), (w, i, j, k))
 
 
-def _write_pose(said: Said, pose: Pose) -> None:
-    said.value(words.QUATERNION, pose.quaternion)
-    said.value(words.TRANSLATION, pose.position)
+def _write_pose(writer: SubjectWriter, pose: Pose) -> None:
+    writer.write(words.QUATERNION, pose.quaternion)
+    writer.write(words.TRANSLATION, pose.position)
 
 
-def _motion(heard: Heard, word: Word[Motion]) -> Motion:
-    motion = heard.value(word)
+def _read_motion(reader: SubjectReader, codec: PropertyCodec[AxisMotion]) -> AxisMotion:
+    motion = reader.read(codec)
     if motion is None:
-        heard.warn(word.property, "nothing understandable is told", "it is taken as locked")
-        return Motion.LOCKED
+        reader.warn(codec.property, "nothing understandable is told", "it is taken as locked")
+        return AxisMotion.LOCKED
     return motion
 
 
-def _limit(heard: Heard, word: Word[float], *motions: Motion) -> float:
-    limit = heard.value(word)
-    if limit is None and Motion.LIMITED in motions:
-        heard.warn(word.property, "nothing understandable is told", "it is taken as 0")
+def _read_limit(reader: SubjectReader, codec: PropertyCodec[float], *motions: AxisMotion) -> float:
+    limit = reader.read(codec)
+    if limit is None and AxisMotion.LIMITED in motions:
+        reader.warn(codec.property, "nothing understandable is told", "it is taken as 0")
     return limit or 0.0
 
 
-def _middle(heard: Heard, word: Word[float]) -> float:
+def _read_center(reader: SubjectReader, codec: PropertyCodec[float]) -> float:
     """Not told is 0, and 0 is not told."""
-    return heard.value(word, keep=lambda middle: not middle) or 0.0
+    return reader.read(codec, keep_if=lambda middle: not middle) or 0.0
 
 
-def _soft(heard: Heard, enabled: Word[bool], stiffness: Word[float], damping: Word[float]) -> Soft:
-    return Soft(
-        enabled=heard.value(enabled) or False,
-        stiffness=heard.value(stiffness) or 0.0,
-        damping=heard.value(damping) or 0.0,
+def _read_soft_limit(
+    reader: SubjectReader, enabled: PropertyCodec[bool], stiffness: PropertyCodec[float], damping: PropertyCodec[float]
+) -> SoftLimit:
+    return SoftLimit(
+        enabled=reader.read(enabled) or False,
+        stiffness=reader.read(stiffness) or 0.0,
+        damping=reader.read(damping) or 0.0,
     )
 
 
-def _write_soft(said: Said, soft: Soft, enabled: Word[bool], stiffness: Word[float], damping: Word[float]) -> None:
-    said.value(enabled, soft.enabled)
-    said.value(stiffness, soft.stiffness)
-    said.value(damping, soft.damping)
+def _write_soft_limit(
+    writer: SubjectWriter,
+    soft: SoftLimit,
+    enabled: PropertyCodec[bool],
+    stiffness: PropertyCodec[float],
+    damping: PropertyCodec[float],
+) -> None:
+    writer.write(enabled, soft.enabled)
+    writer.write(stiffness, soft.stiffness)
+    writer.write(damping, soft.damping)
 
 
-def _read_linear(heard: Heard) -> LinearMotion:
-    x, y, z = (_motion(heard, word) for word in (words.X_MOTION, words.Y_MOTION, words.Z_MOTION))
-    soft = _soft(heard, words.SOFT, words.STIFFNESS, words.DAMPING)
-    return LinearMotion(
+def _read_linear(reader: SubjectReader) -> LinearLimits:
+    x, y, z = (_read_motion(reader, word) for word in (words.X_MOTION, words.Y_MOTION, words.Z_MOTION))
+    soft = _read_soft_limit(reader, words.SOFT, words.STIFFNESS, words.DAMPING)
+    return LinearLimits(
         x=x,
         y=y,
         z=z,
-        limit=_limit(heard, words.LIMIT, x, y, z),
-        x_middle=_middle(heard, words.X_MIDDLE),
-        y_middle=_middle(heard, words.Y_MIDDLE),
-        z_middle=_middle(heard, words.Z_MIDDLE),
-        soft=soft,
+        limit=_read_limit(reader, words.LIMIT, x, y, z),
+        x_middle=_read_center(reader, words.X_MIDDLE),
+        y_middle=_read_center(reader, words.Y_MIDDLE),
+        z_middle=_read_center(reader, words.Z_MIDDLE),
+        soft_limit=soft,
     )
 
 
-def _write_linear(said: Said, linear: LinearMotion) -> None:
-    said.value(words.X_MOTION, linear.x)
-    said.value(words.Y_MOTION, linear.y)
-    said.value(words.Z_MOTION, linear.z)
-    said.value(words.LIMIT, linear.limit)
-    said.value(words.X_MIDDLE, linear.x_middle or None)
-    said.value(words.Y_MIDDLE, linear.y_middle or None)
-    said.value(words.Z_MIDDLE, linear.z_middle or None)
-    _write_soft(said, linear.soft, words.SOFT, words.STIFFNESS, words.DAMPING)
+def _write_linear(writer: SubjectWriter, linear: LinearLimits) -> None:
+    writer.write(words.X_MOTION, linear.x)
+    writer.write(words.Y_MOTION, linear.y)
+    writer.write(words.Z_MOTION, linear.z)
+    writer.write(words.LIMIT, linear.limit)
+    writer.write(words.X_MIDDLE, linear.x_middle or None)
+    writer.write(words.Y_MIDDLE, linear.y_middle or None)
+    writer.write(words.Z_MIDDLE, linear.z_middle or None)
+    _write_soft_limit(writer, linear.soft_limit, words.SOFT, words.STIFFNESS, words.DAMPING)
 
 
-def _read_angular(heard: Heard) -> AngularMotion:
-    swing1, swing2, twist = (_motion(heard, word) for word in (words.SWING1, words.SWING2, words.TWIST))
-    return AngularMotion(
+def _read_angular(reader: SubjectReader) -> AngularLimits:
+    swing1, swing2, twist = (_read_motion(reader, word) for word in (words.SWING1, words.SWING2, words.TWIST))
+    return AngularLimits(
         swing1=swing1,
         swing2=swing2,
         twist=twist,
-        swing1_limit=_limit(heard, words.SWING1_LIMIT, swing1),
-        swing2_limit=_limit(heard, words.SWING2_LIMIT, swing2),
-        twist_limit=_limit(heard, words.TWIST_LIMIT, twist),
-        swing1_middle=_middle(heard, words.SWING1_MIDDLE),
-        swing2_middle=_middle(heard, words.SWING2_MIDDLE),
-        twist_middle=_middle(heard, words.TWIST_MIDDLE),
-        swing_soft=_soft(heard, words.SWING_SOFT, words.SWING_STIFFNESS, words.SWING_DAMPING),
-        twist_soft=_soft(heard, words.TWIST_SOFT, words.TWIST_STIFFNESS, words.TWIST_DAMPING),
+        swing1_limit=_read_limit(reader, words.SWING1_LIMIT, swing1),
+        swing2_limit=_read_limit(reader, words.SWING2_LIMIT, swing2),
+        twist_limit=_read_limit(reader, words.TWIST_LIMIT, twist),
+        swing1_middle=_read_center(reader, words.SWING1_MIDDLE),
+        swing2_middle=_read_center(reader, words.SWING2_MIDDLE),
+        twist_middle=_read_center(reader, words.TWIST_MIDDLE),
+        swing_soft_limit=_read_soft_limit(reader, words.SWING_SOFT, words.SWING_STIFFNESS, words.SWING_DAMPING),
+        twist_soft_limit=_read_soft_limit(reader, words.TWIST_SOFT, words.TWIST_STIFFNESS, words.TWIST_DAMPING),
     )
 
 
-def _write_angular(said: Said, angular: AngularMotion) -> None:
-    said.value(words.SWING1, angular.swing1)
-    said.value(words.SWING2, angular.swing2)
-    said.value(words.TWIST, angular.twist)
-    said.value(words.SWING1_LIMIT, angular.swing1_limit)
-    said.value(words.SWING2_LIMIT, angular.swing2_limit)
-    said.value(words.TWIST_LIMIT, angular.twist_limit)
-    said.value(words.SWING1_MIDDLE, angular.swing1_middle or None)
-    said.value(words.SWING2_MIDDLE, angular.swing2_middle or None)
-    said.value(words.TWIST_MIDDLE, angular.twist_middle or None)
-    _write_soft(said, angular.swing_soft, words.SWING_SOFT, words.SWING_STIFFNESS, words.SWING_DAMPING)
-    _write_soft(said, angular.twist_soft, words.TWIST_SOFT, words.TWIST_STIFFNESS, words.TWIST_DAMPING)
+def _write_angular(writer: SubjectWriter, angular: AngularLimits) -> None:
+    writer.write(words.SWING1, angular.swing1)
+    writer.write(words.SWING2, angular.swing2)
+    writer.write(words.TWIST, angular.twist)
+    writer.write(words.SWING1_LIMIT, angular.swing1_limit)
+    writer.write(words.SWING2_LIMIT, angular.swing2_limit)
+    writer.write(words.TWIST_LIMIT, angular.twist_limit)
+    writer.write(words.SWING1_MIDDLE, angular.swing1_middle or None)
+    writer.write(words.SWING2_MIDDLE, angular.swing2_middle or None)
+    writer.write(words.TWIST_MIDDLE, angular.twist_middle or None)
+    _write_soft_limit(writer, angular.swing_soft_limit, words.SWING_SOFT, words.SWING_STIFFNESS, words.SWING_DAMPING)
+    _write_soft_limit(writer, angular.twist_soft_limit, words.TWIST_SOFT, words.TWIST_STIFFNESS, words.TWIST_DAMPING)
 
 
-POSE_PART = Part(HAS_POSE, POSE, "pose", _read_pose, _write_pose)
-LINEAR_PART = Part(HAS_LINEAR, LINEAR_CONSTRAINT, "linear", _read_linear, _write_linear)
-ANGULAR_PART = Part(HAS_ANGULAR, ANGULAR_CONSTRAINT, "angular", _read_angular, _write_angular)
-PARTS: tuple[Part[Any], ...] = (POSE_PART, LINEAR_PART, ANGULAR_PART)
+NESTED_POSE = NestedResource(HAS_POSE, POSE, "pose", _read_pose, _write_pose)
+NESTED_LINEAR_LIMITS = NestedResource(HAS_LINEAR, LINEAR_CONSTRAINT, "linear", _read_linear, _write_linear)
+NESTED_ANGULAR_LIMITS = NestedResource(HAS_ANGULAR, ANGULAR_CONSTRAINT, "angular", _read_angular, _write_angular)
+NESTED_RESOURCES: tuple[NestedResource[Any], ...] = (NESTED_POSE, NESTED_LINEAR_LIMITS, NESTED_ANGULAR_LIMITS)

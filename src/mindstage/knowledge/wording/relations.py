@@ -5,16 +5,16 @@ from __future__ import annotations
 from collections.abc import Container, Mapping
 
 from mindstage.knowledge.vocabulary import CHILD, PARENT
-from mindstage.knowledge.wording.statements import Heard
+from mindstage.knowledge.wording.statements import SubjectReader
 from mindstage.world import Iri
 
-__all__ = ["Relations"]
+__all__ = ["AttachmentReader"]
 
 
-class Relations:
+class AttachmentReader:
     """What bodies say about one another, as a forest; a statement that would spoil it stays a fact."""
 
-    def __init__(self, bodies: Mapping[Iri, Heard], constraints: Container[Iri]) -> None:
+    def __init__(self, bodies: Mapping[Iri, SubjectReader], constraints: Container[Iri]) -> None:
         """Listens to all bodies.
 
         Args:
@@ -22,26 +22,28 @@ class Relations:
             constraints: individuals that join others; a body may name one it is an end of.
         """
         self.ends: dict[tuple[Iri, Iri], Iri] = {}
-        """By constraint and role (`parent` or `child`), the body that says to be that end of it."""
+        """By constraint and role (`parents` or `child`), the body that says to be that end of it."""
         self.parents: dict[Iri, Iri] = {}
         """By child."""
-        self._towards_root: dict[Iri, Iri] = {}
+        self._ancestor: dict[Iri, Iri] = {}
         for body, heard in bodies.items():
-            self._listen(body, heard, bodies, constraints)
+            self._read_relations(body, heard, bodies, constraints)
 
-    def _listen(self, body: Iri, heard: Heard, bodies: Container[Iri], constraints: Container[Iri]) -> None:
-        told = [(index, role, other) for role in (CHILD, PARENT) for index, other in heard.references(role)]
+    def _read_relations(
+        self, body: Iri, reader: SubjectReader, bodies: Container[Iri], constraints: Container[Iri]
+    ) -> None:
+        told = [(index, role, other) for role in (CHILD, PARENT) for index, other in reader.references(role)]
         for index, role, other in sorted(told):
             if other in bodies:
                 parent, child = (body, other) if role == CHILD else (other, body)
                 if problem := self._attach(parent, child):
-                    heard.warn(role, problem, "the relation stays a fact")
+                    reader.warn(role, problem, "the relation stays a fact")
                 else:
-                    heard.take(index)
+                    reader.consume(index)
             elif other in constraints:
                 self.ends.setdefault((other, PARENT if role == CHILD else CHILD), body)
             else:
-                heard.warn(role, f"{other} is no body of this map", "the relation stays a fact")
+                reader.warn(role, f"{other} is no body of this map", "the relation stays a fact")
 
     def _attach(self, parent: Iri, child: Iri) -> str:
         """What speaks against it; nothing if it is done."""
@@ -51,12 +53,12 @@ class Relations:
         if self._root(parent) == child:
             return f"{child} would hang on itself, by way of {parent}"
         self.parents[child] = parent
-        self._towards_root[child] = parent
+        self._ancestor[child] = parent
         return ""
 
     def _root(self, body: Iri) -> Iri:
         # Each walk halves the way for the next one, so that long chains cost no more than short ones.
-        towards = self._towards_root
+        towards = self._ancestor
         while (up := towards.get(body)) is not None:
             if up in towards:
                 towards[body] = towards[up]

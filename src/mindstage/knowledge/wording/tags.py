@@ -10,37 +10,37 @@ import json
 import msgspec
 
 from mindstage.knowledge.vocabulary import TAGS_DATA, TAGS_JSON
-from mindstage.knowledge.wording.letters import forbidden_in_xml
-from mindstage.knowledge.wording.statements import Heard, Said
-from mindstage.knowledge.wording.words import Word, text_in
+from mindstage.knowledge.wording.letters import find_forbidden_character
+from mindstage.knowledge.wording.statements import SubjectReader, SubjectWriter
+from mindstage.knowledge.wording.words import PropertyCodec, literal_text
 from mindstage.world import FactValue, Literal, Tag
 
-__all__ = ["say_tags", "tags_in", "tags_of"]
+__all__ = ["parse_tags", "read_tags", "write_tags"]
 
 Tags = tuple[Tag, ...]
 
 
-def tags_of(heard: Heard) -> Tags:
+def read_tags(reader: SubjectReader) -> Tags:
     """The tags of an individual. Where they are told both ways, JSON counts."""
-    told = heard.value(_AS_JSON)
-    return (heard.value(_SHORT) or ()) if told is None else told
+    told = reader.read(_JSON_TAGS_CODEC)
+    return (reader.read(_TAGS_CODEC) or ()) if told is None else told
 
 
-def tags_in(value: FactValue) -> Tags:
+def parse_tags(value: FactValue) -> Tags:
     """The tags that one text in the community's writing holds; none, if it is none."""
-    return _understand(value) or ()
+    return _parse(value) or ()
 
 
-def say_tags(said: Said, tags: Tags) -> None:
+def write_tags(writer: SubjectWriter, tags: Tags) -> None:
     """Says the tags in the community's writing, if it can hold them."""
-    if said.told(_AS_JSON) is not None or not _has_short_form(tags):
-        said.value(_AS_JSON, tags)
-    elif tags or said.told(_SHORT) != ():
-        said.value(_SHORT, tags or None)
+    if writer.first_value(_JSON_TAGS_CODEC) is not None or not _has_short_form(tags):
+        writer.write(_JSON_TAGS_CODEC, tags)
+    elif tags or writer.first_value(_TAGS_CODEC) != ():
+        writer.write(_TAGS_CODEC, tags or None)
 
 
-def _understand(value: FactValue) -> Tags | None:
-    text = text_in(value)
+def _parse(value: FactValue) -> Tags | None:
+    text = literal_text(value)
     if text is None:
         return None
     tags, kind = [], None
@@ -55,7 +55,7 @@ def _understand(value: FactValue) -> Tags | None:
     return tuple(tags)
 
 
-def _say(tags: Tags) -> Literal:
+def _format(tags: Tags) -> Literal:
     parts: list[str] = []
     kind = None
     for tag in tags:
@@ -67,22 +67,22 @@ def _say(tags: Tags) -> Literal:
 
 
 def _has_short_form(tags: Tags) -> bool:
-    literal = _say(tags)
-    return _understand(literal) == tags and not forbidden_in_xml(literal.text)
+    literal = _format(tags)
+    return _parse(literal) == tags and not find_forbidden_character(literal.text)
 
 
-def _understand_json(value: FactValue) -> Tags | None:
+def _parse_json(value: FactValue) -> Tags | None:
     try:
-        told = msgspec.convert(json.loads(text_in(value) or ""), list[tuple[str, str, str]])
+        told = msgspec.convert(json.loads(literal_text(value) or ""), list[tuple[str, str, str]])
     except (ValueError, RecursionError):
         return None
     return tuple(Tag(type=kind, key=key, value=value) for kind, key, value in told)
 
 
-def _say_json(tags: Tags) -> Literal:
+def _format_json(tags: Tags) -> Literal:
     # ASCII alone: JSON has an escape for every letter, also for those that XML has no way to write.
     return Literal(json.dumps([(tag.type, tag.key, tag.value) for tag in tags]))
 
 
-_SHORT = Word(TAGS_DATA, 'tags ("type;key,value;…")', _understand, _say)
-_AS_JSON = Word(TAGS_JSON, "a JSON array of [type, key, value]", _understand_json, _say_json)
+_TAGS_CODEC = PropertyCodec(TAGS_DATA, 'tags ("type;key,value;…")', _parse, _format)
+_JSON_TAGS_CODEC = PropertyCodec(TAGS_JSON, "a JSON array of [type, key, value]", _parse_json, _format_json)

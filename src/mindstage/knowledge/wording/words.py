@@ -14,17 +14,17 @@ from enum import Enum
 from typing import Generic, TypeVar
 
 from mindstage.knowledge.vocabulary import LABEL, knowrob, ms, xsd
-from mindstage.world import Fact, FactValue, Iri, Literal, Mobility, Motion, Reference, ShapeKind
+from mindstage.world import AxisMotion, FactValue, Iri, IriRef, Literal, Mobility, PrimitiveType, PropertyAssertion
 
 __all__ = [
-    "COLOUR",
+    "COLOR",
     "DAMPING",
     "DISABLE_COLLISION",
     "GRAVITY",
     "ID",
     "INDEX",
     "INTENSITY",
-    "LABEL_WORD",
+    "LABEL_CODEC",
     "LIMIT",
     "MASS",
     "MATERIAL_NAME",
@@ -59,49 +59,49 @@ __all__ = [
     "Y_MOTION",
     "Z_MIDDLE",
     "Z_MOTION",
-    "Word",
-    "number_in",
-    "text_in",
+    "PropertyCodec",
+    "literal_text",
+    "parse_number",
 ]
 
 T = TypeVar("T")
-Kind = TypeVar("Kind", bound=Enum)
+EnumT = TypeVar("EnumT", bound=Enum)
 
 _NUMBER_PATTERN = r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?"
 _NUMBER = re.compile(rf"\s*{_NUMBER_PATTERN}\s*", re.ASCII)
 """Python itself would also take "nan", "1_000" and digits from all over the world."""
-_INTEGER = xsd("integer")
-_TRUTH = {"true": True, "1": True, "false": False, "0": False}
+_INTEGER_TYPE = xsd("integer")
+_BOOLEANS = {"true": True, "1": True, "false": False, "0": False}
 
 
 @dataclass(frozen=True, slots=True)
-class Word(Generic[T]):
+class PropertyCodec(Generic[T]):
     """One property, and what its values mean."""
 
     property: Iri
-    what: str
+    expected: str
     """What a value must be, for those who write something else."""
-    understand: Callable[[FactValue], T | None]
-    say: Callable[[T], FactValue]
+    decode: Callable[[FactValue], T | None]
+    encode: Callable[[T], FactValue]
     by_value: bool = False
     """Whether texts of its datatype that mean the same are the same statement."""
     datatype: Iri | None = None
-    often: bool = False
+    repeatable: bool = False
     """Whether it is usual to tell it more than once, such as a label in each language."""
 
-    def first(self, facts: Iterable[Fact]) -> T | None:
+    def first_value(self, facts: Iterable[PropertyAssertion]) -> T | None:
         """The first value that some facts give it."""
-        values = (self.understand(fact.value) for fact in facts if fact.property == self.property)
+        values = (self.decode(fact.value) for fact in facts if fact.property == self.property)
         return next((value for value in values if value is not None), None)
 
-    def repeats(self, value: T, told: FactValue) -> bool:
+    def round_trips(self, value: T, original: FactValue) -> bool:
         """Whether saying the value gives back what was told."""
         if self.by_value:
-            return isinstance(told, Literal) and told.datatype == self.datatype
-        return self.say(value) == told
+            return isinstance(original, Literal) and original.datatype == self.datatype
+        return self.encode(value) == original
 
 
-def number_in(text: str) -> float | None:
+def parse_number(text: str) -> float | None:
     """A finite number, exactly; None for anything else."""
     if not _NUMBER.fullmatch(text):
         return None
@@ -109,81 +109,85 @@ def number_in(text: str) -> float | None:
     return number if math.isfinite(number) else None
 
 
-def text_in(value: FactValue) -> str | None:
+def literal_text(value: FactValue) -> str | None:
     """The text of a literal of any type, but in no particular language."""
     return value.text if isinstance(value, Literal) and value.language is None else None
 
 
-def _text(property: Iri) -> Word[str]:
-    return Word(property, "a text", text_in, Literal)
+def _text(property: Iri) -> PropertyCodec[str]:
+    return PropertyCodec(property, "a text", literal_text, Literal)
 
 
-def _label(property: Iri) -> Word[str]:
+def _label(property: Iri) -> PropertyCodec[str]:
     def understand(value: FactValue) -> str | None:
         return value.text if isinstance(value, Literal) else None
 
-    return Word(property, "a text", understand, Literal, often=True)
+    return PropertyCodec(property, "a text", understand, Literal, repeatable=True)
 
 
-def _path(property: Iri) -> Word[str]:
+def _path(property: Iri) -> PropertyCodec[str]:
     def understand(value: FactValue) -> str | None:
-        return value.iri if isinstance(value, Reference) and not value.iri.startswith("_:") else text_in(value)
+        return value.iri if isinstance(value, IriRef) and not value.iri.startswith("_:") else literal_text(value)
 
-    return Word(property, "a path", understand, Literal)
+    return PropertyCodec(property, "a path", understand, Literal)
 
 
-def _one_of(property: Iri, kinds: type[Kind]) -> Word[Kind]:
-    names = {str(kind.value): kind for kind in kinds}
+def _enum(property: Iri, enum_type: type[EnumT]) -> PropertyCodec[EnumT]:
+    names = {str(kind.value): kind for kind in enum_type}
 
-    def understand(value: FactValue) -> Kind | None:
-        text = text_in(value)
+    def understand(value: FactValue) -> EnumT | None:
+        text = literal_text(value)
         return None if text is None else names.get(text.strip().lower())
 
-    return Word(property, "one of " + ", ".join(names), understand, lambda kind: Literal(str(kind.value)))
+    return PropertyCodec(property, "one of " + ", ".join(names), understand, lambda kind: Literal(str(kind.value)))
 
 
-def _truth(property: Iri) -> Word[bool]:
+def _boolean(property: Iri) -> PropertyCodec[bool]:
     def understand(value: FactValue) -> bool | None:
-        text = text_in(value)
-        return None if text is None else _TRUTH.get(text.strip().lower())
+        text = literal_text(value)
+        return None if text is None else _BOOLEANS.get(text.strip().lower())
 
     datatype = xsd("boolean")
-    return Word(property, "true or false", understand, lambda told: Literal(str(told).lower(), datatype))
+    return PropertyCodec(property, "true or false", understand, lambda told: Literal(str(told).lower(), datatype))
 
 
-def _number(property: Iri, *, datatype: str = "float", least: float = -math.inf) -> Word[float]:
+def _number(property: Iri, *, datatype: str = "float", minimum: float = -math.inf) -> PropertyCodec[float]:
     def understand(value: FactValue) -> float | None:
-        text = text_in(value)
-        number = None if text is None else number_in(text)
-        return number if number is not None and number >= least else None
+        text = literal_text(value)
+        number = None if text is None else parse_number(text)
+        return number if number is not None and number >= minimum else None
 
     kind = xsd(datatype)
-    what = "a finite number" if least else "a finite number of 0 or more"
-    return Word(property, what, understand, lambda number: Literal(repr(float(number)), kind), True, kind)
+    what = "a finite number" if minimum else "a finite number of 0 or more"
+    return PropertyCodec(property, what, understand, lambda number: Literal(repr(float(number)), kind), True, kind)
 
 
-def _whole_number(property: Iri) -> Word[int]:
+def _integer(property: Iri) -> PropertyCodec[int]:
     def understand(value: FactValue) -> int | None:
-        text = text_in(value)
+        text = literal_text(value)
         return int(text) if text is not None and re.fullmatch(r"\s*\d{1,9}\s*", text, re.ASCII) else None
 
-    return Word(property, "a whole number", understand, lambda number: Literal(str(number), _INTEGER), True, _INTEGER)
+    return PropertyCodec(
+        property, "a whole number", understand, lambda number: Literal(str(number), _INTEGER_TYPE), True, _INTEGER_TYPE
+    )
 
 
-def _motion(property: Iri) -> Word[Motion]:
-    def understand(value: FactValue) -> Motion | None:
-        number = number_in(text_in(value) or "")
-        return Motion(int(number)) if number in set(Motion) else None
+def _axis_motion(property: Iri) -> PropertyCodec[AxisMotion]:
+    def understand(value: FactValue) -> AxisMotion | None:
+        number = parse_number(literal_text(value) or "")
+        return AxisMotion(int(number)) if number in set(AxisMotion) else None
 
     what = "0 (free), 1 (limited) or 2 (locked)"
-    return Word(property, what, understand, lambda motion: Literal(str(motion.value), _INTEGER), True, _INTEGER)
+    return PropertyCodec(
+        property, what, understand, lambda motion: Literal(str(motion.value), _INTEGER_TYPE), True, _INTEGER_TYPE
+    )
 
 
-def _numbers(property: Iri, count: int, *, nonzero: bool = False) -> Word[tuple[float, ...]]:
+def _number_row(property: Iri, count: int, *, nonzero: bool = False) -> PropertyCodec[tuple[float, ...]]:
     pattern = re.compile(r"\s*" + r"\s+".join([_NUMBER_PATTERN] * count) + r"\s*", re.ASCII)
 
     def understand(value: FactValue) -> tuple[float, ...] | None:
-        text = text_in(value)
+        text = literal_text(value)
         if text is None or not pattern.fullmatch(text):
             return None
         numbers = tuple(map(float, text.split()))
@@ -194,49 +198,49 @@ def _numbers(property: Iri, count: int, *, nonzero: bool = False) -> Word[tuple[
         return Literal(" ".join(repr(float(number)) for number in numbers))
 
     what = f"{count} finite numbers" + (" that are not all 0" if nonzero else "")
-    return Word(property, what, understand, say, by_value=True)
+    return PropertyCodec(property, what, understand, say, by_value=True)
 
 
 # -- the words ---------------------------------------------------------------------------------------------------------
 
 ID = _text(ms("id"))
-LABEL_WORD = _label(LABEL)
+LABEL_CODEC = _label(LABEL)
 MESH = _path(knowrob("pathToCadModel"))
-SHAPE = _one_of(ms("shape"), ShapeKind)
+SHAPE = _enum(ms("shape"), PrimitiveType)
 
-MOBILITY = _one_of(knowrob("mobility"), Mobility)
-GRAVITY = _truth(knowrob("gravity"))
-OVERLAP_EVENTS = _truth(knowrob("overlapEvents"))
-MASS = _number(knowrob("mass"), least=0.0)
+MOBILITY = _enum(knowrob("mobility"), Mobility)
+GRAVITY = _boolean(knowrob("gravity"))
+OVERLAP_EVENTS = _boolean(knowrob("overlapEvents"))
+MASS = _number(knowrob("mass"), minimum=0.0)
 
 SIZE = (
-    _number(knowrob("depthOfObject"), least=0.0),
-    _number(knowrob("widthOfObject"), least=0.0),
-    _number(knowrob("heightOfObject"), least=0.0),
+    _number(knowrob("depthOfObject"), minimum=0.0),
+    _number(knowrob("widthOfObject"), minimum=0.0),
+    _number(knowrob("heightOfObject"), minimum=0.0),
 )
 """Along x, y and z."""
 
-TRANSLATION = _numbers(knowrob("translation"), 3)
-QUATERNION = _numbers(knowrob("quaternion"), 4, nonzero=True)
+TRANSLATION = _number_row(knowrob("translation"), 3)
+QUATERNION = _number_row(knowrob("quaternion"), 4, nonzero=True)
 
-X_MOTION = _motion(knowrob("xMotion"))
-Y_MOTION = _motion(knowrob("yMotion"))
-Z_MOTION = _motion(knowrob("zMotion"))
-LIMIT = _number(knowrob("limit"), least=0.0)
-SOFT = _truth(knowrob("softConstraint"))
+X_MOTION = _axis_motion(knowrob("xMotion"))
+Y_MOTION = _axis_motion(knowrob("yMotion"))
+Z_MOTION = _axis_motion(knowrob("zMotion"))
+LIMIT = _number(knowrob("limit"), minimum=0.0)
+SOFT = _boolean(knowrob("softConstraint"))
 STIFFNESS = _number(knowrob("stiffness"))
 DAMPING = _number(knowrob("damping"))
 
-SWING1 = _motion(knowrob("swing1Motion"))
-SWING2 = _motion(knowrob("swing2Motion"))
-TWIST = _motion(knowrob("twistMotion"))
-SWING1_LIMIT = _number(knowrob("swing1Limit"), least=0.0)
-SWING2_LIMIT = _number(knowrob("swing2Limit"), least=0.0)
-TWIST_LIMIT = _number(knowrob("twistLimit"), least=0.0)
-SWING_SOFT = _truth(knowrob("softSwingConstraint"))
+SWING1 = _axis_motion(knowrob("swing1Motion"))
+SWING2 = _axis_motion(knowrob("swing2Motion"))
+TWIST = _axis_motion(knowrob("twistMotion"))
+SWING1_LIMIT = _number(knowrob("swing1Limit"), minimum=0.0)
+SWING2_LIMIT = _number(knowrob("swing2Limit"), minimum=0.0)
+TWIST_LIMIT = _number(knowrob("twistLimit"), minimum=0.0)
+SWING_SOFT = _boolean(knowrob("softSwingConstraint"))
 SWING_STIFFNESS = _number(knowrob("swingStiffness"))
 SWING_DAMPING = _number(knowrob("swingDamping"))
-TWIST_SOFT = _truth(knowrob("softTwistConstraint"))
+TWIST_SOFT = _boolean(knowrob("softTwistConstraint"))
 TWIST_STIFFNESS = _number(knowrob("twistStiffness"))
 TWIST_DAMPING = _number(knowrob("twistDamping"))
 
@@ -247,9 +251,9 @@ SWING1_MIDDLE = _number(ms("swing1Middle"))
 SWING2_MIDDLE = _number(ms("swing2Middle"))
 TWIST_MIDDLE = _number(ms("twistMiddle"))
 
-DISABLE_COLLISION = _truth(ms("disableCollision"))
-COLOUR = _numbers(ms("colour"), 3)
+DISABLE_COLLISION = _boolean(ms("disableCollision"))
+COLOR = _number_row(ms("colour"), 3)
 INTENSITY = _number(ms("intensity"), datatype="double")
-INDEX = _whole_number(ms("index"))
+INDEX = _integer(ms("index"))
 MATERIAL_NAME = _text(ms("name"))
 MATERIAL_PATH = _text(ms("path"))

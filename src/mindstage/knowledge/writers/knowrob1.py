@@ -12,20 +12,20 @@ import numpy as np
 
 from mindstage.knowledge.graph import Graph
 from mindstage.knowledge.names import part_name
-from mindstage.knowledge.readers.perceptions import Perceptions
+from mindstage.knowledge.readers.perceptions import PerceivedPoses
 from mindstage.knowledge.reading.other_words import EVENT_OCCURS_AT, OBJECT_ACTED_ON, START_TIME
 from mindstage.knowledge.vocabulary import HAS_POSE, KNOWROB, RESTATES, TYPE, knowrob, xsd
-from mindstage.knowledge.wording.blocks import Block
-from mindstage.world import Body, Fact, Iri, Literal, Pose, Reference
-from mindstage.world.geometry import rotation_matrix, unit_pose
+from mindstage.knowledge.wording.blocks import SubjectBlock
+from mindstage.world import Body, Iri, IriRef, Literal, Pose, PropertyAssertion
+from mindstage.world.geometry import normalized_pose_array, rotation_matrix
 
 __all__ = ["KNOWROB1_DIALECT", "perception_blocks"]
 
 KNOWROB1_DIALECT = "KnowRob 1"
-_MARK = Fact(RESTATES, Reference(HAS_POSE))
+_RESTATES_POSE = PropertyAssertion(RESTATES, IriRef(HAS_POSE))
 
 
-def perception_blocks(body: Body, graph: Graph, taken: Container[str]) -> Iterator[Block]:
+def perception_blocks(body: Body, graph: Graph, used_names: Container[str]) -> Iterator[SubjectBlock]:
     """A perception of a body where it is now, and the matrix that says where.
 
     Args:
@@ -33,25 +33,28 @@ def perception_blocks(body: Body, graph: Graph, taken: Container[str]) -> Iterat
         graph: what the map says, earlier perceptions among it.
         taken: names that others have.
     """
-    sights = Perceptions(graph).sights(body.iri)
-    last = max((sight.at for sight in sights if isfinite(sight.at)), default=-1.0)
-    event, matrix = (part_name(body.iri, suffix, taken) for suffix in ("perception", "matrix"))
-    yield Block(
+    sights = PerceivedPoses(graph).perceptions_of(body.iri)
+    last = max((sight.time_s for sight in sights if isfinite(sight.time_s)), default=-1.0)
+    event, matrix = (part_name(body.iri, suffix, used_names) for suffix in ("perception", "matrix"))
+    yield SubjectBlock(
         event,
         [
-            Fact(TYPE, Reference(knowrob("SemanticMapPerception"))),
-            _MARK,
-            Fact(OBJECT_ACTED_ON, Reference(body.iri)),
-            Fact(EVENT_OCCURS_AT, Reference(matrix)),
-            Fact(START_TIME, Reference(Iri(f"{KNOWROB}timepoint_{floor(last) + 1}"))),
+            PropertyAssertion(TYPE, IriRef(knowrob("SemanticMapPerception"))),
+            _RESTATES_POSE,
+            PropertyAssertion(OBJECT_ACTED_ON, IriRef(body.iri)),
+            PropertyAssertion(EVENT_OCCURS_AT, IriRef(matrix)),
+            PropertyAssertion(START_TIME, IriRef(Iri(f"{KNOWROB}timepoint_{floor(last) + 1}"))),
         ],
         f"Perception of {body.id}",
     )
-    yield Block(matrix, [Fact(TYPE, Reference(knowrob("RotationMatrix3D"))), _MARK, *_elements(body.pose)])
+    yield SubjectBlock(
+        matrix,
+        [PropertyAssertion(TYPE, IriRef(knowrob("RotationMatrix3D"))), _RESTATES_POSE, *_matrix_facts(body.pose)],
+    )
 
 
-def _elements(pose: Pose) -> Iterator[Fact]:
-    row, matrix = unit_pose(pose), np.eye(4)
+def _matrix_facts(pose: Pose) -> Iterator[PropertyAssertion]:
+    row, matrix = normalized_pose_array(pose), np.eye(4)
     matrix[:3, :3], matrix[:3, 3] = rotation_matrix(row[3:]), row[:3]
     for (i, j), number in np.ndenumerate(matrix):
-        yield Fact(knowrob(f"m{i}{j}"), Literal(repr(float(number) + 0.0), xsd("float")))
+        yield PropertyAssertion(knowrob(f"m{i}{j}"), Literal(repr(float(number) + 0.0), xsd("float")))

@@ -1,7 +1,7 @@
 """Map files: a world as a semantic map, from which the same world is read again.
 
 KnowRob and any RDF library can read them. Everything that a world holds is written, in whichever dialect: a value for
-which it has no word stands under dialect 1's or a name of our own (see `vocabulary`), and facts and resources stand as
+which it has no word stands under dialect 1's or a name of our own (see `all_names`), and facts and resources stand as
 they came.
 """
 
@@ -11,16 +11,16 @@ import os
 from enum import StrEnum
 from pathlib import Path
 
-from mindstage.errors import MapUnwritable
+from mindstage.errors import MapWriteError
 from mindstage.files import atomic_write
-from mindstage.knowledge.bulk import bulk_work
-from mindstage.knowledge.reading.origin import Origin
-from mindstage.knowledge.wording.blocks import sections_of
-from mindstage.knowledge.wording.prefixes import Names
-from mindstage.knowledge.writers.own_words import in_own_words
-from mindstage.knowledge.writers.rdfxml import rdf_xml
-from mindstage.knowledge.writers.soma import in_soma
-from mindstage.knowledge.writers.turtle import turtle
+from mindstage.knowledge.bulk import gc_paused
+from mindstage.knowledge.reading.origin import SourceMapView
+from mindstage.knowledge.wording.blocks import to_sections
+from mindstage.knowledge.wording.prefixes import PrefixTable
+from mindstage.knowledge.writers.own_words import write_in_source_dialect
+from mindstage.knowledge.writers.rdfxml import to_rdf_xml
+from mindstage.knowledge.writers.soma import write_as_soma
+from mindstage.knowledge.writers.turtle import to_turtle
 from mindstage.world import World
 
 __all__ = ["MapDialect", "MapFormat", "save_file", "save_map", "write_map"]
@@ -56,7 +56,7 @@ def write_map(
     *,
     format: MapFormat = MapFormat.RDF_XML,
     dialect: MapDialect = MapDialect.SEMLOG,
-    origin: Origin | None = None,
+    source_view: SourceMapView | None = None,
 ) -> str:
     """The text of a map file; the same for equal worlds.
 
@@ -67,9 +67,9 @@ def write_map(
         origin: the map that the world came from, in whose own words it is written then, whatever the dialect.
 
     Raises:
-        MapUnwritable: the world holds something that the format cannot, and the error says what.
+        MapWriteError: the world holds something that the format cannot, and the error says what.
     """
-    return _written(world, format, dialect, origin)[0]
+    return _serialize(world, format, dialect, source_view)[0]
 
 
 def save_map(
@@ -78,7 +78,7 @@ def save_map(
     *,
     format: MapFormat | None = None,
     dialect: MapDialect = MapDialect.SEMLOG,
-    origin: Origin | None = None,
+    source_view: SourceMapView | None = None,
 ) -> tuple[str, ...]:
     """Writes a map file; it is there as a whole or not at all.
 
@@ -93,20 +93,20 @@ def save_map(
         What could not be said in those words, and is said in others, in sentences.
 
     Raises:
-        MapUnwritable: the suffix stands for none, the world holds something that the format cannot, or the disk
+        MapWriteError: the suffix stands for none, the world holds something that the format cannot, or the disk
             refuses.
     """
     path = Path(path)
     format = format or _SUFFIXES.get(path.suffix.lower())
     if format is None:
         remedy = f"use one of {', '.join(_SUFFIXES)}"
-        raise MapUnwritable(str(path), cause=f"the suffix {path.suffix!r} stands for no format", remedy=remedy)
-    text, notes = _written(world, format, dialect, origin)
+        raise MapWriteError(str(path), cause=f"the suffix {path.suffix!r} stands for no format", remedy=remedy)
+    text, notes = _serialize(world, format, dialect, source_view)
     try:
         content = text.encode()
     except UnicodeEncodeError as error:
         letter = f"U+{ord(error.object[error.start]):04X}"
-        raise MapUnwritable(str(path), cause=f"a text holds {letter}, which is half a letter") from error
+        raise MapWriteError(str(path), cause=f"a text holds {letter}, which is half a letter") from error
     save_file(path, content)
     return notes
 
@@ -115,23 +115,23 @@ def save_file(path: Path, content: bytes) -> None:
     """Writes a file, which replaces an existing one only once it is complete.
 
     Raises:
-        MapUnwritable: the file system does not allow it.
+        MapWriteError: the file system does not allow it.
     """
     try:
         atomic_write(path, content)
     except OSError as error:
-        raise MapUnwritable(str(path), cause=error.strerror or str(error)) from error
+        raise MapWriteError(str(path), cause=error.strerror or str(error)) from error
 
 
-def _written(
-    world: World, format: MapFormat, dialect: MapDialect, origin: Origin | None
+def _serialize(
+    world: World, format: MapFormat, dialect: MapDialect, source_view: SourceMapView | None
 ) -> tuple[str, tuple[str, ...]]:
-    with bulk_work():
-        sections = sections_of(world)
+    with gc_paused():
+        sections = to_sections(world)
         notes: tuple[str, ...] = ()
-        if origin is not None:
-            sections, notes = in_own_words(world, sections, origin)
+        if source_view is not None:
+            sections, notes = write_in_source_dialect(world, sections, source_view)
         elif dialect is MapDialect.SOMA:
-            sections, notes = in_soma(world, sections)
-        names = Names(world.iri, sections)
-        return (rdf_xml if format is MapFormat.RDF_XML else turtle)(sections, names), notes
+            sections, notes = write_as_soma(world, sections)
+        names = PrefixTable(world.iri, sections)
+        return (to_rdf_xml if format is MapFormat.RDF_XML else to_turtle)(sections, names), notes

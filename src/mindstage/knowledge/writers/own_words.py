@@ -15,52 +15,54 @@ import msgspec
 
 from mindstage.knowledge.findings import Severity
 from mindstage.knowledge.reading.assumptions import Assumption
-from mindstage.knowledge.reading.census import census_of
-from mindstage.knowledge.reading.conventions import Conventions
+from mindstage.knowledge.reading.census import individuals_by_map
+from mindstage.knowledge.reading.conventions import UnitConventions
 from mindstage.knowledge.reading.conversion import (
-    CONVERTED,
-    declared,
-    given,
-    given_conventions,
+    CONVERTED_PROPERTIES,
     is_converted,
-    unconverted,
+    original_conventions,
+    original_property,
+    restore_declarations,
+    restore_facts,
 )
 from mindstage.knowledge.reading.dialects import read_world
-from mindstage.knowledge.reading.excerpt import Excerpt
-from mindstage.knowledge.reading.losses import plainly
-from mindstage.knowledge.reading.origin import Origin
-from mindstage.knowledge.reading.restating import SAME, restated_by, restored
+from mindstage.knowledge.reading.excerpt import SourceMap
+from mindstage.knowledge.reading.losses import canonical_statement
+from mindstage.knowledge.reading.origin import SourceMapView
+from mindstage.knowledge.reading.restating import SAME_DIALECT, dual_dialect_info, without_restatements
 from mindstage.knowledge.vocabulary import CHILD, DIALECT, FRAME, HAS_POSE, PARENT, QUATERNION_ORDER, UNITS
-from mindstage.knowledge.wording.blocks import Block, Section
-from mindstage.knowledge.wording.nesting import nested
-from mindstage.knowledge.wording.parts import PARTS
+from mindstage.knowledge.wording.blocks import DocumentSection, SubjectBlock
+from mindstage.knowledge.wording.nesting import nest_blank_nodes
+from mindstage.knowledge.wording.parts import NESTED_RESOURCES
 from mindstage.knowledge.writers.knowrob1 import KNOWROB1_DIALECT, perception_blocks
-from mindstage.knowledge.writers.soma import SOMA_DIALECT, Places, in_soma
+from mindstage.knowledge.writers.soma import SOMA_DIALECT, SomaPoseWriter, write_as_soma
 from mindstage.world import (
     Body,
-    Constraint,
-    Difference,
-    Fact,
     Iri,
+    IriRef,
+    Joint,
     Light,
     Literal,
-    Reference,
-    Resource,
+    NamedResource,
+    PropertyAssertion,
     World,
-    difference,
+    WorldDiff,
+    diff,
 )
 
-__all__ = ["in_own_words"]
+__all__ = ["write_in_source_dialect"]
 
 SEMLOG_DIALECT = "SemLog"
-_DEFINITIONS = 3
+_DEFINITION_SECTIONS = 3
 """Sections of ontologies, properties and classes, which stand first."""
-_PART_PROPERTIES = frozenset(part.property for part in PARTS)
-_GIVEN = frozenset(map(given, CONVERTED))
+_PART_PROPERTIES = frozenset(part.property for part in NESTED_RESOURCES)
+_ORIGINAL_PROPERTIES = frozenset(map(original_property, CONVERTED_PROPERTIES))
 _DECLARATIONS = frozenset({UNITS, FRAME, QUATERNION_ORDER})
 
 
-def in_own_words(world: World, whole: Sequence[Section], origin: Origin) -> tuple[Sequence[Section], tuple[str, ...]]:
+def write_in_source_dialect(
+    world: World, all_sections: Sequence[DocumentSection], source_view: SourceMapView
+) -> tuple[Sequence[DocumentSection], tuple[str, ...]]:
     """The sections of a map that says the same as its origin where the world is still the same.
 
     With them comes what could not be said in the map's own words.
@@ -70,184 +72,196 @@ def in_own_words(world: World, whole: Sequence[Section], origin: Origin) -> tupl
         whole: all of it in the words of dialect 1.
         origin: the map that it came from.
     """
-    writing = _Writing(world, whole, origin)
+    writing = _SourceDialectWriter(world, all_sections, source_view)
     return writing.sections(), tuple(writing.notes)
 
 
-class _Writing:
-    def __init__(self, world: World, whole: Sequence[Section], origin: Origin) -> None:
-        self.world, self.whole, self.dialect = world, whole, origin.dialect
-        self.excerpt = restored(origin.excerpt)
-        self.restated = restated_by(origin.excerpt)
+class _SourceDialectWriter:
+    def __init__(self, world: World, all_sections: Sequence[DocumentSection], source_view: SourceMapView) -> None:
+        self.world, self.all_sections, self.dialect = world, all_sections, source_view.dialect
+        self.source_map = without_restatements(source_view.source_map)
+        self.dual_dialect = dual_dialect_info(source_view.source_map)
         self.notes: list[str] = []
-        self.now = _without_given(world)
-        self.conventions = None if is_converted(self.excerpt) else given_conventions(world.facts)
-        told = self.excerpt.graph
-        self.told = {subject: {plainly(fact): at for at, fact in enumerate(facts)} for subject, facts in told.items()}
-        self.places = {subject: at for at, subject in enumerate(told)}
+        self.target = _without_original_numbers(world)
+        self.conventions = None if is_converted(self.source_map) else original_conventions(world.facts)
+        told = self.source_map.graph
+        self.source_facts = {
+            subject: {canonical_statement(fact): at for at, fact in enumerate(facts)} for subject, facts in told.items()
+        }
+        self.source_order = {subject: at for at, subject in enumerate(told)}
 
-    def sections(self) -> Sequence[Section]:
-        full = self._in_order([self._said(block) for section in self.whole for block in section.blocks])
+    def sections(self) -> Sequence[DocumentSection]:
+        full = self._in_source_order(
+            [self._in_source_dialect(block) for section in self.all_sections for block in section.blocks]
+        )
         for away in (_DECLARATIONS, frozenset[Iri]()) if self.conventions else (frozenset[Iri](),):
             changed: set[Iri] = set()
             while True:
-                blocks = list(self._reduced(full, changed, away))
-                found = difference(self.now, _without_given(read_world(self._excerpt(blocks))))
+                blocks = list(self._only_changes(full, changed, away))
+                found = diff(self.target, _without_original_numbers(read_world(self._source_map_of(blocks))))
                 if found.identical():
-                    self._note(changed)
-                    return self._restated(self._sections(blocks), changed)
-                touched = self._touched(found, full)
+                    self._add_note(changed)
+                    return self._with_moved_poses(self._sections(blocks), changed)
+                touched = self._changed_subjects(found, full)
                 if touched <= changed:
                     break
                 changed |= touched
         if self.dialect != SEMLOG_DIALECT or self.conventions:
             self.notes.append(f"what has changed cannot be said as {self.dialect} says it; SemLog's words are used")
-        return self.whole
+        return self.all_sections
 
     # -- saying --------------------------------------------------------------------------------------------------------
 
-    def _said(self, block: Block) -> Block:
+    def _in_source_dialect(self, block: SubjectBlock) -> SubjectBlock:
         """All that is said of one thing, as the map says such things."""
-        facts: Sequence[Fact] = block.facts
+        facts: Sequence[PropertyAssertion] = block.facts
         if self.conventions:
-            facts = unconverted(facts, self.conventions)
+            facts = restore_facts(facts, self.conventions)
             if block.subject == self.world.iri:
-                facts = declared(facts, self.conventions)
-        told = self.told.get(block.subject, {})
-        return replace(block, facts=[_renamed(fact, told) for fact in facts])
+                facts = restore_declarations(facts, self.conventions)
+        told = self.source_facts.get(block.subject, {})
+        return replace(block, facts=[_restore_role(fact, told) for fact in facts])
 
-    def _in_order(self, blocks: Iterable[Block]) -> list[Block]:
+    def _in_source_order(self, blocks: Iterable[SubjectBlock]) -> list[SubjectBlock]:
         """As the map has them, what is new last: where readers take the first of several, it is the same one then."""
-        last = len(self.places)
-        return sorted(blocks, key=lambda block: self.places.get(block.subject, last))
+        last = len(self.source_order)
+        return sorted(blocks, key=lambda block: self.source_order.get(block.subject, last))
 
-    def _reduced(self, full: Iterable[Block], changed: Container[Iri], away: Container[Iri]) -> Iterator[Block]:
+    def _only_changes(
+        self, blocks: Iterable[SubjectBlock], changed: Container[Iri], excluded: Container[Iri]
+    ) -> Iterator[SubjectBlock]:
         """What the map itself says, and all that is to be said of what has changed."""
-        for block in full:
-            told = self.told.get(block.subject, {})
-            said = [(fact, plainly(fact)) for fact in block.facts]
+        for block in blocks:
+            told = self.source_facts.get(block.subject, {})
+            said = [(fact, canonical_statement(fact)) for fact in block.facts]
             if block.subject not in changed:
                 plain = {each for _, each in said}
                 otherwise = {fact.property for fact in told if fact not in plain} | _DECLARATIONS
                 said = [(fact, each) for fact, each in said if each in told or fact.property in otherwise]
-            said = [(fact, each) for fact, each in said if fact.property not in away or each in told]
+            said = [(fact, each) for fact, each in said if fact.property not in excluded or each in told]
             if block.subject not in changed:
                 said.sort(key=lambda pair: told.get(pair[1], -1))  # what has changed counts, so it comes first
             if said:
                 yield replace(block, facts=[fact for fact, _ in said])
 
-    def _sections(self, blocks: Iterable[Block]) -> Sequence[Section]:
+    def _sections(self, blocks: Iterable[SubjectBlock]) -> Sequence[DocumentSection]:
         """Under the headings that they have in the whole; individuals and all else in the order of the map."""
-        headings = {block.subject: section.heading for section in self.whole[:_DEFINITIONS] for block in section.blocks}
-        sorted_out: dict[str, list[Block]] = {section.heading: [] for section in self.whole[:_DEFINITIONS]}
+        headings = {
+            block.subject: section.heading
+            for section in self.all_sections[:_DEFINITION_SECTIONS]
+            for block in section.blocks
+        }
+        sorted_out: dict[str, list[SubjectBlock]] = {
+            section.heading: [] for section in self.all_sections[:_DEFINITION_SECTIONS]
+        }
         rest = sorted_out["Individuals"] = []
         for block in blocks:
             sorted_out.get(headings.get(block.subject, ""), rest).append(block)
-        return [Section(heading, each) for heading, each in sorted_out.items()]
+        return [DocumentSection(heading, each) for heading, each in sorted_out.items()]
 
     # -- moving --------------------------------------------------------------------------------------------------------
 
-    def _restated(self, sections: Sequence[Section], changed: Container[Iri]) -> Sequence[Section]:
+    def _with_moved_poses(
+        self, sections: Sequence[DocumentSection], changed: Container[Iri]
+    ) -> Sequence[DocumentSection]:
         """The same, and where things have moved to in the words of the dialect, as it was restated before."""
-        if self.restated.dialect == SOMA_DIALECT:
-            return in_soma(self.world, sections)[0]
-        moved = [body for body in self.world.bodies if body.iri in changed or body.iri in self.restated.places]
+        if self.dual_dialect.dialect == SOMA_DIALECT:
+            return write_as_soma(self.world, sections)[0]
+        moved = [body for body in self.world.bodies if body.iri in changed or body.iri in self.dual_dialect.pose_iris]
         if not moved or self.dialect not in (SOMA_DIALECT, KNOWROB1_DIALECT):
             return sections
         blocks = {block.subject: block for section in sections for block in section.blocks}
-        more: list[Block] = []
+        more: list[SubjectBlock] = []
         if self.dialect == SOMA_DIALECT:
             bodies = {body.iri for body in self.world.bodies}
-            places = Places(blocks, blocks.keys() - bodies)
-            said = [body for body in moved if places.say(body, blocks[body.iri].facts)]
+            places = SomaPoseWriter(blocks, blocks.keys() - bodies)
+            said = [body for body in moved if places.write(body, blocks[body.iri].facts)]
         else:
             said = [body for body in moved if any(fact.property == HAS_POSE for fact in blocks[body.iri].facts)]
             for body in said:
-                more += perception_blocks(body, self.excerpt.graph, blocks)
+                more += perception_blocks(body, self.source_map.graph, blocks)
         if said:
-            blocks[self.world.iri].facts.append(Fact(DIALECT, Literal(SAME)))
-        return [*sections, Section("What Has Moved", more)]
+            blocks[self.world.iri].facts.append(PropertyAssertion(DIALECT, Literal(SAME_DIALECT)))
+        return [*sections, DocumentSection("What Has Moved", more)]
 
-    def _note(self, changed: Container[Iri]) -> None:
+    def _add_note(self, changed: Container[Iri]) -> None:
         if self.dialect == SEMLOG_DIALECT:
             return
-        things: list[Body | Constraint | Light] = [*self.world.bodies, *self.world.constraints, *self.world.lights]
+        things: list[Body | Joint | Light] = [*self.world.bodies, *self.world.joints, *self.world.lights]
         count = sum(thing.iri in changed for thing in things)
         if count:
             self.notes.append(f"{count} things have changed, or are new; SemLog's words say how")
 
     # -- reading -------------------------------------------------------------------------------------------------------
 
-    def _excerpt(self, blocks: Iterable[Block]) -> Excerpt:
-        told: dict[Iri, list[Fact]] = {}
+    def _source_map_of(self, blocks: Iterable[SubjectBlock]) -> SourceMap:
+        told: dict[Iri, list[PropertyAssertion]] = {}
         for block in blocks:
             told.setdefault(block.subject, []).extend(block.facts)
-        graph = nested(told)
+        graph = nest_blank_nodes(told)
         return replace(
-            self.excerpt,
+            self.source_map,
             graph=graph,
-            members=census_of(graph).get(self.excerpt.map, ()),
-            report=_silent,
-            keep_assumption=_unheard,
-            conventions=Conventions(),
+            members=individuals_by_map(graph).get(self.source_map.map, ()),
+            report=_ignore_finding,
+            add_assumption=_ignore_assumption,
+            conventions=UnitConventions(),
         )
 
-    def _touched(self, found: Difference, full: Iterable[Block]) -> set[Iri]:
+    def _changed_subjects(self, diff: WorldDiff, blocks: Iterable[SubjectBlock]) -> set[Iri]:
         """The things that came out otherwise, and their parts."""
-        things: Iterable[Body | Constraint | Light] = chain(
-            self.world.bodies, self.world.constraints, self.world.lights
-        )
+        things: Iterable[Body | Joint | Light] = chain(self.world.bodies, self.world.joints, self.world.lights)
         iris: Mapping[str, Iri] = {thing.id: thing.iri for thing in things}
-        ids = {*found.only_in_a, *found.only_in_b, *(change.id for change in found.changed)}
+        ids = {*diff.only_in_a, *diff.only_in_b, *(change.id for change in diff.changed)}
         touched = {iris.get(id, Iri(id)) for id in ids}
         parts = {
             fact.value.iri
-            for block in full
+            for block in blocks
             if block.subject in touched
             for fact in block.facts
-            if fact.property in _PART_PROPERTIES and isinstance(fact.value, Reference)
+            if fact.property in _PART_PROPERTIES and isinstance(fact.value, IriRef)
         }
         return touched | parts
 
 
-def _without_given(world: World) -> World:
+def _without_original_numbers(world: World) -> World:
     """The world without the numbers that stand for those in SI: once something moves, others are given."""
-    if given_conventions(world.facts) is None:
+    if original_conventions(world.facts) is None:
         return world
     resources = {
-        resource.iri: tuple(fact for fact in resource.facts if fact.property not in _GIVEN)
+        resource.iri: tuple(fact for fact in resource.facts if fact.property not in _ORIGINAL_PROPERTIES)
         for resource in world.resources
     }
     empty = {resource.iri for resource in world.resources if not resources[resource.iri]}
 
-    def plain(facts: Iterable[Fact]) -> tuple[Fact, ...]:
-        kept = (fact for fact in facts if fact.property not in _GIVEN)
-        return tuple(f for f in kept if not (f.property in _PART_PROPERTIES and _names(f) in empty))
+    def plain(facts: Iterable[PropertyAssertion]) -> tuple[PropertyAssertion, ...]:
+        kept = (fact for fact in facts if fact.property not in _ORIGINAL_PROPERTIES)
+        return tuple(f for f in kept if not (f.property in _PART_PROPERTIES and _referenced_iri(f) in empty))
 
     return msgspec.structs.replace(
         world,
         bodies=tuple(msgspec.structs.replace(body, facts=plain(body.facts)) for body in world.bodies),
-        constraints=tuple(msgspec.structs.replace(each, facts=plain(each.facts)) for each in world.constraints),
+        joints=tuple(msgspec.structs.replace(each, facts=plain(each.facts)) for each in world.joints),
         lights=tuple(msgspec.structs.replace(light, facts=plain(light.facts)) for light in world.lights),
-        resources=tuple(Resource(iri, facts) for iri, facts in resources.items() if facts),
+        resources=tuple(NamedResource(iri, facts) for iri, facts in resources.items() if facts),
     )
 
 
-def _names(fact: Fact) -> Iri | None:
-    return fact.value.iri if isinstance(fact.value, Reference) else None
+def _referenced_iri(fact: PropertyAssertion) -> Iri | None:
+    return fact.value.iri if isinstance(fact.value, IriRef) else None
 
 
-def _renamed(fact: Fact, told: Container[Fact]) -> Fact:
+def _restore_role(fact: PropertyAssertion, source_facts: Container[PropertyAssertion]) -> PropertyAssertion:
     """What a reader has put another name on for dialect 1's sake goes under its own name again."""
     for role in (PARENT, CHILD):
-        if fact.property == given(role) and Fact(role, fact.value) in told:
-            return Fact(role, fact.value)
+        if fact.property == original_property(role) and PropertyAssertion(role, fact.value) in source_facts:
+            return PropertyAssertion(role, fact.value)
     return fact
 
 
-def _silent(severity: Severity, individual: str, property: str, what: str, did: str) -> None:
+def _ignore_finding(severity: Severity, individual: str, property: str, problem: str, action: str) -> None:
     """It has been said when the map was read."""
 
 
-def _unheard(assumption: Assumption) -> None:
+def _ignore_assumption(assumption: Assumption) -> None:
     """The same."""

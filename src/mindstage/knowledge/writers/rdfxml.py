@@ -5,15 +5,15 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Sequence
 
-from mindstage.errors import MapUnwritable
+from mindstage.errors import MapWriteError
 from mindstage.knowledge.names import namespace_of
 from mindstage.knowledge.vocabulary import KNOWROB, OWL, RDF, RDFS, TYPE
-from mindstage.knowledge.wording.blocks import Block, Section
-from mindstage.knowledge.wording.letters import forbidden_in_xml, without_forbidden
-from mindstage.knowledge.wording.prefixes import Names
-from mindstage.world import Fact, Iri, Literal, Reference
+from mindstage.knowledge.wording.blocks import DocumentSection, SubjectBlock
+from mindstage.knowledge.wording.letters import find_forbidden_character, remove_forbidden_characters
+from mindstage.knowledge.wording.prefixes import PrefixTable
+from mindstage.world import Iri, IriRef, Literal, PropertyAssertion
 
-__all__ = ["rdf_xml"]
+__all__ = ["to_rdf_xml"]
 
 _REMEDY = "Turtle (.ttl) has a way to write it"
 _RESERVED = frozenset(
@@ -24,29 +24,31 @@ _TEXT = str.maketrans({"&": "&amp;", "<": "&lt;", ">": "&gt;", "\r": "&#13;"})
 _ATTRIBUTE = str.maketrans({"&": "&amp;", "<": "&lt;", '"': "&quot;"})
 
 
-def rdf_xml(sections: Sequence[Section], names: Names) -> str:
+def to_rdf_xml(sections: Sequence[DocumentSection], prefix_table: PrefixTable) -> str:
     """Statements as RDF/XML.
 
     Raises:
-        MapUnwritable: a property has no XML name, or a text holds letters that XML forbids.
+        MapWriteError: a property has no XML name, or a text holds letters that XML forbids.
     """
-    return "".join(_Document(names).lines(sections))
+    return "".join(_RdfXmlSerializer(prefix_table).lines(sections))
 
 
-class _Document:
-    def __init__(self, names: Names) -> None:
-        self.names = names
+class _RdfXmlSerializer:
+    def __init__(self, prefix_table: PrefixTable) -> None:
+        self.prefix_table = prefix_table
         self.entities = {
-            namespace: prefix for namespace, prefix in names.prefixes.items() if not re.search("[%&']", namespace)
+            namespace: prefix
+            for namespace, prefix in prefix_table.prefixes.items()
+            if not re.search("[%&']", namespace)
         }
         self._iris: dict[Iri, str] = {}
         self._elements: dict[Iri, str] = {}
 
-    def lines(self, sections: Sequence[Section]) -> Iterator[str]:
+    def lines(self, sections: Sequence[DocumentSection]) -> Iterator[str]:
         yield '<?xml version="1.0" encoding="utf-8"?>\n\n<!DOCTYPE rdf:RDF[\n'
         for namespace, prefix in self.entities.items():
             yield f'\t<!ENTITY {prefix} "{namespace}">\n'
-        prefixes = self.names.prefixes.items()
+        prefixes = self.prefix_table.prefixes.items()
         declared = (f'xmlns:{prefix}="{namespace.translate(_ATTRIBUTE)}"' for namespace, prefix in prefixes)
         yield "]>\n\n<rdf:RDF " + "\n\t ".join(declared) + ">\n"
         for section in sections:
@@ -56,17 +58,17 @@ class _Document:
                 yield from self._block(block)
         yield "</rdf:RDF>\n"
 
-    def _block(self, block: Block) -> Iterator[str]:
+    def _block(self, block: SubjectBlock) -> Iterator[str]:
         if block.comment:
-            yield f"\n\t<!-- {_comment(block.comment)} -->\n"
+            yield f"\n\t<!-- {_xml_comment(block.comment)} -->\n"
         if block.subject.startswith("_:"):
-            about = f' rdf:nodeID="{self.names.labels[block.subject]}"'
+            about = f' rdf:nodeID="{self.prefix_table.blank_node_labels[block.subject]}"'
         else:
             about = f' rdf:about="{self._iri(block.subject)}"'
         yield from self._node(block.subject, block.facts, about, "\t")
 
-    def _node(self, subject: Iri, facts: Sequence[Fact], about: str, indent: str) -> Iterator[str]:
-        kind = next((at for at, fact in enumerate(facts) if _is_element(fact)), None)
+    def _node(self, subject: Iri, facts: Sequence[PropertyAssertion], about: str, indent: str) -> Iterator[str]:
+        kind = next((at for at, fact in enumerate(facts) if _is_typed_element(fact)), None)
         element = "rdf:Description" if kind is None else self._element_of(facts[kind])
         rest = [fact for at, fact in enumerate(facts) if at != kind]
         if not rest:
@@ -77,25 +79,25 @@ class _Document:
             yield from self._property(subject, fact, indent + "\t")
         yield f"{indent}</{element}>\n"
 
-    def _property(self, subject: Iri, fact: Fact, indent: str) -> Iterator[str]:
+    def _property(self, subject: Iri, fact: PropertyAssertion, indent: str) -> Iterator[str]:
         element = self._elements.get(fact.property) or self._element(subject, fact.property)
         value = fact.value
-        if isinstance(value, Reference):
+        if isinstance(value, IriRef):
             if value.iri.startswith("_:"):
-                yield f'{indent}<{element} rdf:nodeID="{self.names.labels[value.iri]}"/>\n'
+                yield f'{indent}<{element} rdf:nodeID="{self.prefix_table.blank_node_labels[value.iri]}"/>\n'
             else:
                 yield f'{indent}<{element} rdf:resource="{self._iri(value.iri)}"/>\n'
         elif isinstance(value, Literal):
-            if illegal := forbidden_in_xml(value.text):
+            if illegal := find_forbidden_character(value.text):
                 cause = f"the text of {fact.property} holds the letter U+{ord(illegal[0]):04X}, which XML forbids"
-                raise MapUnwritable(subject, cause=cause, remedy=_REMEDY)
-            yield f"{indent}<{element}{self._kind(fact.property, value)}>{value.text.translate(_TEXT)}</{element}>\n"
+                raise MapWriteError(subject, cause=cause, remedy=_REMEDY)
+            yield f"{indent}<{element}{self._literal_attribute(fact.property, value)}>{value.text.translate(_TEXT)}</{element}>\n"
         else:
             yield f"{indent}<{element}>\n"
             yield from self._node(subject, value.facts, "", indent + "\t")
             yield f"{indent}</{element}>\n"
 
-    def _kind(self, property: Iri, literal: Literal) -> str:
+    def _literal_attribute(self, property: Iri, literal: Literal) -> str:
         if literal.language:
             return f' xml:lang="{literal.language}"'
         if literal.datatype:
@@ -103,16 +105,16 @@ class _Document:
         # The community says of its own texts that they are texts; everywhere else that is needless.
         return ' rdf:datatype="&xsd;string"' if property.startswith(KNOWROB) else ""
 
-    def _element_of(self, fact: Fact) -> str:
-        assert isinstance(fact.value, Reference)
+    def _element_of(self, fact: PropertyAssertion) -> str:
+        assert isinstance(fact.value, IriRef)
         iri = fact.value.iri
         namespace = namespace_of(iri)
-        return f"{self.names.prefixes[namespace]}:{iri[len(namespace) :]}"
+        return f"{self.prefix_table.prefixes[namespace]}:{iri[len(namespace) :]}"
 
     def _element(self, subject: Iri, property: Iri) -> str:
-        parts = self.names.split(property)
+        parts = self.prefix_table.split(property)
         if parts is None or property in _RESERVED:
-            raise MapUnwritable(subject, cause=f"the property <{property}> has no name in XML", remedy=_REMEDY)
+            raise MapWriteError(subject, cause=f"the property <{property}> has no name in XML", remedy=_REMEDY)
         element = self._elements[property] = f"{parts[0]}:{parts[1]}"
         return element
 
@@ -126,14 +128,14 @@ class _Document:
         return short
 
 
-def _is_element(fact: Fact) -> bool:
+def _is_typed_element(fact: PropertyAssertion) -> bool:
     """Whether it says a class in OWL's or RDFS's own words, which then is the element's name."""
     return (
         fact.property == TYPE
-        and isinstance(fact.value, Reference)
+        and isinstance(fact.value, IriRef)
         and re.fullmatch(rf"({re.escape(OWL)}|{re.escape(RDFS)})[A-Za-z]+", fact.value.iri) is not None
     )
 
 
-def _comment(text: str) -> str:
-    return re.sub("-(?=-)", "- ", without_forbidden(text)).rstrip("-")
+def _xml_comment(text: str) -> str:
+    return re.sub("-(?=-)", "- ", remove_forbidden_characters(text)).rstrip("-")

@@ -1,6 +1,6 @@
 """Dialect 5, SOMA: any world as a map of KnowRob 2 that needs no other file.
 
-Places stand where SOMA has them, and nowhere else. Shapes, colours, parts and joints are said once more in its words,
+Places stand where SOMA has them, and nowhere else. Shapes, colors, parts and joints are said once more in its words,
 in nodes that say so; what it has no words for (physics, tags, lights, several axes at once) stays in dialect 1's and
 ours. So those who know only SOMA find what they look for, and we read the same world again (see `restating`).
 """
@@ -11,10 +11,10 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 
 from mindstage.knowledge.names import part_name
-from mindstage.knowledge.readers.soma_nodes import Node, Nodes
-from mindstage.knowledge.reading.conversion import given
-from mindstage.knowledge.reading.other_words import HAS_COLOUR, HAS_JOINT, HAS_LOCALIZATION, HAS_SHAPE, urdf
-from mindstage.knowledge.reading.restating import HAS_COMPONENT, extents_in, localized
+from mindstage.knowledge.readers.soma_nodes import RdfNode, RdfNodes
+from mindstage.knowledge.reading.conversion import original_property
+from mindstage.knowledge.reading.other_words import HAS_COLOR, HAS_JOINT, HAS_LOCALIZATION, HAS_SHAPE, urdf
+from mindstage.knowledge.reading.restating import HAS_COMPONENT, extents_of, to_soma_pose
 from mindstage.knowledge.vocabulary import (
     CONSTRAINT,
     DESCRIBED_IN_MAP,
@@ -28,28 +28,42 @@ from mindstage.knowledge.vocabulary import (
     SUBCLASS_OF,
     TYPE,
 )
-from mindstage.knowledge.wording.blocks import Block, Section
+from mindstage.knowledge.wording.blocks import DocumentSection, SubjectBlock
 from mindstage.knowledge.wording.nesting import sorted_facts
 from mindstage.knowledge.wording.words import QUATERNION, TRANSLATION
 from mindstage.knowledge.writers.soma_nodes import (
-    axes_of,
-    colour_node,
+    blank_node,
+    color_node,
+    free_axes,
     joint_node,
     limits_node,
     localization_node,
-    node,
     shape_node,
 )
-from mindstage.world import Anonymous, Body, Constraint, Fact, FactValue, Iri, Literal, Physics, Pose, Reference, World
+from mindstage.world import (
+    BlankNode,
+    Body,
+    BodyPhysics,
+    FactValue,
+    Iri,
+    IriRef,
+    Joint,
+    Literal,
+    Pose,
+    PropertyAssertion,
+    World,
+)
 
-__all__ = ["SOMA_DIALECT", "Places", "in_soma"]
+__all__ = ["SOMA_DIALECT", "SomaPoseWriter", "write_as_soma"]
 
 SOMA_DIALECT = "SOMA"
-_WITHOUT_AXIS = {0: "FixedJoint", 6: "FloatingJoint"}
+_AXISLESS_CLASSES = {0: "FixedJoint", 6: "FloatingJoint"}
 _RESTRICTION = Iri(OWL + "Restriction")
 
 
-def in_soma(world: World, whole: Sequence[Section]) -> tuple[Sequence[Section], tuple[str, ...]]:
+def write_as_soma(
+    world: World, all_sections: Sequence[DocumentSection]
+) -> tuple[Sequence[DocumentSection], tuple[str, ...]]:
     """The sections of a map in SOMA's words, and what those have no way to say.
 
     Args:
@@ -57,17 +71,19 @@ def in_soma(world: World, whole: Sequence[Section]) -> tuple[Sequence[Section], 
         whole: all of it in the words of dialect 1.
     """
     sections = [replace(section, blocks=[replace(block, facts=list(block.facts)) for block in section.blocks])
-                for section in whole]  # fmt: skip
+                for section in all_sections]  # fmt: skip
     blocks = {block.subject: block for section in sections for block in section.blocks}
-    writing = _Writing(world, blocks)
-    writing.run()
-    return [*sections[:2], Section("Joint Classes", writing.classes), *sections[2:]], tuple(_untold(world))
+    writing = _SomaWriter(world, blocks)
+    writing.write()
+    return [*sections[:2], DocumentSection("Joint Classes", writing.classes), *sections[2:]], tuple(
+        _unsupported_notes(world)
+    )
 
 
-def _untold(world: World) -> Sequence[str]:
+def _unsupported_notes(world: World) -> Sequence[str]:
     """What those who know only SOMA will not find in such a map, in sentences."""
-    several = [each.id for each in world.constraints if len(axes_of(each)) not in (1, *_WITHOUT_AXIS)]
-    dynamic = [body.id for body in world.bodies if body.physics != Physics()]
+    several = [each.id for each in world.joints if len(free_axes(each)) not in (1, *_AXISLESS_CLASSES)]
+    dynamic = [body.id for body in world.bodies if body.physics != BodyPhysics()]
     told = (
         (several, "joints move in several ways at once"),
         (dynamic, "bodies say how they take part in the physics"),
@@ -77,84 +93,88 @@ def _untold(world: World) -> Sequence[str]:
     return [f"{len(ids)} {what}, for which SOMA has no words: SemLog's are used" for ids, what in told if ids]
 
 
-class _Writing:
-    def __init__(self, world: World, blocks: dict[Iri, Block]) -> None:
+class _SomaWriter:
+    def __init__(self, world: World, blocks: dict[Iri, SubjectBlock]) -> None:
         self.world, self.blocks = world, blocks
         self.bodies = {body.id: body for body in world.bodies}
         self.parents = {attachment.child: attachment.parent for attachment in world.attachments}
-        self.others = {thing.iri for thing in world.constraints} | {thing.iri for thing in world.lights}
-        self.classes: list[Block] = []
+        self.non_bodies = {thing.iri for thing in world.joints} | {thing.iri for thing in world.lights}
+        self.classes: list[SubjectBlock] = []
 
-    def run(self) -> None:
+    def write(self) -> None:
         """Says everything; the map last, since it is told then what others were written in before."""
-        places = Places(self.blocks, self.others)
+        places = SomaPoseWriter(self.blocks, self.non_bodies)
         for body in self.world.bodies:
             facts = self.blocks[body.iri].facts
-            places.say(body, facts)
-            self._say_shape(body, facts)
-            self._say_colour(body, facts)
-            self._say_whole(body, facts)
-        for constraint in self.world.constraints:
-            self._say_joint(constraint)
+            places.write(body, facts)
+            self._write_shape(body, facts)
+            self._write_color(body, facts)
+            self._write_parent(body, facts)
+        for constraint in self.world.joints:
+            self._write_joint(constraint)
         facts = self.blocks[self.world.iri].facts
-        facts.insert(0, Fact(DIALECT, Literal(SOMA_DIALECT)))
+        facts.insert(0, PropertyAssertion(DIALECT, Literal(SOMA_DIALECT)))
 
-    def _say_shape(self, body: Body, facts: list[Fact]) -> None:
+    def _write_shape(self, body: Body, facts: list[PropertyAssertion]) -> None:
         if any(fact.property == HAS_SHAPE for fact in facts):
-            nodes = Nodes({})
-            shapes = nodes.below(Node(body.iri, facts), HAS_SHAPE)
-            if body.size is None or any(tuple(extents_in(shape)) == body.size for shape in shapes):
+            nodes = RdfNodes({})
+            shapes = nodes.descendants(RdfNode(body.iri, facts), HAS_SHAPE)
+            if body.size is None or any(tuple(extents_of(shape)) == body.size for shape in shapes):
                 return
-            _shelve(facts, HAS_SHAPE)
+            _preserve_as_original(facts, HAS_SHAPE)
         if (shape := shape_node(body)) is not None:
-            facts.append(Fact(HAS_SHAPE, shape))
+            facts.append(PropertyAssertion(HAS_SHAPE, shape))
 
-    def _say_colour(self, body: Body, facts: list[Fact]) -> None:
-        colour = next((material.colour for material in body.materials if material.colour), None)
-        if colour is not None and all(fact.property != HAS_COLOUR for fact in facts):
-            facts.append(Fact(HAS_COLOUR, colour_node(colour)))
+    def _write_color(self, body: Body, facts: list[PropertyAssertion]) -> None:
+        color = next((material.color for material in body.materials if material.color), None)
+        if color is not None and all(fact.property != HAS_COLOR for fact in facts):
+            facts.append(PropertyAssertion(HAS_COLOR, color_node(color)))
 
-    def _say_whole(self, body: Body, facts: list[Fact]) -> None:
+    def _write_parent(self, body: Body, facts: list[PropertyAssertion]) -> None:
         if body.id not in self.parents:
             return
         whole = self.blocks[self.bodies[self.parents[body.id]].iri]
-        part = Fact(HAS_COMPONENT, Reference(body.iri))
+        part = PropertyAssertion(HAS_COMPONENT, IriRef(body.iri))
         if part not in whole.facts:
             whole.facts.append(part)
-            facts.append(Fact(RESTATES, Reference(HAS_COMPONENT)))
+            facts.append(PropertyAssertion(RESTATES, IriRef(HAS_COMPONENT)))
 
-    def _say_joint(self, constraint: Constraint) -> None:
+    def _write_joint(self, constraint: Joint) -> None:
         parent, child = self.bodies[constraint.parent], self.bodies[constraint.child]
         facts = self.blocks[parent.iri].facts
-        told = (fact.value.facts for fact in facts if fact.property == HAS_JOINT and isinstance(fact.value, Anonymous))
-        if any(Fact(urdf("hasChildLink"), Reference(child.iri)) in each for each in told):
+        told = (fact.value.facts for fact in facts if fact.property == HAS_JOINT and isinstance(fact.value, BlankNode))
+        if any(PropertyAssertion(urdf("hasChildLink"), IriRef(child.iri)) in each for each in told):
             return
         if (cls := self._joint_class(constraint)) is not None:
-            facts.append(Fact(HAS_JOINT, joint_node(constraint, cls, (parent.iri, child.iri), parent.pose)))
+            facts.append(
+                PropertyAssertion(HAS_JOINT, joint_node(constraint, cls, (parent.iri, child.iri), parent.pose))
+            )
 
-    def _joint_class(self, constraint: Constraint) -> Iri | None:
+    def _joint_class(self, constraint: Joint) -> Iri | None:
         """What kind of joint it is; one that ends somewhere has a class of its own, which says where."""
-        axes = axes_of(constraint)
+        axes = free_axes(constraint)
         if len(axes) != 1:
-            return urdf(_WITHOUT_AXIS[len(axes)]) if len(axes) in _WITHOUT_AXIS else None
+            return urdf(_AXISLESS_CLASSES[len(axes)]) if len(axes) in _AXISLESS_CLASSES else None
         axis = axes[0]
         if axis.range is None:
-            return urdf("ContinuousJoint" if axis.turns else "PrismaticJoint")
-        restriction = node(
+            return urdf("ContinuousJoint" if axis.is_rotational else "PrismaticJoint")
+        restriction = blank_node(
             _RESTRICTION,
             [
-                Fact(ON_PROPERTY, Reference(urdf("hasJointLimits"))),
-                Fact(HAS_VALUE, limits_node(axis.range)),
+                PropertyAssertion(ON_PROPERTY, IriRef(urdf("hasJointLimits"))),
+                PropertyAssertion(HAS_VALUE, limits_node(axis.range)),
             ],
         )
         cls = part_name(constraint.iri, "class", self.blocks)
-        block = Block(
+        block = SubjectBlock(
             cls,
             [
-                Fact(TYPE, Reference(OWL_CLASS)),
-                Fact(RESTATES, Reference(CONSTRAINT)),
-                Fact(SUBCLASS_OF, Reference(urdf("RevoluteJoint" if axis.turns else "PrismaticJoint"))),
-                Fact(SUBCLASS_OF, restriction),
+                PropertyAssertion(TYPE, IriRef(OWL_CLASS)),
+                PropertyAssertion(RESTATES, IriRef(CONSTRAINT)),
+                PropertyAssertion(
+                    SUBCLASS_OF, IriRef(urdf("RevoluteJoint" if axis.is_rotational else "PrismaticJoint"))
+                ),
+                PropertyAssertion(SUBCLASS_OF, restriction),
             ],
         )
         self.classes.append(block)
@@ -162,10 +182,10 @@ class _Writing:
         return cls
 
 
-class Places:
+class SomaPoseWriter:
     """Says where bodies are in SOMA's words and not in dialect 1's."""
 
-    def __init__(self, blocks: Mapping[Iri, Block], others: Iterable[Iri]) -> None:
+    def __init__(self, blocks: Mapping[Iri, SubjectBlock], non_bodies: Iterable[Iri]) -> None:
         """Begins.
 
         Args:
@@ -173,15 +193,15 @@ class Places:
             others: what is no body, and keeps its pose as it is.
         """
         self.blocks = blocks
-        self._spared = {
+        self._kept_poses = {
             fact.value.iri
-            for other in others
+            for other in non_bodies
             for fact in blocks[other].facts
-            if fact.property == HAS_POSE and isinstance(fact.value, Reference)
+            if fact.property == HAS_POSE and isinstance(fact.value, IriRef)
         }
-        self._said: set[Iri] = set()
+        self._converted: set[Iri] = set()
 
-    def say(self, body: Body, facts: list[Fact]) -> bool:
+    def write(self, body: Body, facts: list[PropertyAssertion]) -> bool:
         """Says where a body is, unless it does so itself; a place that is not true any more is shelved.
 
         Args:
@@ -189,44 +209,44 @@ class Places:
             facts: all that is said about it, which changes.
         """
         at = next((index for index, fact in enumerate(facts) if fact.property == HAS_POSE), None)
-        if at is None or _says_place(facts, body.pose):
+        if at is None or _has_pose(facts, body.pose):
             return False
-        place = self._place(facts[at].value)
+        place = self._localized_value(facts[at].value)
         if place is None:
             return False
-        facts[at] = Fact(HAS_LOCALIZATION, localization_node(place))
-        _shelve(facts, HAS_LOCALIZATION, but=at)
+        facts[at] = PropertyAssertion(HAS_LOCALIZATION, localization_node(place))
+        _preserve_as_original(facts, HAS_LOCALIZATION, except_index=at)
         return True
 
-    def _place(self, value: FactValue) -> FactValue | None:
-        if isinstance(value, Anonymous) and not any(isinstance(inner.value, Anonymous) for inner in value.facts):
-            told = localized(value.facts)
-            return None if told is None else Anonymous(sorted_facts(told))
-        if not isinstance(value, Reference) or value.iri not in self.blocks or value.iri in self._spared:
+    def _localized_value(self, value: FactValue) -> FactValue | None:
+        if isinstance(value, BlankNode) and not any(isinstance(inner.value, BlankNode) for inner in value.facts):
+            told = to_soma_pose(value.facts)
+            return None if told is None else BlankNode(sorted_facts(told))
+        if not isinstance(value, IriRef) or value.iri not in self.blocks or value.iri in self._kept_poses:
             return None
-        if value.iri not in self._said:
+        if value.iri not in self._converted:
             if any(fact.property == DESCRIBED_IN_MAP for fact in self.blocks[value.iri].facts):
                 return None  # what else it is could not be told without its being a pose
-            told = localized(self.blocks[value.iri].facts)
+            told = to_soma_pose(self.blocks[value.iri].facts)
             if told is None:
                 return None
             self.blocks[value.iri].facts = told
-            self._said.add(value.iri)
+            self._converted.add(value.iri)
         return value
 
 
-def _says_place(facts: Sequence[Fact], pose: Pose) -> bool:
+def _has_pose(facts: Sequence[PropertyAssertion], pose: Pose) -> bool:
     """Whether something says itself in SOMA's words that it is there."""
-    here = Node(None, facts)
-    for below in Nodes({}).below(here, HAS_LOCALIZATION):
+    here = RdfNode(None, facts)
+    for below in RdfNodes({}).descendants(here, HAS_LOCALIZATION):
         position, rotation = below.numbers(TRANSLATION.property), below.numbers(QUATERNION.property)
         if position == pose.position and len(rotation) == 4:
             return (rotation[3], *rotation[:3]) == pose.quaternion
     return False
 
 
-def _shelve(facts: list[Fact], property: Iri, *, but: int | None = None) -> None:
+def _preserve_as_original(facts: list[PropertyAssertion], property: Iri, *, except_index: int | None = None) -> None:
     """Puts aside what is not true any more; whoever reads the map puts it back."""
     for index, fact in enumerate(facts):
-        if fact.property == property and index != but:
-            facts[index] = Fact(given(property), fact.value)
+        if fact.property == property and index != except_index:
+            facts[index] = PropertyAssertion(original_property(property), fact.value)

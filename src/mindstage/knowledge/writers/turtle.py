@@ -6,28 +6,28 @@ from collections.abc import Iterator, Sequence
 
 from mindstage.knowledge.names import namespace_of
 from mindstage.knowledge.vocabulary import TYPE
-from mindstage.knowledge.wording.blocks import Block, Section
-from mindstage.knowledge.wording.prefixes import Names, plain_name
-from mindstage.world import Fact, FactValue, Iri, Literal, Reference
+from mindstage.knowledge.wording.blocks import DocumentSection, SubjectBlock
+from mindstage.knowledge.wording.prefixes import PrefixTable, is_plain_name
+from mindstage.world import FactValue, Iri, IriRef, Literal, PropertyAssertion
 
-__all__ = ["turtle"]
+__all__ = ["to_turtle"]
 
 _ESCAPES = {code: f"\\u{code:04X}" for code in (*range(0x20), 0x7F)}
 _ESCAPES |= {ord('"'): '\\"', ord("\\"): "\\\\", ord("\n"): "\\n", ord("\r"): "\\r", ord("\t"): "\\t"}
 
 
-def turtle(sections: Sequence[Section], names: Names) -> str:
+def to_turtle(sections: Sequence[DocumentSection], prefix_table: PrefixTable) -> str:
     """Statements as Turtle."""
-    return "".join(_Document(names).lines(sections))
+    return "".join(_TurtleSerializer(prefix_table).lines(sections))
 
 
-class _Document:
-    def __init__(self, names: Names) -> None:
-        self.names = names
+class _TurtleSerializer:
+    def __init__(self, prefix_table: PrefixTable) -> None:
+        self.prefix_table = prefix_table
         self._iris: dict[Iri, str] = {}
 
-    def lines(self, sections: Sequence[Section]) -> Iterator[str]:
-        for namespace, prefix in self.names.prefixes.items():
+    def lines(self, sections: Sequence[DocumentSection]) -> Iterator[str]:
+        for namespace, prefix in self.prefix_table.prefixes.items():
             yield f"@prefix {prefix}: <{namespace}> .\n"
         for section in sections:
             if section.blocks:
@@ -35,14 +35,14 @@ class _Document:
             for block in section.blocks:
                 yield from self._block(block)
 
-    def _block(self, block: Block) -> Iterator[str]:
+    def _block(self, block: SubjectBlock) -> Iterator[str]:
         comment = " ".join(block.comment.split())
         yield f"\n# {comment}\n" if comment else "\n"
         yield self._name(block.subject)
         yield from self._facts(block.facts, "    ")
         yield " .\n"
 
-    def _facts(self, facts: Sequence[Fact], indent: str) -> Iterator[str]:
+    def _facts(self, facts: Sequence[PropertyAssertion], indent: str) -> Iterator[str]:
         separator = " "
         for fact in facts:
             property = "a" if fact.property == TYPE else self._name(fact.property)
@@ -51,7 +51,7 @@ class _Document:
             separator = f" ;\n{indent}"
 
     def _value(self, value: FactValue, indent: str) -> Iterator[str]:
-        if isinstance(value, Reference):
+        if isinstance(value, IriRef):
             yield self._name(value.iri)
         elif isinstance(value, Literal):
             yield f'"{value.text.translate(_ESCAPES)}"'
@@ -68,10 +68,10 @@ class _Document:
         name = self._iris.get(iri)
         if name is None:
             if iri.startswith("_:"):
-                name = "_:" + self.names.labels[iri]
+                name = "_:" + self.prefix_table.blank_node_labels[iri]
             else:
                 namespace = namespace_of(iri)
-                prefix, rest = self.names.prefixes.get(namespace), iri[len(namespace) :]
-                name = f"{prefix}:{rest}" if prefix and plain_name(rest) else f"<{iri}>"
+                prefix, rest = self.prefix_table.prefixes.get(namespace), iri[len(namespace) :]
+                name = f"{prefix}:{rest}" if prefix and is_plain_name(rest) else f"<{iri}>"
             self._iris[iri] = name
         return name

@@ -1,7 +1,7 @@
 """Interfaces of Mindstage: the full interface of an engine, and questions.
 
 A world and its parts are sent as JSON in a string, without loss: ROS messages can represent neither a missing value nor
-a fact. Every response but that of `Describe` has `success`; if it is false, `refusal` holds the error of the world. Any
+a fact. Every response but that of `Describe` has `success`; if it is false, `error_to_message` holds the error of the world. Any
 other error fails the call itself (`result: false`, with the error message as text). The services and actions are
 offered under `/<namespace>/mindstage/`.
 
@@ -119,7 +119,7 @@ class Refusal(base.Message, frozen=True):
     """Error of an operation on the world; all fields are empty on success."""
 
     kind: base.String = ""
-    """Class of the error, such as `BodyUnknown`."""
+    """Class of the error, such as `BodyNotFoundError`."""
     text: base.String = ""
     """Error message."""
     body: base.String = ""
@@ -407,7 +407,7 @@ class SetPhysics(base.Service):
     class Request(base.Message, frozen=True):
         id: base.String = ""
         physics: base.String = ""
-        """JSON of `Physics`."""
+        """JSON of `BodyPhysics`."""
         plan: base.String = ""
 
     class Response(base.Message, frozen=True):

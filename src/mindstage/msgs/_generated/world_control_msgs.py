@@ -12,7 +12,7 @@ __all__ = [
     "AngularLimits",
     "AttachModelToParent",
     "Checkpoint",
-    "ColourCode",
+    "ColorCode",
     "ConstraintDescription",
     "DeleteAll",
     "DeleteModel",
@@ -57,7 +57,7 @@ class MobilityCode(base.Uint8Enum):
     KINEMATIC = 3
 
 
-class ColourCode(base.Uint8Enum):
+class ColorCode(base.Uint8Enum):
     """Colors of outlines."""
 
     NONE = 0
@@ -247,7 +247,7 @@ class HighlightModel(base.Service):
 
     class Request(base.Message, frozen=True):
         id: base.String = ""
-        color: ColourCode = ColourCode.NONE
+        color: ColorCode = ColorCode.NONE
 
     class Response(base.Message, frozen=True):
         success: base.Bool = False

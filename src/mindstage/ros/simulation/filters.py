@@ -15,16 +15,16 @@ import numpy as np
 import re2
 from numpy.typing import NDArray
 
-from mindstage.bridge.description import vector_from
+from mindstage.bridge.description import vector_from_message
 from mindstage.knowledge.names import local_name
 from mindstage.msgs import simulation_interfaces
 from mindstage.ros.results import failed, unsupported
-from mindstage.ros.sight import Sight
+from mindstage.ros.sight import StateReader
 from mindstage.world import Body, BodyId, Mobility
-from mindstage.world.boxes import Boxes
-from mindstage.world.geometry import Array, unit
+from mindstage.world.boxes import OrientedBoxes
+from mindstage.world.geometry import Array, normalize
 
-__all__ = ["category_of", "chosen", "has_tags", "name_matcher", "tags_of"]
+__all__ = ["category_of", "filter_entities", "has_tags", "name_matcher", "tags_of"]
 
 _MAX_PATTERN = 4096
 """Characters of a pattern."""
@@ -34,23 +34,23 @@ _COLLATING = re.compile(r"\[[^\]]*\[[.=]")
 """Collating symbols and equivalence classes, which RE2 reads as plain characters."""
 
 
-def chosen(sight: Sight, filters: simulation_interfaces.EntityFilters) -> tuple[BodyId, ...]:
+def filter_entities(state_reader: StateReader, filters: simulation_interfaces.EntityFilters) -> tuple[BodyId, ...]:
     """The entities that pass, in the order of the frame.
 
     Raises:
         ResultError: the name's pattern is none, or the bounds are of a kind that cannot be compared.
     """
-    ids: tuple[BodyId, ...] = sight.frame().ids
+    ids: tuple[BodyId, ...] = state_reader.state().ids
     if filters.filter:
         matches = name_matcher(filters.filter)
         ids = tuple(id for id in ids if matches(id))
     categories = {each.category for each in filters.categories}
     if categories or filters.tags.tags:
-        bodies = {body.id: body for body in sight.world().bodies}
+        bodies = {body.id: body for body in state_reader.world().bodies}
         ids = tuple(id for id in ids if id in bodies and not (categories and category_of(bodies[id]) not in categories))
         ids = tuple(id for id in ids if has_tags(tags_of(bodies[id]), filters.tags))
     return (
-        _within(sight, ids, filters.bounds)
+        _overlapping_bounds(state_reader, ids, filters.bounds)
         if filters.bounds.type is not simulation_interfaces.BoundsType.TYPE_EMPTY
         else ids
     )
@@ -101,24 +101,26 @@ def has_tags(tags: tuple[str, ...], wanted: simulation_interfaces.TagsFilter) ->
     return all(found) if wanted.filter_mode is simulation_interfaces.FilterMode.FILTER_MODE_ALL else any(found)
 
 
-def _within(sight: Sight, ids: tuple[BodyId, ...], bounds: simulation_interfaces.Bounds) -> tuple[BodyId, ...]:
+def _overlapping_bounds(
+    state_reader: StateReader, ids: tuple[BodyId, ...], bounds: simulation_interfaces.Bounds
+) -> tuple[BodyId, ...]:
     """Those whose upright box meets the bounds."""
     if not ids:
         return ids
-    frame = sight.frame()
-    rows = sight.rows(frame)
-    bodies = {body.id: body for body in sight.world().bodies}
+    frame = state_reader.state()
+    rows = state_reader.row_by_id(frame)
+    bodies = {body.id: body for body in state_reader.world().bodies}
     ids = tuple(id for id in ids if id in bodies and id in rows)
     poses = frame.poses[[rows[id] for id in ids]].reshape(-1, 7).copy()
-    poses[:, 3:] = unit(poses[:, 3:])
+    poses[:, 3:] = normalize(poses[:, 3:])
     sizes = np.array([bodies[id].size or (0.0, 0.0, 0.0) for id in ids], dtype=np.float64).reshape(-1, 3)
-    low, high = Boxes.of(poses, sizes).bounds()
-    meets = _meets(bounds, low, high)
+    low, high = OrientedBoxes.from_poses(poses, sizes).bounds()
+    meets = _bounds_overlap(bounds, low, high)
     return tuple(id for id, kept in zip(ids, meets, strict=True) if kept)
 
 
-def _meets(bounds: simulation_interfaces.Bounds, low: Array, high: Array) -> NDArray[np.bool_]:
-    points = np.array([vector_from(point) for point in bounds.points], dtype=np.float64).reshape(-1, 3)
+def _bounds_overlap(bounds: simulation_interfaces.Bounds, low: Array, high: Array) -> NDArray[np.bool_]:
+    points = np.array([vector_from_message(point) for point in bounds.points], dtype=np.float64).reshape(-1, 3)
     match bounds.type:
         case simulation_interfaces.BoundsType.TYPE_BOX | simulation_interfaces.BoundsType.TYPE_SPHERE if (
             len(points) != 2

@@ -5,68 +5,70 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator
 
-from mindstage.bridge.description import pose_from
-from mindstage.errors import BodyUnknown
+from mindstage.bridge.description import pose_from_message
+from mindstage.errors import BodyNotFoundError
 from mindstage.knowledge.names import local_name
 from mindstage.msgs import modul_spawner_msgs
 from mindstage.msgs import simulation_interfaces as wire
-from mindstage.ros.diagnostics import Diagnostics
+from mindstage.ros.diagnostics import DiagnosticsPublisher
 from mindstage.ros.names import free_id, map_iri
-from mindstage.ros.offer import ServiceOffer
-from mindstage.ros.resources import FORMATS, Resources, Trouble, TroubleKind
+from mindstage.ros.offer import ServiceSpec
+from mindstage.ros.resources import FORMATS, ResourceError, ResourceErrorType, ResourceLoader
 from mindstage.ros.results import OK, ResultError
-from mindstage.ros.sight import Sight
+from mindstage.ros.sight import StateReader
 from mindstage.ros.simulation.entities import bounds_of
-from mindstage.ros.templates import part_of, placed, root_of
+from mindstage.ros.templates import clone_at, root_body, subtree
 from mindstage.world import Body, Pose, World
 
-__all__ = ["Spawning"]
+__all__ = ["SpawnServices"]
 
-_PATIENCE_S = 120.0
-_LACKING = {
+_TIMEOUT_S = 120.0
+_UNSUPPORTED_FEATURES = {
     wire.Feature.NAMED_POSES,
     wire.Feature.POSE_BOUNDS,
     wire.Feature.ENTITY_BOUNDS_CONVEX,
     wire.Feature.ENTITY_INFO_SETTING,
     wire.Feature.SIMULATION_RESET_TIME,
 }
-_CODES = {
-    TroubleKind.MISSING: wire.SpawnCode.NO_RESOURCE,
-    TroubleKind.FORMAT: wire.SpawnCode.UNSUPPORTED_FORMAT,
-    TroubleKind.BROKEN: wire.SpawnCode.RESOURCE_PARSE_ERROR,
+_RESULT_CODES = {
+    ResourceErrorType.NOT_FOUND: wire.SpawnCode.NO_RESOURCE,
+    ResourceErrorType.UNSUPPORTED_FORMAT: wire.SpawnCode.UNSUPPORTED_FORMAT,
+    ResourceErrorType.PARSE_ERROR: wire.SpawnCode.RESOURCE_PARSE_ERROR,
 }
 _Request = wire.SpawnEntity.Request | wire.SpawnEntityMessage
 
 
-class Spawning:
+class SpawnServices:
     """Spawns."""
 
-    def __init__(self, sight: Sight, resources: Resources, diagnostics: Diagnostics, *, step_s: float) -> None:
-        self._sight = sight
-        self._stage = sight.stage
+    def __init__(
+        self, state_reader: StateReader, resources: ResourceLoader, diagnostics: DiagnosticsPublisher, *, step_s: float
+    ) -> None:
+        self._state_reader = state_reader
+        self._simulation = state_reader.simulation
         self._resources = resources
         self._diagnostics = diagnostics
         self._step_s = step_s
 
-    def offers(self) -> Iterator[ServiceOffer]:
+    def services(self) -> Iterator[ServiceSpec]:
         """All services."""
-        yield ServiceOffer(wire.GetSimulatorFeatures, self.features)
-        yield ServiceOffer(wire.GetSpawnables, self.spawnables, patience_s=_PATIENCE_S)
-        yield ServiceOffer(wire.SpawnEntity, self.spawn_entity, patience_s=_PATIENCE_S)
-        yield ServiceOffer(wire.SpawnEntities, self.spawn_entities, patience_s=_PATIENCE_S)
-        yield ServiceOffer(modul_spawner_msgs.SpawnRobot, self.spawn_robot, patience_s=_PATIENCE_S)
+        yield ServiceSpec(wire.GetSimulatorFeatures, self.get_features)
+        yield ServiceSpec(wire.GetSpawnables, self.get_spawnables, timeout_s=_TIMEOUT_S)
+        yield ServiceSpec(wire.SpawnEntity, self.spawn_entity, timeout_s=_TIMEOUT_S)
+        yield ServiceSpec(wire.SpawnEntities, self.spawn_entities, timeout_s=_TIMEOUT_S)
+        yield ServiceSpec(modul_spawner_msgs.SpawnRobot, self.spawn_robot, timeout_s=_TIMEOUT_S)
 
-    def features(self, _: wire.GetSimulatorFeatures.Request) -> wire.GetSimulatorFeatures.Response:
+    def get_features(self, _: wire.GetSimulatorFeatures.Request) -> wire.GetSimulatorFeatures.Response:
         """What works here."""
-        told = {"engine": self._stage.engine_name, "step_s": self._step_s}
+        told = {"engine": self._simulation.engine_name, "step_s": self._step_s}
         features = wire.SimulatorFeatures(
-            features=tuple(feature for feature in wire.Feature if feature not in _LACKING),
+            features=tuple(feature for feature in wire.Feature if feature not in _UNSUPPORTED_FEATURES),
             spawn_formats=tuple(FORMATS.values()),
             custom_info=json.dumps(told),
         )
         return wire.GetSimulatorFeatures.Response(features=features)
 
-    def spawnables(self, request: wire.GetSpawnables.Request) -> wire.GetSpawnables.Response:
+    def get_spawnables(self, request: wire.GetSpawnables.Request) -> wire.GetSpawnables.Response:
         """Each thing of a known map, and each file of the folder; sources, where given, are the maps' IRIs."""
         chosen = set(request.sources)
         found: list[wire.Spawnable] = []
@@ -87,7 +89,7 @@ class Spawning:
 
     def spawn_entities(self, request: wire.SpawnEntities.Request) -> wire.SpawnEntities.Response:
         """Some, one after the other; one that fails does not stop the rest."""
-        results = tuple(self._tried(each) for each in request.spawn_requests)
+        results = tuple(self._spawn_result(each) for each in request.spawn_requests)
         lost = sum(each.result.result != OK.result for each in results)
         if not lost:
             return wire.SpawnEntities.Response(result=OK, results=results)
@@ -98,55 +100,57 @@ class Spawning:
     def spawn_robot(self, request: modul_spawner_msgs.SpawnRobot.Request) -> modul_spawner_msgs.SpawnRobot.Response:
         """A robot from a file of the folder, or from the text of a URDF in the place of its name."""
         is_text = request.name.lstrip().startswith("<")
-        name = request.id or self._free("Robot" if is_text else request.name.rpartition("/")[2].partition(".")[0])
+        name = request.id or self._free_id("Robot" if is_text else request.name.rpartition("/")[2].partition(".")[0])
         try:
-            world = self._resources.world("" if is_text else request.name, request.name if is_text else "")
-            self._put(world, root_of(world), name=name, pose=None)
-        except (Trouble, ResultError) as error:
-            self._diagnostics.failed("spawn_robot", [(name, str(error))])
+            world = self._resources.load_world("" if is_text else request.name, request.name if is_text else "")
+            self._spawn_clone(world, root_body(world), name=name, pose=None)
+        except (ResourceError, ResultError) as error:
+            self._diagnostics.report_failures("spawn_robot", [(name, str(error))])
             return modul_spawner_msgs.SpawnRobot.Response(id=name)
         return modul_spawner_msgs.SpawnRobot.Response(id=name, name=name, success=True)
 
-    def _tried(self, request: wire.SpawnEntityMessage) -> wire.SpawnResult:
+    def _spawn_result(self, request: wire.SpawnEntityMessage) -> wire.SpawnResult:
         try:
             return wire.SpawnResult(result=OK, entity_name=self._spawn(request))
         except ResultError as error:
-            self._diagnostics.failed("spawn_entities", [(request.name, str(error))])
+            self._diagnostics.report_failures("spawn_entities", [(request.name, str(error))])
             return wire.SpawnResult(result=error.result, entity_name=request.name)
 
     def _spawn(self, request: _Request) -> str:
         world, root = self._template(request.entity_resource)
-        name = self._name(request, root)
+        name = self._entity_name(request, root)
         try:
-            pose = self._sight.in_world(pose_from(request.initial_pose.pose), request.initial_pose.header.frame_id)
-        except BodyUnknown as error:
+            pose = self._state_reader.to_world_frame(
+                pose_from_message(request.initial_pose.pose), request.initial_pose.header.frame_id
+            )
+        except BodyNotFoundError as error:
             raise ResultError(wire.SpawnCode.INVALID_POSE, str(error)) from error
-        self._put(world, root, name=name, pose=pose)
+        self._spawn_clone(world, root, name=name, pose=pose)
         return name
 
-    def _put(self, world: World, root: Body | None, *, name: str, pose: Pose | None) -> None:
+    def _spawn_clone(self, world: World, root: Body | None, *, name: str, pose: Pose | None) -> None:
         if root is None:
             raise ResultError(wire.SpawnCode.RESOURCE_PARSE_ERROR, "there is no body in it")
-        worlds = self._stage.worlds
-        report = self._stage.spawn(
-            placed(world, root, name=name, pose=pose, map=worlds[0].iri if worlds else map_iri("spawned"))
+        worlds = self._simulation.worlds
+        report = self._simulation.spawn(
+            clone_at(world, root, name=name, pose=pose, map=worlds[0].iri if worlds else map_iri("spawned"))
         )
-        self._diagnostics.spawned("spawn", report)
+        self._diagnostics.report_spawn("spawn", report)
         if report.failed_bodies:
             raise ResultError(wire.SpawnCode.INVALID_POSE, "; ".join(each.reason for each in report.failed_bodies[:3]))
 
     def _template(self, resource: wire.Resource) -> tuple[World, Body | None]:
-        if resource.uri and (known := self._resources.body(resource.uri)):
+        if resource.uri and (known := self._resources.find_body(resource.uri)):
             world, body = known
-            return part_of(world, body.id), body
+            return subtree(world, body.id), body
         try:
-            world = self._resources.world(resource.uri, resource.resource_string)
-        except Trouble as trouble:
-            raise ResultError(_CODES[trouble.kind], str(trouble)) from trouble
-        return world, root_of(world)
+            world = self._resources.load_world(resource.uri, resource.resource_string)
+        except ResourceError as trouble:
+            raise ResultError(_RESULT_CODES[trouble.type], str(trouble)) from trouble
+        return world, root_body(world)
 
-    def _name(self, request: _Request, root: Body | None) -> str:
-        taken = self._sight.rows(self._sight.frame())
+    def _entity_name(self, request: _Request, root: Body | None) -> str:
+        taken = self._state_reader.row_by_id(self._state_reader.state())
         if not request.name and not request.allow_renaming:
             raise ResultError(wire.SpawnCode.NAME_INVALID, "it needs a name, unless it may be renamed")
         if request.name and request.name not in taken:
@@ -155,8 +159,8 @@ class Spawning:
             raise ResultError(wire.SpawnCode.NAME_NOT_UNIQUE, f"{request.name!r} is taken")
         return free_id(request.name or (local_name(root.cls) if root else "Entity"), taken)
 
-    def _free(self, stem: str) -> str:
-        return free_id(stem or "Robot", self._sight.rows(self._sight.frame()))
+    def _free_id(self, stem: str) -> str:
+        return free_id(stem or "Robot", self._state_reader.row_by_id(self._state_reader.state()))
 
 
 def _spawnable(body: Body) -> wire.Spawnable:

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
 from mindstage.knowledge.shaping import ShapeRule
-from mindstage.world import Body, BodyId, Form, Forms, Iri
+from mindstage.world import Body, BodyGeometry, BodyId, GeometryMap, Iri
 
-__all__ = ["Fitted", "Knowing", "MeshForms", "MeshSource", "Remark"]
+__all__ = ["FitNote", "FittedGeometry", "MeshGeometries", "MeshProvider", "ShapeRuleProvider"]
 
 
-class Remark(NamedTuple):
+class FitNote(NamedTuple):
     """Something that had to be decided, or could not be done as told."""
 
     ids: tuple[BodyId, ...]
@@ -20,26 +20,26 @@ class Remark(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class Fitted:
+class FittedGeometry:
     """The forms of a world's bodies."""
 
-    forms: Forms
+    geometry: GeometryMap
     """Of all bodies that have a size."""
-    notes: tuple[Remark, ...] = ()
+    notes: tuple[FitNote, ...] = ()
 
 
-class Knowing(Protocol):
+class ShapeRuleProvider(Protocol):
     """Who knows how things of a class are shaped; a `KnowledgeBase` does."""
 
     def shape_rule(self, cls: Iri, /) -> ShapeRule:
         """How things of a class are shaped."""
 
 
-class MeshForms(Protocol):
+class MeshGeometries(Protocol):
     """What was found in mesh files."""
 
     @property
-    def forms(self) -> Mapping[BodyId, Form]:
+    def geometry(self) -> Mapping[BodyId, BodyGeometry]:
         """Of the bodies that have one."""
 
     @property
@@ -47,8 +47,8 @@ class MeshForms(Protocol):
         """What had to be decided, and which files are of no use."""
 
 
-class MeshSource(Protocol):
+class MeshProvider(Protocol):
     """Who finds the meshes that maps name."""
 
-    def forms(self, bodies: Sequence[Body], /) -> MeshForms:
+    def geometry_for(self, bodies: Sequence[Body], /) -> MeshGeometries:
         """The forms of those bodies for which there are mesh files."""

@@ -8,161 +8,165 @@ from typing import Any
 import numpy as np
 from msgspec.structs import replace
 
-from mindstage.errors import ShapeRefused, ShapeUnknown
-from mindstage.knowledge.shaping import BODY, ShapeRule
-from mindstage.shapes.building import build, design_of
-from mindstage.shapes.fitting.facing import Facing
-from mindstage.shapes.fitting.insides import Inside, inside_of, let_in, levels_in, openings_in
-from mindstage.shapes.fitting.setting import Around, Setting
-from mindstage.shapes.kinds import DESIGNS
-from mindstage.shapes.sides import Side, turn_between
-from mindstage.world import Body, Form, Glow, LightKind, Pose, ShapeKind, Surface
+from mindstage.errors import InvalidShapeError, ShapeNotFoundError
+from mindstage.knowledge.shaping import DEFAULT_ROLE, ShapeRule
+from mindstage.shapes.building import build_geometry, template_by_name
+from mindstage.shapes.fitting.facing import Orientation
+from mindstage.shapes.fitting.insides import Cavity, cavity_of, shelf_heights, wall_openings, worktop_cutouts
+from mindstage.shapes.fitting.setting import Neighborhood, SceneContext
+from mindstage.shapes.kinds import SHAPE_TEMPLATES
+from mindstage.shapes.sides import BodySide, turn_between
+from mindstage.world import AttachedLight, Body, BodyGeometry, LightType, PbrMaterial, Pose, PrimitiveType
 
-__all__ = ["Maker"]
+__all__ = ["GeometryFitter"]
 
-_PLAIN = "box"
-_DOOR = "door"
+_DEFAULT_SHAPE = "box"
+_DOOR_SHAPE = "door"
 """The role, in what has doors, of these."""
-_OF_SHAPE = {ShapeKind.CYLINDER: "cylinder", ShapeKind.SPHERE: "ball"}
-_LET_IN = ("sink", "hob", "tub", "basket", "bin")
-_IN_WALLS = ("door", "window", "frame")
-_BUILDING = ("wall", "shell", "panel", "picture", "lamp")
+_SHAPE_OF_PRIMITIVE = {PrimitiveType.CYLINDER: "cylinder", PrimitiveType.SPHERE: "ball"}
+_WORKTOP_INSERT_SHAPES = ("sink", "hob", "tub", "basket", "bin")
+_WALL_INSERT_SHAPES = ("door", "window", "frame")
+_ARCHITECTURE_SHAPES = ("wall", "shell", "panel", "picture", "lamp")
 _NO_SIZE = (0.0, 0.0, 0.0)
-_ROOM_M = 1.0
+_MIN_ROOM_M = 1.0
 """A wall that is so thick is the box around the walls of a room."""
 
 
-class Maker:
+class GeometryFitter:
     """Makes the forms of one setting."""
 
-    def __init__(self, setting: Setting, around: Mapping[int, Around]) -> None:
+    def __init__(self, context: SceneContext, neighborhoods: Mapping[int, Neighborhood]) -> None:
         """Makes nothing yet."""
-        self._setting = setting
-        self._around = around
-        self._let_in = setting.of_kind(*_LET_IN)
-        self._in_walls = setting.of_kind(*_IN_WALLS)
-        self._in_rooms = ~setting.of_kind(*_BUILDING)
+        self._context = context
+        self._neighborhoods = neighborhoods
+        self._is_worktop_insert = context.has_shape(*_WORKTOP_INSERT_SHAPES)
+        self._is_wall_insert = context.has_shape(*_WALL_INSERT_SHAPES)
+        self._is_room_insert = ~context.has_shape(*_ARCHITECTURE_SHAPES)
 
-    def form(self, row: int, facing: Facing) -> tuple[Form | None, str]:
+    def geometry(self, row: int, orientation: Orientation) -> tuple[BodyGeometry | None, str]:
         """The form of a body, and what could not be done as told, which is mostly nothing.
 
         None where its size leaves no room for anything.
         """
-        body, rule = self._setting.bodies[row], self._setting.rules[row]
-        kind = self._kind(row)
-        told, doubt = _parameters(kind, rule)
-        fitted = self._fitted(row, kind, facing, told)
+        body, rule = self._context.bodies[row], self._context.rules[row]
+        kind = self._shape_name(row)
+        told, doubt = _valid_parameters(kind, rule)
+        fitted = self._fitted_parameters(row, kind, orientation, told)
         try:
-            return self._built(body, rule, kind, {**told, **fitted}, facing, self._closing(row)), doubt
-        except ShapeUnknown as error:
-            kind, doubt = _PLAIN, str(error)
-        except ShapeRefused as error:
+            return self._build(body, rule, kind, {**told, **fitted}, orientation, self._closing_material(row)), doubt
+        except ShapeNotFoundError as error:
+            kind, doubt = _DEFAULT_SHAPE, str(error)
+        except InvalidShapeError as error:
             doubt = str(error)
         try:
-            return self._built(body, rule, kind, {}, facing), doubt
-        except ShapeRefused as error:
+            return self._build(body, rule, kind, {}, orientation), doubt
+        except InvalidShapeError as error:
             return None, str(error)
 
-    def _kind(self, row: int) -> str:
+    def _shape_name(self, row: int) -> str:
         """What a body is built as: mostly what its class is, unless its parts or its size tell otherwise."""
-        setting, kind = self._setting, str(self._setting.kinds[row])
+        setting, kind = self._context, str(self._context.shape_names[row])
         shape = setting.bodies[row].shape
-        if kind == _PLAIN and shape is not None:
-            return _OF_SHAPE.get(shape.kind, kind)
-        if kind == "wall" and setting.boxes.half[row].min() * 2 > _ROOM_M:
+        if kind == _DEFAULT_SHAPE and shape is not None:
+            return _SHAPE_OF_PRIMITIVE.get(shape.type, kind)
+        if kind == "wall" and setting.boxes.half_extents[row].min() * 2 > _MIN_ROOM_M:
             return "shell"
-        parts = setting.kinds[setting.together_with(row)] if kind in ("table", "chair") else ()
+        parts = setting.shape_names[setting.group_mates(row)] if kind in ("table", "chair") else ()
         if kind == "table" and "leg" in parts:
             return "counter"
         if kind == "chair" and "panel" in parts:
             return "table"
         return kind
 
-    def _fitted(self, row: int, kind: str, facing: Facing, told: Mapping[str, Any]) -> dict[str, Any]:
+    def _fitted_parameters(
+        self, row: int, shape_name: str, orientation: Orientation, parameters: Mapping[str, Any]
+    ) -> dict[str, Any]:
         """Parameters that follow from what is in a thing and around it."""
-        fields = DESIGNS[kind].__struct_fields__ if kind in DESIGNS else ()
+        fields = SHAPE_TEMPLATES[shape_name].__struct_fields__ if shape_name in SHAPE_TEMPLATES else ()
         found: dict[str, Any] = {}
         if "along" in fields:
-            found["along"] = _along(self._setting, row, facing)
-        around = self._around.get(row)
+            found["along"] = _cylinder_axis(self._context, row, orientation)
+        around = self._neighborhoods.get(row)
         if around is None:
-            return found | ({"walls": _open(facing, {})} if "walls" in fields else {})
+            return found | ({"walls": _open_walls(orientation, {})} if "walls" in fields else {})
         if "free" in fields:
-            found["free"] = self._free(row, kind, around, facing.up)
-        inside = inside_of(self._setting, row, around)
+            found["free"] = self._cutouts(row, shape_name, around, orientation.up)
+        inside = cavity_of(self._context, row, around)
         if "walls" in fields:
-            usual = float(told.get("wall", DESIGNS[kind]().wall))  # type: ignore[attr-defined]
-            found["walls"] = _open(facing, {side: inside.wall(side, usual) for side in Side})
-        found |= _levels(inside, facing.up, fields)
-        if "shelves" in fields and len(inside.rows) and "levels" not in found and not inside.loose.all():
+            usual = float(parameters.get("wall", SHAPE_TEMPLATES[shape_name]().wall))  # type: ignore[attr-defined]
+            found["walls"] = _open_walls(orientation, {side: inside.wall_thickness(side, usual) for side in BodySide})
+        found |= _level_parameters(inside, orientation.up, fields)
+        if "shelves" in fields and len(inside.rows) and "levels" not in found and not inside.is_free.all():
             found["shelves"] = 0
         return found
 
-    def _free(self, row: int, kind: str, around: Around, up: Side) -> tuple[Any, ...]:
-        if kind in ("wall", "shell"):
+    def _cutouts(self, row: int, shape_name: str, neighborhood: Neighborhood, up: BodySide) -> tuple[Any, ...]:
+        if shape_name in ("wall", "shell"):
             # The box around the walls of a crooked room cuts through what stands in it: there the walls are not.
-            chosen = self._in_walls if kind == "wall" else self._in_rooms
-            return openings_in(self._setting, row, around, chosen, ways=kind == "shell")
-        return let_in(self._setting, row, around, up, self._let_in)
+            chosen = self._is_wall_insert if shape_name == "wall" else self._is_room_insert
+            return wall_openings(self._context, row, neighborhood, chosen, include_motion=shape_name == "shell")
+        return worktop_cutouts(self._context, row, neighborhood, up, self._is_worktop_insert)
 
-    def _closing(self, row: int) -> Surface | None:
+    def _closing_material(self, row: int) -> PbrMaterial | None:
         """What a door is made of because of what it closes: that of an oven is of glass."""
-        if str(self._setting.kinds[row]) != "door":
+        if str(self._context.shape_names[row]) != "door":
             return None
-        holders = (joint.holder for joint in self._setting.joints.get(row, ()) if joint.moving == row)
-        made = (self._setting.rules[holder].substances.get(_DOOR) for holder in holders)
-        return next((substance.surface for substance in made if substance is not None), None)
+        holders = (joint.holder_row for joint in self._context.joints.get(row, ()) if joint.moving_row == row)
+        made = (self._context.rules[holder].materials.get(_DOOR_SHAPE) for holder in holders)
+        return next((substance.pbr_material for substance in made if substance is not None), None)
 
     @staticmethod
-    def _built(
+    def _build(
         body: Body,
         rule: ShapeRule,
-        kind: str,
+        shape_name: str,
         parameters: Mapping[str, Any],
-        facing: Facing,
-        made_of: Surface | None = None,
-    ) -> Form:
-        surfaces = {role: substance.surface for role, substance in rule.substances.items()}
-        surfaces[BODY] = made_of or surfaces[BODY]
-        return build(
-            design_of(kind, parameters),
+        orientation: Orientation,
+        body_material: PbrMaterial | None = None,
+    ) -> BodyGeometry:
+        surfaces = {role: substance.pbr_material for role, substance in rule.materials.items()}
+        surfaces[DEFAULT_ROLE] = body_material or surfaces[DEFAULT_ROLE]
+        return build_geometry(
+            template_by_name(shape_name, parameters),
             body.size or _NO_SIZE,
-            up=facing.up,
-            front=facing.front,
-            surfaces=surfaces | _painted(body, surfaces[BODY]),
-            glow=_glow(rule, facing),
-            friction=rule.substance.friction,
-            restitution=rule.substance.restitution,
-            density=rule.substance.density,
+            up=orientation.up,
+            front=orientation.front,
+            materials=surfaces | _map_colors(body, surfaces[DEFAULT_ROLE]),
+            light=_attached_light(rule, orientation),
+            friction=rule.default_material.friction,
+            restitution=rule.default_material.restitution,
+            density=rule.default_material.density,
             source=rule.source,
-            why="; ".join(part for part in (rule.why, facing.why and f"its front is {facing.why}") if part),
+            reason="; ".join(
+                part for part in (rule.reason, orientation.reason and f"its front is {orientation.reason}") if part
+            ),
         )
 
 
-def _parameters(kind: str, rule: ShapeRule) -> tuple[dict[str, Any], str]:
+def _valid_parameters(shape_name: str, rule: ShapeRule) -> tuple[dict[str, Any], str]:
     """Those of a rule's parameters that a kind has and that can be so, and what is wrong with another one."""
-    if kind not in DESIGNS:
+    if shape_name not in SHAPE_TEMPLATES:
         return {}, ""
     told: dict[str, Any] = {}
     doubt = ""
     for name, value in rule.parameters.items():
-        if name in DESIGNS[kind].__struct_fields__:
+        if name in SHAPE_TEMPLATES[shape_name].__struct_fields__:
             try:
-                design_of(kind, {name: value})
+                template_by_name(shape_name, {name: value})
                 told[name] = value
-            except ShapeRefused as error:
+            except InvalidShapeError as error:
                 doubt = str(error)
     return told, doubt
 
 
-def _open(facing: Facing, walls: Mapping[Side, float]) -> tuple[tuple[Side, float], ...]:
+def _open_walls(orientation: Orientation, walls: Mapping[BodySide, float]) -> tuple[tuple[BodySide, float], ...]:
     """The thickness of walls on the sides of a case: none where it is open."""
-    open_sides = facing.openings or (facing.front,)
+    open_sides = orientation.openings or (orientation.front,)
     return tuple(sorted({**walls, **dict.fromkeys(open_sides, 0.0)}.items(), key=lambda wall: wall[0].value))
 
 
-def _levels(inside: Inside, up: Side, fields: tuple[str, ...]) -> dict[str, Any]:
-    levels = levels_in(inside, up)
+def _level_parameters(cavity: Cavity, up: BodySide, fields: tuple[str, ...]) -> dict[str, Any]:
+    levels = shelf_heights(cavity, up)
     if not levels:
         return {}
     if "levels" in fields:
@@ -171,37 +175,37 @@ def _levels(inside: Inside, up: Side, fields: tuple[str, ...]) -> dict[str, Any]
         return {"level": levels[0]}
     found: dict[str, Any] = {}
     if "floor" in fields:
-        found["floor"] = max(levels[0] + float(inside.half[up.axis]), 0.0005)
+        found["floor"] = max(levels[0] + float(cavity.half[up.axis]), 0.0005)
     if "wall" in fields:
-        found["wall"] = min(inside.wall(side, 0.008) for side in Side if side.axis != up.axis)
+        found["wall"] = min(cavity.wall_thickness(side, 0.008) for side in BodySide if side.axis != up.axis)
     return found
 
 
-def _along(setting: Setting, row: int, facing: Facing) -> Side:
+def _cylinder_axis(context: SceneContext, row: int, orientation: Orientation) -> BodySide:
     """Along which axis of its drawing a cylinder lies: the one whose two others are most alike."""
-    shape = setting.bodies[row].shape
-    if shape is not None and shape.kind is ShapeKind.CYLINDER:
+    shape = context.bodies[row].shape
+    if shape is not None and shape.type is PrimitiveType.CYLINDER:
         axis = 2
     else:
-        size = setting.boxes.half[row]
+        size = context.boxes.half_extents[row]
         gaps = [abs(float(np.log(size[(each + 1) % 3] / size[(each + 2) % 3]))) for each in range(3)]
-        gaps[facing.up.axis] -= 1e-3  # of two alike it stands
+        gaps[orientation.up.axis] -= 1e-3  # of two alike it stands
         axis = int(np.argmin(gaps))
-    if axis == facing.up.axis:
-        return Side.TOP
-    return Side.FRONT if axis == facing.front.axis else Side.LEFT
+    if axis == orientation.up.axis:
+        return BodySide.TOP
+    return BodySide.FRONT if axis == orientation.front.axis else BodySide.LEFT
 
 
-def _painted(body: Body, surface: Surface) -> dict[str, Surface]:
-    """The colour that a map gives to a body, before any that its class has."""
-    colour = next((material.colour for material in body.materials if material.colour is not None), None)
-    return {} if colour is None else {BODY: replace(surface, colour=colour)}
+def _map_colors(body: Body, surface: PbrMaterial) -> dict[str, PbrMaterial]:
+    """The color that a map gives to a body, before any that its class has."""
+    color = next((material.color for material in body.materials if material.color is not None), None)
+    return {} if color is None else {DEFAULT_ROLE: replace(surface, color=color)}
 
 
-def _glow(rule: ShapeRule, facing: Facing) -> Glow | None:
+def _attached_light(rule: ShapeRule, orientation: Orientation) -> AttachedLight | None:
     light = rule.light
     if light is None:
         return None
-    turned = light.kind is not LightKind.POINT and facing.up is not Side.TOP
-    pose = Pose(quaternion=turn_between(facing.front, facing.up).quaternion) if turned else Pose()
-    return Glow(kind=light.kind, pose=pose, colour=light.colour, intensity=light.intensity)
+    turned = light.light_type is not LightType.POINT and orientation.up is not BodySide.TOP
+    pose = Pose(quaternion=turn_between(orientation.front, orientation.up).quaternion) if turned else Pose()
+    return AttachedLight(type=light.light_type, pose=pose, color=light.color, intensity=light.intensity)

@@ -9,30 +9,32 @@ from typing import ClassVar, Literal
 import numpy as np
 
 from mindstage.shapes import finishes
-from mindstage.shapes.design import Count, Design, Length, Roles, Thickness
-from mindstage.shapes.draft import Draft
-from mindstage.shapes.sides import Gap, Side
+from mindstage.shapes.design import Count, Length, MaterialRoles, ShapeTemplate, Thickness
+from mindstage.shapes.draft import GeometryBuilder
+from mindstage.shapes.sides import BodySide, Cutout
 from mindstage.world.geometry import Array
 
-__all__ = ["Door", "Frame", "Picture", "Shell", "Wall", "Window"]
+__all__ = ["Door", "OpeningFrame", "Picture", "RoomShell", "Wall", "Window"]
 
-_SLIVER_M = 0.05
+_MIN_STRIP_M = 0.05
 """What is left of a room's wall between two things that stand in it is at least so wide, else it is left out."""
 
 
-def _frame(draft: Draft, role: str, width: float, x: tuple[float, float], *, rounding: float = 0.003) -> None:
+def _add_frame(
+    builder: GeometryBuilder, role: str, width: float, x: tuple[float, float], *, rounding: float = 0.003
+) -> None:
     """A frame round the y and z extents, between two depths; it is seen only."""
-    (y0, z0), (y1, z1) = draft.low[1:], draft.high[1:]
+    (y0, z0), (y1, z1) = builder.low[1:], builder.high[1:]
     for y in ((y0, y0 + width), (y1 - width, y1)):
-        draft.box(role, [x[0], y[0], z0], [x[1], y[1], z1], rounding=rounding, solid=False)
+        builder.add_box(role, [x[0], y[0], z0], [x[1], y[1], z1], rounding=rounding, collides=False)
     for z in ((z0, z0 + width), (z1 - width, z1)):
-        draft.box(role, [x[0], y0 + width, z[0]], [x[1], y1 - width, z[1]], rounding=rounding, solid=False)
+        builder.add_box(role, [x[0], y0 + width, z[0]], [x[1], y1 - width, z[1]], rounding=rounding, collides=False)
 
 
-class Door(Design, frozen=True, kw_only=True):
+class Door(ShapeTemplate, frozen=True, kw_only=True):
     """A door leaf; one looks at its front."""
 
-    roles: ClassVar[Roles] = MappingProxyType(
+    roles: ClassVar[MaterialRoles] = MappingProxyType(
         {"body": finishes.LACQUER, "frame": "body", "glass": finishes.CLEAR_GLASS}
     )
     style: Literal["plain", "framed", "glazed"] = "plain"
@@ -41,51 +43,51 @@ class Door(Design, frozen=True, kw_only=True):
     panels: Count = 1
     """How many fields, one above the other."""
 
-    def _draw(self, draft: Draft) -> None:
-        low, high, size = draft.low, draft.high, draft.size
-        draft.touch_box(low, high)
+    def _build(self, builder: GeometryBuilder) -> None:
+        low, high, size = builder.low, builder.high, builder.size
+        builder.add_collision_box(low, high)
         if self.style == "plain":
-            draft.box("body", low, high, rounding=0.003, solid=False)
+            builder.add_box("body", low, high, rounding=0.003, collides=False)
             return
         width = min(self.frame, 0.2 * float(size[1:].min()))
-        _frame(draft, "frame", width, (float(low[0]), float(high[0])))
+        _add_frame(builder, "frame", width, (float(low[0]), float(high[0])))
         count = max(self.panels, 1)
         edges = np.linspace(float(low[2]) + width, float(high[2]) - width, count + 1)
         for edge in edges[1:-1]:
             rail = min(width, 0.3 * float(edges[1] - edges[0])) / 2
-            draft.box(
+            builder.add_box(
                 "frame",
                 [low[0], low[1] + width, edge - rail],
                 [high[0], high[1] - width, edge + rail],
                 rounding=0.003,
-                solid=False,
+                collides=False,
             )
         inset = (0.42 if self.style == "glazed" else 0.25) * size[0]
         role = "glass" if self.style == "glazed" else "body"
-        draft.box(
+        builder.add_box(
             role,
             [low[0] + inset, low[1] + 0.8 * width, low[2] + 0.8 * width],
             [high[0] - inset, high[1] - 0.8 * width, high[2] - 0.8 * width],
             rounding=0.0,
-            solid=False,
+            collides=False,
         )
 
 
-class Window(Design, frozen=True, kw_only=True):
+class Window(ShapeTemplate, frozen=True, kw_only=True):
     """A window: a frame, casements with panes of glass, a sill where it is deep."""
 
-    roles: ClassVar[Roles] = MappingProxyType(
+    roles: ClassVar[MaterialRoles] = MappingProxyType(
         {"body": finishes.CREAM, "frame": "body", "glass": finishes.SKY_GLASS, "metal": finishes.CHROME}
     )
     frame: Thickness = 0.06
     columns: Count = 2
     rows: Count = 1
 
-    def _draw(self, draft: Draft) -> None:
-        low, high, size = draft.low, draft.high, draft.size
-        draft.touch_box(low, high)
+    def _build(self, builder: GeometryBuilder) -> None:
+        low, high, size = builder.low, builder.high, builder.size
+        builder.add_collision_box(low, high)
         width = min(self.frame, 0.12 * float(size[1:].min()))
-        _frame(draft, "frame", width, (float(low[0]), float(high[0])))
+        _add_frame(builder, "frame", width, (float(low[0]), float(high[0])))
         columns, rows = max(self.columns, 1), max(self.rows, 1)
         middle, depth = 0.0, min(0.4 * float(size[0]), 0.05)
         ys = np.linspace(float(low[1]) + width, float(high[1]) - width, columns + 1)
@@ -93,20 +95,20 @@ class Window(Design, frozen=True, kw_only=True):
         bar = min(0.7 * width, 0.12 * float(ys[1] - ys[0]), 0.12 * float(zs[1] - zs[0]))
         for y0, y1 in itertools.pairwise(ys):
             for z0, z1 in itertools.pairwise(zs):
-                self._casement(draft, ((float(y0), float(z0)), (float(y1), float(z1))), (middle, depth), bar)
+                self._add_casement(builder, ((float(y0), float(z0)), (float(y1), float(z1))), (middle, depth), bar)
         if columns > 1:
             y = float(ys[1])
             grip = min(0.06, 0.1 * float(size[2])), min(0.008, 0.4 * bar)
-            draft.box(
+            builder.add_box(
                 "metal",
                 [middle + depth / 2, y - grip[1], -grip[0]],
                 [min(middle + depth / 2 + 0.02, high[0]), y + grip[1], grip[0]],
-                solid=False,
+                collides=False,
             )
 
-    def _casement(
+    def _add_casement(
         self,
-        draft: Draft,
+        builder: GeometryBuilder,
         field: tuple[tuple[float, float], tuple[float, float]],
         depths: tuple[float, float],
         bar: float,
@@ -114,68 +116,68 @@ class Window(Design, frozen=True, kw_only=True):
         ((y0, z0), (y1, z1)), (middle, depth) = field, depths
         x0, x1 = middle - depth / 2, middle + depth / 2
         for y in ((y0, y0 + bar), (y1 - bar, y1)):
-            draft.box("body", [x0, y[0], z0], [x1, y[1], z1], rounding=0.003, solid=False)
+            builder.add_box("body", [x0, y[0], z0], [x1, y[1], z1], rounding=0.003, collides=False)
         for z in ((z0, z0 + bar), (z1 - bar, z1)):
-            draft.box("body", [x0, y0 + bar, z[0]], [x1, y1 - bar, z[1]], rounding=0.003, solid=False)
+            builder.add_box("body", [x0, y0 + bar, z[0]], [x1, y1 - bar, z[1]], rounding=0.003, collides=False)
         pane = min(0.006, depth / 3)
-        draft.box(
+        builder.add_box(
             "glass",
             [middle - pane / 2, y0 + 0.9 * bar, z0 + 0.9 * bar],
             [middle + pane / 2, y1 - 0.9 * bar, z1 - 0.9 * bar],
             rounding=0.0,
-            solid=False,
+            collides=False,
         )
 
 
-class Frame(Design, frozen=True, kw_only=True):
+class OpeningFrame(ShapeTemplate, frozen=True, kw_only=True):
     """A frame with nothing in it: round a doorway, a window, a picture."""
 
-    roles: ClassVar[Roles] = MappingProxyType({"body": finishes.LACQUER})
+    roles: ClassVar[MaterialRoles] = MappingProxyType({"body": finishes.LACQUER})
     frame: Thickness = 0.06
     """How wide [m]."""
     sill: bool = True
     """Whether it goes along the bottom too; a doorway's does not."""
 
-    def _draw(self, draft: Draft) -> None:
-        low, high = draft.low, draft.high
-        width = min(self.frame, 0.2 * float(draft.size[1:].min()))
-        draft.box("body", [low[0], low[1], high[2] - width], high, rounding=0.003)
+    def _build(self, builder: GeometryBuilder) -> None:
+        low, high = builder.low, builder.high
+        width = min(self.frame, 0.2 * float(builder.size[1:].min()))
+        builder.add_box("body", [low[0], low[1], high[2] - width], high, rounding=0.003)
         bottom = float(low[2])
         if self.sill:
             bottom += width
-            draft.box("body", low, [*high[:2], bottom], rounding=0.003)
+            builder.add_box("body", low, [*high[:2], bottom], rounding=0.003)
         for y in (float(low[1]), float(high[1]) - width):
-            draft.box("body", [low[0], y, bottom], [high[0], y + width, high[2] - width], rounding=0.003)
+            builder.add_box("body", [low[0], y, bottom], [high[0], y + width, high[2] - width], rounding=0.003)
 
 
-class Wall(Design, frozen=True, kw_only=True):
+class Wall(ShapeTemplate, frozen=True, kw_only=True):
     """A wall, a floor or a ceiling, with openings."""
 
-    roles: ClassVar[Roles] = MappingProxyType({"body": finishes.PLASTER})
-    free: tuple[Gap, ...] = ()
+    roles: ClassVar[MaterialRoles] = MappingProxyType({"body": finishes.PLASTER})
+    free: tuple[Cutout, ...] = ()
     """Openings; they go through where it is thin."""
 
-    def _draw(self, draft: Draft) -> None:
-        thin = int(np.argmin(draft.size))
-        for low, high in draft.plate("body", draft.low, draft.high, self.free, thin=thin, rounding=0.0):
+    def _build(self, builder: GeometryBuilder) -> None:
+        thin = int(np.argmin(builder.size))
+        for low, high in builder.add_plate("body", builder.low, builder.high, self.free, thin_axis=thin, rounding=0.0):
             if thin == 2:
-                draft.place(low, high, float(high[2]))
+                builder.add_support_surface(low, high, float(high[2]))
 
 
-class Shell(Design, frozen=True, kw_only=True):
+class RoomShell(ShapeTemplate, frozen=True, kw_only=True):
     """The walls round a room, with openings; floor and ceiling where asked for."""
 
-    roles: ClassVar[Roles] = MappingProxyType({"body": finishes.PLASTER, "floor": "body"})
+    roles: ClassVar[MaterialRoles] = MappingProxyType({"body": finishes.PLASTER, "floor": "body"})
     wall: Thickness = 0.1
     floor: bool = False
     ceiling: bool = False
-    free: tuple[Gap, ...] = ()
+    free: tuple[Cutout, ...] = ()
 
-    def _draw(self, draft: Draft) -> None:
-        low, high = draft.low.copy(), draft.high.copy()
-        wall = min(self.wall, 0.2 * float(draft.size.min()))
-        sides = [Side.LEFT, Side.RIGHT, Side.FRONT, Side.BACK]
-        sides = [Side.BOTTOM] * self.floor + [Side.TOP] * self.ceiling + sides
+    def _build(self, builder: GeometryBuilder) -> None:
+        low, high = builder.low.copy(), builder.high.copy()
+        wall = min(self.wall, 0.2 * float(builder.size.min()))
+        sides = [BodySide.LEFT, BodySide.RIGHT, BodySide.FRONT, BodySide.BACK]
+        sides = [BodySide.BOTTOM] * self.floor + [BodySide.TOP] * self.ceiling + sides
         floors: list[tuple[Array, Array]] = []
         for side in sides:
             start, end = low.copy(), high.copy()
@@ -183,33 +185,37 @@ class Shell(Design, frozen=True, kw_only=True):
                 start[side.axis] = high[side.axis] = end[side.axis] - wall
             else:
                 end[side.axis] = low[side.axis] = start[side.axis] + wall
-            role = "floor" if side is Side.BOTTOM else "body"
-            parts = draft.plate(role, start, end, self.free, thin=side.axis, rounding=0.0, least=_SLIVER_M)
-            if side is Side.BOTTOM:
+            role = "floor" if side is BodySide.BOTTOM else "body"
+            parts = builder.add_plate(
+                role, start, end, self.free, thin_axis=side.axis, rounding=0.0, min_strip_width=_MIN_STRIP_M
+            )
+            if side is BodySide.BOTTOM:
                 floors = parts
-        height = float(draft.high[2] - wall * (1 + self.ceiling) - draft.low[2])
+        height = float(builder.high[2] - wall * (1 + self.ceiling) - builder.low[2])
         for start, end in floors:
             near, far = np.maximum(start, low), np.minimum(end, high)  # between the walls
-            draft.place(near, far, float(draft.low[2]) + wall, height=height, inside=True)
+            builder.add_support_surface(near, far, float(builder.low[2]) + wall, clearance=height, is_inside=True)
 
 
-class Picture(Design, frozen=True, kw_only=True):
+class Picture(ShapeTemplate, frozen=True, kw_only=True):
     """A picture or a poster; one looks at its front."""
 
-    roles: ClassVar[Roles] = MappingProxyType(
+    roles: ClassVar[MaterialRoles] = MappingProxyType(
         {"body": finishes.PAPER, "frame": finishes.IRON, "picture": finishes.PICTURE}
     )
     frame: Length = 0.0
     """How wide its frame is [m]; a poster has none."""
 
-    def _draw(self, draft: Draft) -> None:
-        low, high, size = draft.low, draft.high, draft.size
-        draft.touch_box(low, high)
+    def _build(self, builder: GeometryBuilder) -> None:
+        low, high, size = builder.low, builder.high, builder.size
+        builder.add_collision_box(low, high)
         width = min(self.frame, 0.15 * float(size[1:].min())) if self.frame >= 1e-3 else 0.0
         sheet = float(high[0] - (0.3 if width else 0.1) * size[0])
         if width:
-            _frame(draft, "frame", width, (float(low[0]), float(high[0])), rounding=0.002)
-        draft.box("body", [low[0], *(low[1:] + width)], [sheet, *(high[1:] - width)], rounding=0.0, solid=False)
+            _add_frame(builder, "frame", width, (float(low[0]), float(high[0])), rounding=0.002)
+        builder.add_box(
+            "body", [low[0], *(low[1:] + width)], [sheet, *(high[1:] - width)], rounding=0.0, collides=False
+        )
         edge = width + 0.1 * float(size[1:].min())
         face = sheet + (0.1 if width else 1.0) * (float(high[0]) - sheet)
-        draft.box("picture", [sheet, *(low[1:] + edge)], [face, *(high[1:] - edge)], rounding=0.0, solid=False)
+        builder.add_box("picture", [sheet, *(low[1:] + edge)], [face, *(high[1:] - edge)], rounding=0.0, collides=False)

@@ -8,29 +8,29 @@ from typing import ClassVar
 import numpy as np
 
 from mindstage.shapes import finishes
-from mindstage.shapes.design import Count, Design, Roles, Thickness
-from mindstage.shapes.draft import Draft
-from mindstage.shapes.sides import Side
+from mindstage.shapes.design import Count, MaterialRoles, ShapeTemplate, Thickness
+from mindstage.shapes.draft import GeometryBuilder
+from mindstage.shapes.sides import BodySide
 from mindstage.world.geometry import Array
 
-__all__ = ["Handle", "Hob", "Knob", "Lever", "Tap"]
+__all__ = ["DoorLever", "Handle", "Hob", "Knob", "Tap"]
 
 
-class Handle(Design, frozen=True, kw_only=True):
+class Handle(ShapeTemplate, frozen=True, kw_only=True):
     """A bar on standoffs; its back is at the door."""
 
-    roles: ClassVar[Roles] = MappingProxyType({"body": finishes.STEEL, "standoff": "body"})
+    roles: ClassVar[MaterialRoles] = MappingProxyType({"body": finishes.STEEL, "standoff": "body"})
     standoffs: Count = 2
     bar: Thickness = 0.014
     """How thick the bar is from front to back [m], at most half of the depth."""
 
-    def _draw(self, draft: Draft) -> None:
-        low, high, size = draft.low, draft.high, draft.size
+    def _build(self, builder: GeometryBuilder) -> None:
+        low, high, size = builder.low, builder.high, builder.size
         axis = 1 if size[1] >= size[2] else 2
         bar = min(self.bar, 0.5 * float(size[0]))
         behind = float(high[0]) - bar
-        draft.disc("body", [behind, *low[1:]], high, along=Side.of(axis, 1), bevel=0.25 * bar)
-        draft.touch_box([behind, *low[1:]], high)
+        builder.add_cylinder("body", [behind, *low[1:]], high, along=BodySide.from_axis(axis, 1), bevel=0.25 * bar)
+        builder.add_collision_box([behind, *low[1:]], high)
         count = max(self.standoffs, 1)
         across = 3 - axis
         post = min(0.8 * bar, 0.8 * float(size[across]), 0.2 * float(size[axis])) / 2
@@ -38,44 +38,46 @@ class Handle(Design, frozen=True, kw_only=True):
         for spot in spots:
             start, end = np.array([low[0], -post, -post]), np.array([behind + 0.5 * bar, post, post])
             start[axis], end[axis] = spot - post, spot + post
-            draft.disc("standoff", start, end, along=Side.FRONT, bevel=0.2 * post)
+            builder.add_cylinder("standoff", start, end, along=BodySide.FRONT, bevel=0.2 * post)
             end[0] = behind
-            draft.touch_box(start, end)
+            builder.add_collision_box(start, end)
 
 
-class Knob(Design, frozen=True, kw_only=True):
+class Knob(ShapeTemplate, frozen=True, kw_only=True):
     """A knob that is turned or pulled; its back is at the door."""
 
-    roles: ClassVar[Roles] = MappingProxyType({"body": finishes.IRON, "mark": finishes.CREAM})
+    roles: ClassVar[MaterialRoles] = MappingProxyType({"body": finishes.IRON, "mark": finishes.CREAM})
     mark: bool = True
     """Whether a line shows how far it is turned."""
 
-    def _draw(self, draft: Draft) -> None:
-        low, high, size = draft.low, draft.high, draft.size
+    def _build(self, builder: GeometryBuilder) -> None:
+        low, high, size = builder.low, builder.high, builder.size
         profile = ((0, 0), (0.92, 0), (1, 0.06), (1, 0.16), (0.72, 0.26), (0.86, 0.6), (0.86, 0.9), (0, 0.9))
         face = float(high[0] - 0.04 * size[0]) if self.mark else float(high[0])
-        draft.round("body", (*profile[:-2], (0.84, 1), (0, 1)), low, [face, *high[1:]], along=Side.FRONT, bevel=0.002)
-        draft.touch_round(low, high, along=Side.FRONT)
+        builder.add_lathe(
+            "body", (*profile[:-2], (0.84, 1), (0, 1)), low, [face, *high[1:]], along=BodySide.FRONT, bevel=0.002
+        )
+        builder.add_collision_cylinder(low, high, along=BodySide.FRONT)
         if self.mark:
             wide = 0.06 * float(size[1:].min())
-            draft.box(
+            builder.add_box(
                 "mark",
                 [face - 0.02 * size[0], -wide, 0.1 * size[2]],
                 [high[0], wide, 0.36 * size[2]],
                 rounding=0.001,
-                solid=False,
+                collides=False,
             )
 
 
-class Lever(Design, frozen=True, kw_only=True):
+class DoorLever(ShapeTemplate, frozen=True, kw_only=True):
     """A lever on a rosette, as on doors; its back is at the door."""
 
-    roles: ClassVar[Roles] = MappingProxyType({"body": finishes.STEEL})
-    towards: Side = Side.LEFT
+    roles: ClassVar[MaterialRoles] = MappingProxyType({"body": finishes.STEEL})
+    towards: BodySide = BodySide.LEFT
     """Where the lever points to from its rosette, in the frame of the shape: +y or -y, +z or -z."""
 
-    def _draw(self, draft: Draft) -> None:
-        low, high, size = draft.low, draft.high, draft.size
+    def _build(self, builder: GeometryBuilder) -> None:
+        low, high, size = builder.low, builder.high, builder.size
         axis = self.towards.axis or (1 if size[1] >= size[2] else 2)
         other = 3 - axis
         wide = float(min(size[other], 0.5 * size[axis]))
@@ -83,8 +85,8 @@ class Lever(Design, frozen=True, kw_only=True):
         rosette = float(low[0] + 0.18 * size[0])
         start, end = np.array([low[0], *low[1:]]), np.array([rosette, *high[1:]])
         start[axis], end[axis] = hub - wide / 2, hub + wide / 2
-        draft.disc("body", start, end, along=Side.FRONT, bevel=0.002)
-        draft.touch_box(start, end)
+        builder.add_cylinder("body", start, end, along=BodySide.FRONT, bevel=0.002)
+        builder.add_collision_box(start, end)
         grip = min(0.4 * float(size[0]), wide) / 2
         bend, tip = np.zeros(3), np.zeros(3)
         bend[axis], tip[axis] = hub, self.towards.sign * (0.5 * float(size[axis]) - 0.3 * grip)
@@ -95,28 +97,28 @@ class Lever(Design, frozen=True, kw_only=True):
         corner[0] -= 0.6 * grip
         after = bend.copy()
         after[axis] += 0.6 * grip * self.towards.sign
-        draft.bar("body", [root, corner, after, tip], grip)
+        builder.add_tube("body", [root, corner, after, tip], grip)
         start, end = bend - grip, bend + grip
         start[axis], end[axis] = sorted(
             (hub - self.towards.sign * grip, float(tip[axis] + self.towards.sign * 0.3 * grip))
         )
-        draft.touch_box(start, end)
+        builder.add_collision_box(start, end)
 
 
-class Tap(Design, frozen=True, kw_only=True):
+class Tap(ShapeTemplate, frozen=True, kw_only=True):
     """A tap: it stands and bows to the front, or comes out of the wall at its back where it is low."""
 
-    roles: ClassVar[Roles] = MappingProxyType({"body": finishes.CHROME, "lever": "body"})
+    roles: ClassVar[MaterialRoles] = MappingProxyType({"body": finishes.CHROME, "lever": "body"})
     lever: bool = True
 
-    def _draw(self, draft: Draft) -> None:
-        if draft.size[2] < 0.6 * draft.size[0]:
-            self._from_the_wall(draft)
+    def _build(self, builder: GeometryBuilder) -> None:
+        if builder.size[2] < 0.6 * builder.size[0]:
+            self._build_wall_mounted(builder)
         else:
-            self._standing(draft)
+            self._build_standing(builder)
 
-    def _standing(self, draft: Draft) -> None:
-        low, high, size = draft.low, draft.high, draft.size
+    def _build_standing(self, builder: GeometryBuilder) -> None:
+        low, high, size = builder.low, builder.high, builder.size
         pipe = 0.09 * float(min(size[0], 0.6 * size[2], 2.2 * size[1]))
         foot = 1.9 * pipe
         x = float(low[0]) + foot
@@ -126,43 +128,43 @@ class Tap(Design, frozen=True, kw_only=True):
         angle = np.linspace(np.pi, 0.0, 13)
         arch = [(x + (out - x) / 2 * (1 + float(np.cos(a))), 0.0, top + bow * float(np.sin(a))) for a in angle]
         mouth = max(top - 0.25 * bow, float(low[2]) + 2 * pipe)
-        draft.bar("body", [(x, 0, low[2]), *arch, (out, 0, mouth)], pipe)
-        draft.disc(
+        builder.add_tube("body", [(x, 0, low[2]), *arch, (out, 0, mouth)], pipe)
+        builder.add_cylinder(
             "body",
             [out - 1.15 * pipe, -1.15 * pipe, mouth - pipe],
             [out + 1.15 * pipe, 1.15 * pipe, mouth + 0.5 * pipe],
         )
         base = float(low[2] + 0.16 * size[2])
-        draft.round(
+        builder.add_lathe(
             "body",
             ((0, 0), (1, 0), (1, 0.1), (0.7, 0.2), (0.7, 0.9), (0.5, 1), (0, 1)),
             [x - foot, -foot, low[2]],
             [x + foot, foot, base],
         )
-        draft.touch_box([x - foot, -foot, low[2]], [x + foot, foot, base])
-        draft.touch_box([x - pipe, -pipe, base], [x + pipe, pipe, top])
-        draft.touch_box([x - pipe, -pipe, top], [out + pipe, pipe, high[2]])
-        draft.touch_box([out - pipe, -pipe, mouth - pipe], [out + pipe, pipe, top])
+        builder.add_collision_box([x - foot, -foot, low[2]], [x + foot, foot, base])
+        builder.add_collision_box([x - pipe, -pipe, base], [x + pipe, pipe, top])
+        builder.add_collision_box([x - pipe, -pipe, top], [out + pipe, pipe, high[2]])
+        builder.add_collision_box([out - pipe, -pipe, mouth - pipe], [out + pipe, pipe, top])
         side = float(high[1])
         if self.lever:
             knob = 0.7 * (base - float(low[2])) + float(low[2])
-            draft.bar(
+            builder.add_tube(
                 "lever",
                 [(x, 0, knob), (x, 0.75 * side, knob), (x + 0.6 * foot, side - 0.5 * pipe, knob + 2 * pipe)],
                 0.5 * pipe,
             )
-        draft.disc(
+        builder.add_cylinder(
             "body",
             [x - 1.2 * foot if foot < side else x - foot, -side, low[2]],
             [x + foot, side, low[2] + 0.25 * pipe],
             bevel=0.001,
         )
 
-    def _from_the_wall(self, draft: Draft) -> None:
-        low, high, size = draft.low, draft.high, draft.size
+    def _build_wall_mounted(self, builder: GeometryBuilder) -> None:
+        low, high, size = builder.low, builder.high, builder.size
         flange = 0.12 * float(size[0])
         profile = ((0, 0), (1, 0), (1, 0.3), (0.55, 1), (0, 1))
-        draft.round("body", profile, low, [low[0] + flange, *high[1:]], along=Side.FRONT, bevel=0.002)
+        builder.add_lathe("body", profile, low, [low[0] + flange, *high[1:]], along=BodySide.FRONT, bevel=0.002)
         pipe = 0.26 * float(size[1:].min())
         z = float(high[2]) - 1.1 * pipe
         out = float(high[0]) - 1.2 * pipe
@@ -175,30 +177,30 @@ class Tap(Design, frozen=True, kw_only=True):
             (out, 0, z - 1.5 * pipe),
             (out, 0, mouth),
         ]
-        draft.bar("body", path, pipe)
-        draft.disc(
+        builder.add_tube("body", path, pipe)
+        builder.add_cylinder(
             "body", [out - 1.2 * pipe, -1.2 * pipe, low[2]], [out + 1.2 * pipe, 1.2 * pipe, mouth + pipe], bevel=0.002
         )
-        draft.touch_box(low, [low[0] + flange, *high[1:]])
-        draft.touch_box([low[0] + flange, -pipe, z - pipe], [out + pipe, pipe, min(z + pipe, high[2])])
-        draft.touch_box([out - pipe, -pipe, low[2]], [out + pipe, pipe, z - pipe])
+        builder.add_collision_box(low, [low[0] + flange, *high[1:]])
+        builder.add_collision_box([low[0] + flange, -pipe, z - pipe], [out + pipe, pipe, min(z + pipe, high[2])])
+        builder.add_collision_box([out - pipe, -pipe, low[2]], [out + pipe, pipe, z - pipe])
 
 
-class Hob(Design, frozen=True, kw_only=True):
+class Hob(ShapeTemplate, frozen=True, kw_only=True):
     """A hob: a plate of glass or steel with places to cook on, its controls at the front."""
 
-    roles: ClassVar[Roles] = MappingProxyType(
+    roles: ClassVar[MaterialRoles] = MappingProxyType(
         {"body": finishes.BLACK_GLASS, "plates": finishes.IRON, "controls": finishes.STEEL}
     )
     plates: Count = 4
     controls: bool = True
 
-    def _draw(self, draft: Draft) -> None:
-        low, high, size = draft.low, draft.high, draft.size
+    def _build(self, builder: GeometryBuilder) -> None:
+        low, high, size = builder.low, builder.high, builder.size
         raised = min(0.0015, 0.3 * float(size[2]))
         top = float(high[2]) - raised
-        draft.box("body", low, [*high[:2], top], rounding=0.003, solid=False)
-        draft.touch_box(low, high)
+        builder.add_box("body", low, [*high[:2], top], rounding=0.003, collides=False)
+        builder.add_collision_box(low, high)
         strip = 0.14 * float(size[0]) if self.controls else 0.0
         count = max(self.plates, 1)
         rows = 1 if count < 3 else 2
@@ -210,18 +212,20 @@ class Hob(Design, frozen=True, kw_only=True):
             if rows == 2 and row and count % 2:
                 middle[1] += field[1] / 2
             reach = float(field.min()) * (0.42 if (row + column) % 2 else 0.34)
-            self._ring(draft, middle - reach, middle + reach, (top, float(high[2])))
-            draft.place(middle - 0.7 * reach, middle + 0.7 * reach, float(high[2]))
+            self._add_ring(builder, middle - reach, middle + reach, (top, float(high[2])))
+            builder.add_support_surface(middle - 0.7 * reach, middle + 0.7 * reach, float(high[2]))
         if self.controls:
             for spot in np.linspace(-0.25, 0.25, count) * size[1] if count > 1 else [0.0]:
                 reach = 0.2 * strip
                 middle = np.array([float(high[0]) - 0.5 * strip, spot])
-                draft.disc("controls", [*(middle - reach), top - raised], [*(middle + reach), high[2]], around=16)
+                builder.add_cylinder(
+                    "controls", [*(middle - reach), top - raised], [*(middle + reach), high[2]], segments=16
+                )
 
     @staticmethod
-    def _ring(draft: Draft, low: Array, high: Array, heights: tuple[float, float]) -> None:
+    def _add_ring(builder: GeometryBuilder, low: Array, high: Array, heights: tuple[float, float]) -> None:
         bottom, top = heights
         middle = bottom + 0.5 * (top - bottom)
-        draft.disc("plates", [*low, bottom - (top - bottom)], [*high, middle])
+        builder.add_cylinder("plates", [*low, bottom - (top - bottom)], [*high, middle])
         ring = ((0.93, 0), (1, 0), (1, 1), (0.93, 1))
-        draft.round("controls", ring, [*low, bottom - (top - bottom)], [*high, top], bevel=0.0005, closed=True)
+        builder.add_lathe("controls", ring, [*low, bottom - (top - bottom)], [*high, top], bevel=0.0005, closed=True)

@@ -10,30 +10,30 @@ import msgspec
 import numpy as np
 
 from mindstage.shapes import finishes
-from mindstage.shapes.design import Count, Design, Length, Roles, Thickness
-from mindstage.shapes.draft import Draft
-from mindstage.shapes.kinds.storage import Case
-from mindstage.shapes.sides import Gap
+from mindstage.shapes.design import Count, Length, MaterialRoles, ShapeTemplate, Thickness
+from mindstage.shapes.draft import GeometryBuilder
+from mindstage.shapes.kinds.storage import Cabinet
+from mindstage.shapes.sides import Cutout
 from mindstage.world.geometry import Array
 
-__all__ = ["Bed", "Chair", "Counter", "Shelf", "Sofa", "Table"]
+__all__ = ["Bed", "Chair", "Countertop", "Shelf", "Sofa", "TableShape"]
 
 
-def _endless(gaps: tuple[Gap, ...], draft: Draft) -> tuple[Gap, ...]:
+def _extended_cutouts(cutouts: tuple[Cutout, ...], builder: GeometryBuilder) -> tuple[Cutout, ...]:
     """Gaps made to go all the way from top to bottom."""
-    reach = np.abs(draft.turn.vector((0.0, 0.0, float(draft.size[2]))))
+    reach = np.abs(builder.turn.vector_to_body((0.0, 0.0, float(builder.size[2]))))
     return tuple(
         msgspec.structs.replace(
             gap, low=tuple((np.array(gap.low) - reach).tolist()), high=tuple((np.array(gap.high) + reach).tolist())
         )
-        for gap in gaps
+        for gap in cutouts
     )
 
 
-class Counter(Design, frozen=True, kw_only=True):
+class Countertop(ShapeTemplate, frozen=True, kw_only=True):
     """A worktop, on a closed block with a plinth where it is high; with cut-outs for what is let into it."""
 
-    roles: ClassVar[Roles] = MappingProxyType(
+    roles: ClassVar[MaterialRoles] = MappingProxyType(
         {"body": finishes.STONE, "front": finishes.LACQUER, "plinth": finishes.IRON}
     )
     top: Thickness = 0.04
@@ -42,33 +42,37 @@ class Counter(Design, frozen=True, kw_only=True):
     """How far it stands out of the block in front [m]."""
     plinth: Length = 0.1
     """How high [m]."""
-    free: tuple[Gap, ...] = ()
+    free: tuple[Cutout, ...] = ()
     """Cut-outs; they go all the way down."""
 
-    def _draw(self, draft: Draft) -> None:
-        low, high, size = draft.low, draft.high, draft.size
-        gaps = _endless(self.free, draft)
+    def _build(self, builder: GeometryBuilder) -> None:
+        low, high, size = builder.low, builder.high, builder.size
+        gaps = _extended_cutouts(self.free, builder)
         if size[2] < 3 * self.top:
-            self._top(draft, float(low[2]), gaps)
+            self._add_top(builder, float(low[2]), gaps)
             return
         under = float(high[2]) - self.top
         plinth = min(self.plinth, 0.2 * float(size[2]))
         over = min(self.overhang, 0.1 * float(size[0]))
         recess = over + min(0.05, 0.1 * float(size[0]))
-        self._top(draft, under, gaps)
-        draft.plate("front", [low[0], low[1], low[2] + plinth], [high[0] - over, high[1], under], gaps, thin=2)
-        draft.plate("plinth", low, [high[0] - recess, high[1], low[2] + plinth], gaps, thin=2, rounding=0.0)
+        self._add_top(builder, under, gaps)
+        builder.add_plate(
+            "front", [low[0], low[1], low[2] + plinth], [high[0] - over, high[1], under], gaps, thin_axis=2
+        )
+        builder.add_plate("plinth", low, [high[0] - recess, high[1], low[2] + plinth], gaps, thin_axis=2, rounding=0.0)
 
     @staticmethod
-    def _top(draft: Draft, under: float, gaps: tuple[Gap, ...]) -> None:
-        for low, high in draft.plate("body", [*draft.low[:2], under], draft.high, gaps, thin=2, rounding=0.003):
-            draft.place(low, high, float(high[2]))
+    def _add_top(builder: GeometryBuilder, under: float, cutouts: tuple[Cutout, ...]) -> None:
+        for low, high in builder.add_plate(
+            "body", [*builder.low[:2], under], builder.high, cutouts, thin_axis=2, rounding=0.003
+        ):
+            builder.add_support_surface(low, high, float(high[2]))
 
 
-class Table(Design, frozen=True, kw_only=True):
+class TableShape(ShapeTemplate, frozen=True, kw_only=True):
     """A table: a top, legs, an apron between them; only the top where there is no height for legs."""
 
-    roles: ClassVar[Roles] = MappingProxyType({"body": finishes.OAK, "top": "body", "legs": "body"})
+    roles: ClassVar[MaterialRoles] = MappingProxyType({"body": finishes.OAK, "top": "body", "legs": "body"})
     top: Thickness = 0.03
     legs: Count = 4
     """One is a column with a foot; none leaves the top alone."""
@@ -79,95 +83,99 @@ class Table(Design, frozen=True, kw_only=True):
     apron: Length = 0.07
     round: bool = False
 
-    def _draw(self, draft: Draft) -> None:
-        low, high, size = draft.low, draft.high, draft.size
-        draft.place(low * (0.7 if self.round else 1.0), high * (0.7 if self.round else 1.0), float(high[2]))
+    def _build(self, builder: GeometryBuilder) -> None:
+        low, high, size = builder.low, builder.high, builder.size
+        builder.add_support_surface(
+            low * (0.7 if self.round else 1.0), high * (0.7 if self.round else 1.0), float(high[2])
+        )
         legs = self.legs
         if legs and size[2] < 4 * self.top:
-            draft.note("too low for legs: the top alone")
+            builder.add_note("too low for legs: the top alone")
             legs = 0
         under = float(high[2]) - self.top if legs else float(low[2])
         if self.round:
-            draft.disc("top", [*low[:2], under], high)
-            draft.touch_round([*low[:2], under], high)
+            builder.add_cylinder("top", [*low[:2], under], high)
+            builder.add_collision_cylinder([*low[:2], under], high)
         else:
-            draft.box("top", [*low[:2], under], high, rounding=0.006)
+            builder.add_box("top", [*low[:2], under], high, rounding=0.006)
         if legs == 1:
-            self._column(draft, under)
+            self._add_column(builder, under)
         elif legs:
-            self._legs(draft, under)
+            self._add_legs(builder, under)
 
-    def _column(self, draft: Draft, under: float) -> None:
-        low, size = draft.low, draft.size
+    def _add_column(self, builder: GeometryBuilder, under: float) -> None:
+        low, size = builder.low, builder.size
         wide = min(self.leg, 0.15 * float(size[:2].min()))
         foot = 0.3 * size[:2]
         rise = min(0.03, 0.1 * float(size[2]))
         profile = ((0, 0), (1, 0), (1, 0.3), (0.3, 1), (0, 1))
-        draft.round("legs", profile, [*-foot, low[2]], [*foot, low[2] + rise])
-        draft.disc("legs", [-wide, -wide, low[2] + 0.8 * rise], [wide, wide, under])
-        draft.touch_round([*-foot, low[2]], [*foot, low[2] + rise])
-        draft.touch_round([-wide, -wide, low[2] + rise], [wide, wide, under])
+        builder.add_lathe("legs", profile, [*-foot, low[2]], [*foot, low[2] + rise])
+        builder.add_cylinder("legs", [-wide, -wide, low[2] + 0.8 * rise], [wide, wide, under])
+        builder.add_collision_cylinder([*-foot, low[2]], [*foot, low[2] + rise])
+        builder.add_collision_cylinder([-wide, -wide, low[2] + rise], [wide, wide, under])
 
-    def _legs(self, draft: Draft, under: float) -> None:
-        least = float(draft.size[:2].min())
+    def _add_legs(self, builder: GeometryBuilder, under: float) -> None:
+        least = float(builder.size[:2].min())
         leg = min(self.leg, 0.2 * least)
         inset = min(self.inset, 0.1 * least)
         if self.round:
             inset = 0.15 * least
-        start, end = draft.low[:2] + inset, draft.high[:2] - inset
-        _posts(draft, "legs", start, end, leg, (float(draft.low[2]), under))
-        apron = min(self.apron, 0.15 * float(draft.size[2]))
+        start, end = builder.low[:2] + inset, builder.high[:2] - inset
+        _add_posts(builder, "legs", start, end, leg, (float(builder.low[2]), under))
+        apron = min(self.apron, 0.15 * float(builder.size[2]))
         board = min(0.02, 0.4 * leg)
         for axis in (0, 1):
             for edge in (start[axis] + 0.2 * leg, end[axis] - 0.2 * leg - board):
                 low, high = np.empty(3), np.empty(3)
                 low[[axis, 1 - axis, 2]] = [edge, start[1 - axis] + leg, under - apron]
                 high[[axis, 1 - axis, 2]] = [edge + board, end[1 - axis] - leg, under]
-                draft.box("body", low, high, rounding=0.003, solid=False)
+                builder.add_box("body", low, high, rounding=0.003, collides=False)
 
 
-def _posts(draft: Draft, role: str, start: Array, end: Array, thick: float, heights: tuple[float, float]) -> None:
+def _add_posts(
+    builder: GeometryBuilder, role: str, start: Array, end: Array, thickness: float, heights: tuple[float, float]
+) -> None:
     """Four legs in the corners of a rectangle."""
-    for x in (float(start[0]), float(end[0]) - thick):
-        for y in (float(start[1]), float(end[1]) - thick):
-            draft.box(role, [x, y, heights[0]], [x + thick, y + thick, heights[1]], rounding=0.005)
+    for x in (float(start[0]), float(end[0]) - thickness):
+        for y in (float(start[1]), float(end[1]) - thickness):
+            builder.add_box(role, [x, y, heights[0]], [x + thickness, y + thickness, heights[1]], rounding=0.005)
 
 
-class Shelf(Design, frozen=True, kw_only=True):
+class Shelf(ShapeTemplate, frozen=True, kw_only=True):
     """A board on a wall, on brackets where it has the height for them, or a whole set of shelves where it is tall."""
 
-    roles: ClassVar[Roles] = MappingProxyType(
+    roles: ClassVar[MaterialRoles] = MappingProxyType(
         {"body": finishes.OAK, "metal": finishes.IRON, "top": "body", "inside": "body", "shelf": "body"}
     )
     board: Thickness = 0.03
     apart: Thickness = 0.34
     """From one shelf to the next [m], where it is tall."""
 
-    def _draw(self, draft: Draft) -> None:
-        low, high, size = draft.low, draft.high, draft.size
+    def _build(self, builder: GeometryBuilder) -> None:
+        low, high, size = builder.low, builder.high, builder.size
         if size[2] > max(self.apart, 1.2 * float(size[0])):
             count = min(round(float(size[2]) / self.apart) - 1, 12)
-            Case(wall=min(self.board, 0.1 * draft.least), shelf=self.board, shelves=count).draw(draft)
+            Cabinet(wall=min(self.board, 0.1 * builder.min_extent), shelf=self.board, shelves=count).build(builder)
             return
-        draft.place(low, high, float(high[2]))
+        builder.add_support_surface(low, high, float(high[2]))
         if size[2] < 2.5 * self.board:
-            draft.box("body", low, high, rounding=0.004)
+            builder.add_box("body", low, high, rounding=0.004)
             return
         under = float(high[2]) - self.board
-        draft.box("body", [*low[:2], under], high, rounding=0.004)
+        builder.add_box("body", [*low[:2], under], high, rounding=0.004)
         thick = min(0.02, 0.1 * float(size[1]))
         for share in (0.2, 0.8):
             y = float(low[1] + share * size[1])
             back = float(low[0] + min(0.3 * thick, 0.1 * size[0]))
-            draft.box("metal", [low[0], y - thick / 2, low[2]], [back + thick / 2, y + thick / 2, under])
+            builder.add_box("metal", [low[0], y - thick / 2, low[2]], [back + thick / 2, y + thick / 2, under])
             path = [(back, y, low[2] + thick), (float(high[0] - 0.15 * size[0]), y, under - thick / 3)]
-            draft.bar("metal", path, thick / 3)
+            builder.add_tube("metal", path, thick / 3)
 
 
-class Chair(Design, frozen=True, kw_only=True):
+class Chair(ShapeTemplate, frozen=True, kw_only=True):
     """A chair, or a stool where it has no back; who sits on it looks to the front."""
 
-    roles: ClassVar[Roles] = MappingProxyType({"body": finishes.OAK, "seat": "body", "legs": "body"})
+    roles: ClassVar[MaterialRoles] = MappingProxyType({"body": finishes.OAK, "seat": "body", "legs": "body"})
     seat: Length = 0.45
     """How high one sits [m]; at most 0.6 of a chair that has a back."""
     back: bool = True
@@ -175,112 +183,118 @@ class Chair(Design, frozen=True, kw_only=True):
     leg: Thickness = 0.036
     board: Thickness = 0.03
 
-    def _draw(self, draft: Draft) -> None:
-        low, high, size = draft.low, draft.high, draft.size
+    def _build(self, builder: GeometryBuilder) -> None:
+        low, high, size = builder.low, builder.high, builder.size
         leg = min(self.leg, 0.15 * float(size[:2].min()))
         level = float(high[2])
         if self.back:
             level = float(low[2]) + float(np.clip(self.seat, 0.2 * size[2], 0.6 * size[2]))
         board = min(self.board, 0.2 * (level - float(low[2])))
-        draft.box("seat", [*low[:2], level - board], [*high[:2], level], rounding=0.012)
-        _posts(draft, "legs", low[:2] + 0.25 * leg, high[:2] - 0.25 * leg, leg, (float(low[2]), level - board))
+        builder.add_box("seat", [*low[:2], level - board], [*high[:2], level], rounding=0.012)
+        _add_posts(builder, "legs", low[:2] + 0.25 * leg, high[:2] - 0.25 * leg, leg, (float(low[2]), level - board))
         rail = float(low[2]) + 0.35 * (level - float(low[2]))
         for sign in (-1, 1):
             y = sorted((sign * (high[1] - 0.5 * leg), sign * (high[1] - leg)))
-            draft.box("legs", [low[0] + leg, y[0], rail], [high[0] - leg, y[1], rail + 0.7 * leg], solid=False)
+            builder.add_box("legs", [low[0] + leg, y[0], rail], [high[0] - leg, y[1], rail + 0.7 * leg], collides=False)
         front = float(low[0])
         if self.back:
             front += 0.8 * leg
-            self._back(draft, leg, level)
-        draft.place([front, low[1]], high, level, height=None)
+            self._add_back(builder, leg, level)
+        builder.add_support_surface([front, low[1]], high, level, clearance=None)
         if self.arms and self.back:
-            self._arms(draft, leg, level)
+            self._add_arms(builder, leg, level)
 
-    def _back(self, draft: Draft, leg: float, level: float) -> None:
-        low, high = draft.low, draft.high
-        draft.touch_box([low[0], low[1], level], [low[0] + 0.8 * leg, *high[1:]])
+    def _add_back(self, builder: GeometryBuilder, leg: float, level: float) -> None:
+        low, high = builder.low, builder.high
+        builder.add_collision_box([low[0], low[1], level], [low[0] + 0.8 * leg, *high[1:]])
         for sign in (-1, 1):
             y = sorted((sign * high[1], sign * (high[1] - leg)))
-            draft.box("body", [low[0], y[0], level], [low[0] + 0.8 * leg, y[1], high[2]], rounding=0.005, solid=False)
+            builder.add_box(
+                "body", [low[0], y[0], level], [low[0] + 0.8 * leg, y[1], high[2]], rounding=0.005, collides=False
+            )
         tall = float(high[2]) - level
         for share, width in ((0.78, 0.22), (0.48, 0.12), (0.22, 0.12)):
             z = level + share * tall
-            draft.box(
+            builder.add_box(
                 "body",
                 [low[0] + 0.1 * leg, low[1] + leg, z],
                 [low[0] + 0.6 * leg, high[1] - leg, z + width * tall],
                 rounding=0.004,
-                solid=False,
+                collides=False,
             )
 
-    def _arms(self, draft: Draft, leg: float, level: float) -> None:
-        low, high = draft.low, draft.high
+    def _add_arms(self, builder: GeometryBuilder, leg: float, level: float) -> None:
+        low, high = builder.low, builder.high
         rest = level + 0.45 * (float(high[2]) - level)
         for sign in (-1, 1):
             y = sorted((sign * high[1], sign * (high[1] - leg)))
-            draft.box("body", [low[0] + 0.8 * leg, y[0], rest - leg], [high[0] - leg, y[1], rest])
-            draft.box("body", [high[0] - 2.2 * leg, y[0], level], [high[0] - 1.2 * leg, y[1], rest - leg], solid=False)
+            builder.add_box("body", [low[0] + 0.8 * leg, y[0], rest - leg], [high[0] - leg, y[1], rest])
+            builder.add_box(
+                "body", [high[0] - 2.2 * leg, y[0], level], [high[0] - 1.2 * leg, y[1], rest - leg], collides=False
+            )
 
 
-class Bed(Design, frozen=True, kw_only=True):
+class Bed(ShapeTemplate, frozen=True, kw_only=True):
     """A bed; its head is at the back."""
 
-    roles: ClassVar[Roles] = MappingProxyType(
+    roles: ClassVar[MaterialRoles] = MappingProxyType(
         {"body": finishes.OAK, "mattress": finishes.LINEN, "blanket": finishes.PICTURE}
     )
     mattress: Thickness = 0.18
     people: Count = 1
     """How many pillows."""
 
-    def _draw(self, draft: Draft) -> None:
-        low, high, size = draft.low, draft.high, draft.size
+    def _build(self, builder: GeometryBuilder) -> None:
+        low, high, size = builder.low, builder.high, builder.size
         board = min(0.04, 0.1 * float(size[0]))
         top = float(high[2] - 0.35 * size[2])
         mattress = min(self.mattress, 0.4 * (top - float(low[2])))
         frame = top - 0.7 * mattress
         foot = 0.4 * (frame - float(low[2]))
-        draft.box("body", low, [low[0] + board, *high[1:]], rounding=0.01)
-        draft.box("body", [low[0] + board, low[1], low[2] + foot], [*high[:2], frame], rounding=0.008)
+        builder.add_box("body", low, [low[0] + board, *high[1:]], rounding=0.01)
+        builder.add_box("body", [low[0] + board, low[1], low[2] + foot], [*high[:2], frame], rounding=0.008)
         leg = min(0.07, 0.1 * float(size[:2].min()))
         for y in (float(low[1]), float(high[1]) - leg):
-            draft.box("body", [high[0] - leg, y, low[2]], [high[0], y + leg, low[2] + foot])
+            builder.add_box("body", [high[0] - leg, y, low[2]], [high[0], y + leg, low[2] + foot])
         rim = min(0.02, 0.05 * float(size[1]))
         start, end = [low[0] + board, low[1] + rim, frame], [high[0] - rim, high[1] - rim, top]
-        draft.box("mattress", start, end, rounding=0.05, soft=True)
+        builder.add_box("mattress", start, end, rounding=0.05, rounded=True)
         head = float(low[0]) + board
         span = min(0.45, 0.25 * float(size[0]))
-        draft.box(
+        builder.add_box(
             "blanket",
             [head + span, low[1] + rim / 3, frame],
             [high[0] - rim / 3, high[1] - rim / 3, top + 0.2 * mattress],
             rounding=0.06,
-            soft=True,
-            solid=False,
+            rounded=True,
+            collides=False,
         )
         count = max(self.people, 1)
         each = (float(size[1]) - 2 * rim) / count
         for number in range(count):
             y = float(low[1]) + rim + each * number
             high_z = min(top + 0.45 * mattress, float(high[2]))
-            draft.box(
+            builder.add_box(
                 "mattress",
                 [head + 0.05 * span, y + 0.06 * each, top - 0.1 * mattress],
                 [head + 0.9 * span, y + 0.94 * each, high_z],
                 rounding=0.08,
-                soft=True,
-                solid=False,
+                rounded=True,
+                collides=False,
             )
-        draft.place([head + span, low[1] + rim], [high[0] - rim, high[1] - rim], top)
+        builder.add_support_surface([head + span, low[1] + rim], [high[0] - rim, high[1] - rim], top)
 
 
-class Sofa(Design, frozen=True, kw_only=True):
+class Sofa(ShapeTemplate, frozen=True, kw_only=True):
     """A sofa or an armchair; who sits on it looks to the front."""
 
-    roles: ClassVar[Roles] = MappingProxyType({"body": finishes.LINEN, "cushions": "body", "legs": finishes.OAK})
+    roles: ClassVar[MaterialRoles] = MappingProxyType(
+        {"body": finishes.LINEN, "cushions": "body", "legs": finishes.OAK}
+    )
     seats: Count = 2
 
-    def _draw(self, draft: Draft) -> None:
-        low, high, size = draft.low, draft.high, draft.size
+    def _build(self, builder: GeometryBuilder) -> None:
+        low, high, size = builder.low, builder.high, builder.size
         foot = float(low[2] + 0.1 * size[2])
         back = float(low[0]) + min(0.25, 0.28 * float(size[0]))
         arm = min(0.2, 0.16 * float(size[1]))
@@ -288,24 +302,28 @@ class Sofa(Design, frozen=True, kw_only=True):
         base = float(low[2] + 0.32 * size[2])
         rest = float(low[2] + 0.7 * size[2])
         soft = 0.05
-        draft.box("body", [low[0], low[1], foot], [back, *high[1:]], rounding=soft, soft=True)
+        builder.add_box("body", [low[0], low[1], foot], [back, *high[1:]], rounding=soft, rounded=True)
         for sign in (-1, 1):
             y = sorted((sign * high[1], sign * (high[1] - arm)))
-            draft.box("body", [back, y[0], foot], [high[0], y[1], rest], rounding=soft, soft=True)
-        draft.box("body", [back, low[1] + arm, foot], [high[0] - 0.01 * size[0], high[1] - arm, base], rounding=0.01)
-        draft.touch_box([back, low[1] + arm, base], [high[0], high[1] - arm, level])
+            builder.add_box("body", [back, y[0], foot], [high[0], y[1], rest], rounding=soft, rounded=True)
+        builder.add_box(
+            "body", [back, low[1] + arm, foot], [high[0] - 0.01 * size[0], high[1] - arm, base], rounding=0.01
+        )
+        builder.add_collision_box([back, low[1] + arm, base], [high[0], high[1] - arm, level])
         count = max(self.seats, 1)
         edges = np.linspace(float(low[1]) + arm, float(high[1]) - arm, count + 1)
         for y0, y1 in itertools.pairwise(edges):
-            draft.box("cushions", [back - 0.02, y0, base], [high[0], y1, level], rounding=soft, soft=True, solid=False)
-            draft.box(
+            builder.add_box(
+                "cushions", [back - 0.02, y0, base], [high[0], y1, level], rounding=soft, rounded=True, collides=False
+            )
+            builder.add_box(
                 "cushions",
                 [back - 0.04, y0, level - 0.02],
                 [back + 0.14 * size[0], y1, high[2] - 0.03 * size[2]],
                 rounding=soft,
-                soft=True,
-                solid=False,
+                rounded=True,
+                collides=False,
             )
         leg = min(0.05, 0.4 * arm)
-        _posts(draft, "legs", low[:2] + leg / 2, high[:2] - leg / 2, leg, (float(low[2]), foot))
-        draft.place([back + 0.14 * size[0], low[1] + arm], [high[0], high[1] - arm], level)
+        _add_posts(builder, "legs", low[:2] + leg / 2, high[:2] - leg / 2, leg, (float(low[2]), foot))
+        builder.add_support_surface([back + 0.14 * size[0], low[1] + arm], [high[0], high[1] - arm], level)

@@ -8,30 +8,30 @@ from typing import ClassVar
 import numpy as np
 
 from mindstage.shapes import finishes
-from mindstage.shapes.design import Design, Part, Roles, Share
-from mindstage.shapes.draft import Draft
+from mindstage.shapes.design import Fraction, MaterialRoles, PositiveFraction, ShapeTemplate
+from mindstage.shapes.draft import GeometryBuilder
 
 __all__ = ["Bag", "Bottle", "Can", "Carton", "Jar"]
 
-_UNDER_LABEL = 0.985
+_LABEL_INSET = 0.985
 """How wide a bottle is under its label, as a share."""
 
 
-class Bottle(Design, frozen=True, kw_only=True):
+class Bottle(ShapeTemplate, frozen=True, kw_only=True):
     """A bottle: a body, shoulders, a neck and a cap; what is in it shows where it is clear."""
 
-    roles: ClassVar[Roles] = MappingProxyType(
+    roles: ClassVar[MaterialRoles] = MappingProxyType(
         {"body": finishes.CLEAR_GLASS, "contents": finishes.CLEAR_GLASS, "label": finishes.LABEL, "cap": finishes.IRON}
     )
-    shoulder: Part = 0.6
+    shoulder: PositiveFraction = 0.6
     """Where the body ends, as a share of the height."""
-    neck: Part = 0.36
+    neck: PositiveFraction = 0.36
     """How wide the neck is, as a share of the body."""
     label: bool = True
     cap: bool = True
 
-    def _draw(self, draft: Draft) -> None:
-        low, high, size = draft.low, draft.high, draft.size
+    def _build(self, builder: GeometryBuilder) -> None:
+        low, high, size = builder.low, builder.high, builder.size
         neck, edge = max(self.neck, 0.1), min(max(self.shoulder, 0.2), 0.85)
         rim = 0.93 if self.cap else 1.0
         foot = min(0.04, 0.1 * edge)
@@ -52,17 +52,17 @@ class Bottle(Design, frozen=True, kw_only=True):
         )
         top = float(low[2] + rim * size[2])
         scaled = [(r, z / rim) for r, z in profile]
-        bare = _UNDER_LABEL if self.label else 1.0
-        draft.round("body", scaled, [*(bare * low[:2]), low[2]], [*(bare * high[:2]), top], bevel=0.0015)
+        bare = _LABEL_INSET if self.label else 1.0
+        builder.add_lathe("body", scaled, [*(bare * low[:2]), low[2]], [*(bare * high[:2]), top], bevel=0.0015)
         full = 0.93 * bare
         level = float(low[2] + 0.92 * edge * size[2])
-        draft.disc("contents", [*(full * low[:2]), low[2] + 0.02 * size[2]], [*(full * high[:2]), level])
+        builder.add_cylinder("contents", [*(full * low[:2]), low[2] + 0.02 * size[2]], [*(full * high[:2]), level])
         if self.cap:
             wide = min(1.2 * neck, 1.0) * size[:2] / 2
-            draft.disc("cap", [*-wide, top - 0.03 * size[2]], [*wide, high[2]], bevel=0.002)
+            builder.add_cylinder("cap", [*-wide, top - 0.03 * size[2]], [*wide, high[2]], bevel=0.002)
         if self.label:
             start, end = float(low[2] + 0.35 * edge * size[2]), float(low[2] + 0.85 * edge * size[2])
-            draft.round(
+            builder.add_lathe(
                 "label",
                 ((0.97, 0), (1, 0), (1, 1), (0.97, 1)),
                 [*low[:2], start],
@@ -70,40 +70,40 @@ class Bottle(Design, frozen=True, kw_only=True):
                 bevel=0.0005,
                 closed=True,
             )
-        self._touch(draft, neck, edge)
+        self._add_collision_shapes(builder, neck, edge)
 
     @staticmethod
-    def _touch(draft: Draft, neck: float, edge: float) -> None:
-        low, high, size = draft.low, draft.high, draft.size
+    def _add_collision_shapes(builder: GeometryBuilder, neck: float, edge: float) -> None:
+        low, high, size = builder.low, builder.high, builder.size
         shoulder = float(low[2] + edge * size[2])
-        draft.touch_round(low, [*high[:2], shoulder])
-        draft.touch_round([*(neck * low[:2]), shoulder], [*(neck * high[:2]), high[2]])
+        builder.add_collision_cylinder(low, [*high[:2], shoulder])
+        builder.add_collision_cylinder([*(neck * low[:2]), shoulder], [*(neck * high[:2]), high[2]])
 
 
-class Jar(Design, frozen=True, kw_only=True):
+class Jar(ShapeTemplate, frozen=True, kw_only=True):
     """A jar of glass with a lid; what is in it shows."""
 
-    roles: ClassVar[Roles] = MappingProxyType(
+    roles: ClassVar[MaterialRoles] = MappingProxyType(
         {"body": finishes.CLEAR_GLASS, "contents": finishes.FOOD, "lid": finishes.STEEL, "label": finishes.LABEL}
     )
-    lid: Part = 0.14
+    lid: PositiveFraction = 0.14
     """How high, as a share of the height."""
     label: bool = True
-    filled: Share = 0.85
+    filled: Fraction = 0.85
 
-    def _draw(self, draft: Draft) -> None:
-        low, high, size = draft.low, draft.high, draft.size
+    def _build(self, builder: GeometryBuilder) -> None:
+        low, high, size = builder.low, builder.high, builder.size
         rim = float(high[2] - max(self.lid, 0.05) * size[2])
         profile = ((0, 0), (0.92, 0), (1, 0.05), (1, 0.86), (0.85, 0.97), (0.85, 1), (0, 1))
-        bare = _UNDER_LABEL if self.label else 1.0
-        draft.round("body", profile, [*(bare * low[:2]), low[2]], [*(bare * high[:2]), rim], bevel=0.002)
-        draft.disc("lid", [*(0.9 * low[:2]), rim - 0.01 * size[2]], [*(0.9 * high[:2]), high[2]], bevel=0.003)
+        bare = _LABEL_INSET if self.label else 1.0
+        builder.add_lathe("body", profile, [*(bare * low[:2]), low[2]], [*(bare * high[:2]), rim], bevel=0.002)
+        builder.add_cylinder("lid", [*(0.9 * low[:2]), rim - 0.01 * size[2]], [*(0.9 * high[:2]), high[2]], bevel=0.003)
         if self.filled > 0.05:
             level = float(low[2]) + 0.04 * float(size[2]) + (0.86 * self.filled) * (rim - float(low[2]))
-            draft.disc("contents", [*(0.93 * low[:2]), low[2] + 0.03 * size[2]], [*(0.93 * high[:2]), level])
+            builder.add_cylinder("contents", [*(0.93 * low[:2]), low[2] + 0.03 * size[2]], [*(0.93 * high[:2]), level])
         if self.label:
             start, end = (float(low[2]) + share * (rim - float(low[2])) for share in (0.22, 0.72))
-            draft.round(
+            builder.add_lathe(
                 "label",
                 ((0.97, 0), (1, 0), (1, 1), (0.97, 1)),
                 [*low[:2], start],
@@ -111,18 +111,18 @@ class Jar(Design, frozen=True, kw_only=True):
                 bevel=0.0005,
                 closed=True,
             )
-        draft.touch_round(low, high)
-        draft.place(0.6 * low, 0.6 * high, float(high[2]))
+        builder.add_collision_cylinder(low, high)
+        builder.add_support_surface(0.6 * low, 0.6 * high, float(high[2]))
 
 
-class Can(Design, frozen=True, kw_only=True):
+class Can(ShapeTemplate, frozen=True, kw_only=True):
     """A can with a paper label, or a tin."""
 
-    roles: ClassVar[Roles] = MappingProxyType({"body": finishes.STEEL, "label": finishes.RED})
+    roles: ClassVar[MaterialRoles] = MappingProxyType({"body": finishes.STEEL, "label": finishes.RED})
     label: bool = True
 
-    def _draw(self, draft: Draft) -> None:
-        low, high, size = draft.low, draft.high, draft.size
+    def _build(self, builder: GeometryBuilder) -> None:
+        low, high, size = builder.low, builder.high, builder.size
         bead = min(0.04, 0.003 / float(size[2]) + 0.01)
         profile = (
             (0, bead),
@@ -138,10 +138,10 @@ class Can(Design, frozen=True, kw_only=True):
             (0.93, 1 - bead),
             (0, 1 - bead),
         )
-        draft.round("body", profile, low, high, bevel=0.001)
+        builder.add_lathe("body", profile, low, high, bevel=0.001)
         if self.label:
             start, end = float(low[2] + 0.1 * size[2]), float(high[2] - 0.1 * size[2])
-            draft.round(
+            builder.add_lathe(
                 "label",
                 ((0.9, 0), (0.985, 0), (0.985, 1), (0.9, 1)),
                 [*(0.985 * low[:2]), start],
@@ -149,74 +149,78 @@ class Can(Design, frozen=True, kw_only=True):
                 bevel=0.0005,
                 closed=True,
             )
-        draft.touch_round(low, high)
-        draft.place(0.6 * low, 0.6 * high, float(high[2]))
+        builder.add_collision_cylinder(low, high)
+        builder.add_support_surface(0.6 * low, 0.6 * high, float(high[2]))
 
 
-class Carton(Design, frozen=True, kw_only=True):
+class Carton(ShapeTemplate, frozen=True, kw_only=True):
     """A box of cardboard with a printed front; with a gable and a cap, as milk comes in."""
 
-    roles: ClassVar[Roles] = MappingProxyType({"body": finishes.PAPER, "label": finishes.PICTURE, "cap": finishes.RED})
+    roles: ClassVar[MaterialRoles] = MappingProxyType(
+        {"body": finishes.PAPER, "label": finishes.PICTURE, "cap": finishes.RED}
+    )
     gable: bool = False
     label: bool = True
 
-    def _draw(self, draft: Draft) -> None:
-        low, high, size = draft.low, draft.high, draft.size
+    def _build(self, builder: GeometryBuilder) -> None:
+        low, high, size = builder.low, builder.high, builder.size
         shoulder = float(high[2])
         if self.gable:
             shoulder -= min(0.22 * float(size[2]), 0.8 * float(size[0]))
         skin = min(0.0006, 0.02 * float(size[0])) if self.label else 0.0
         front = float(high[0]) - skin
-        draft.box("body", low, [front, high[1], shoulder], rounding=0.0015, solid=False)
+        builder.add_box("body", low, [front, high[1], shoulder], rounding=0.0015, collides=False)
         if self.label:
             edge = [0.08 * float(size[1]), 0.1 * (shoulder - float(low[2]))]
-            draft.box(
+            builder.add_box(
                 "label",
                 [front - skin, low[1] + edge[0], low[2] + 1.5 * edge[1]],
                 [high[0], high[1] - edge[0], shoulder - edge[1]],
                 rounding=0.0,
-                solid=False,
+                collides=False,
             )
-        draft.touch_box(low, [*high[:2], shoulder])
+        builder.add_collision_box(low, [*high[:2], shoulder])
         if not self.gable:
-            draft.place(low, high, shoulder)
+            builder.add_support_surface(low, high, shoulder)
             return
         ridge = float(high[2]) - 0.35 * (float(high[2]) - shoulder)
         thin = 0.05 * float(size[0])
-        draft.frustum(
+        builder.add_frustum(
             "body", ([*low[:2], shoulder], [front, high[1], shoulder]), ([-thin, low[1], ridge], [thin, high[1], ridge])
         )
-        draft.box("body", [-0.6 * thin, low[1], ridge], [0.6 * thin, *high[1:]], rounding=0.001, solid=False)
+        builder.add_box("body", [-0.6 * thin, low[1], ridge], [0.6 * thin, *high[1:]], rounding=0.001, collides=False)
         cap = 0.16 * float(size[:2].min())
         x, z = 0.25 * float(size[0]), shoulder + 0.45 * (ridge - shoulder)
-        draft.bar("cap", [(x, 0.0, z - 0.3 * cap), (x + 0.55 * cap, 0.0, z + 0.55 * cap)], cap)
+        builder.add_tube("cap", [(x, 0.0, z - 0.3 * cap), (x + 0.55 * cap, 0.0, z + 0.55 * cap)], cap)
 
 
-class Bag(Design, frozen=True, kw_only=True):
+class Bag(ShapeTemplate, frozen=True, kw_only=True):
     """A bag of paper or plastic: full below, folded or pinched at the top."""
 
-    roles: ClassVar[Roles] = MappingProxyType({"body": finishes.PAPER, "label": finishes.PICTURE})
+    roles: ClassVar[MaterialRoles] = MappingProxyType({"body": finishes.PAPER, "label": finishes.PICTURE})
     label: bool = True
 
-    def _draw(self, draft: Draft) -> None:
-        low, high, size = draft.low, draft.high, draft.size
+    def _build(self, builder: GeometryBuilder) -> None:
+        low, high, size = builder.low, builder.high, builder.size
         tall = size[2] > 0.8 * size[:2].min()
         seam = float(high[2] - 0.16 * size[2]) if tall else float(high[2])
         skin = 0.01 * float(size[0]) if self.label else 0.0
         front = float(high[0]) - skin
-        draft.box("body", low, [front, high[1], seam], rounding=0.22 * draft.least, soft=True, solid=False)
-        draft.touch_box(low, [*high[:2], seam])
+        builder.add_box(
+            "body", low, [front, high[1], seam], rounding=0.22 * builder.min_extent, rounded=True, collides=False
+        )
+        builder.add_collision_box(low, [*high[:2], seam])
         if tall:
             fold = 0.2 * float(size[0])
             below = ([*(0.7 * low[:2]), seam - 0.1 * size[2]], [*(0.7 * high[:2]), seam - 0.1 * size[2]])
-            draft.frustum("body", below, ([-fold / 2, 0.7 * low[1], high[2]], [fold / 2, 0.7 * high[1], high[2]]))
+            builder.add_frustum("body", below, ([-fold / 2, 0.7 * low[1], high[2]], [fold / 2, 0.7 * high[1], high[2]]))
         if self.label:
             reach = np.array([0.3 * size[1], 0.25 * (seam - low[2])])
             middle = float(low[2] + seam) / 2
-            draft.box(
+            builder.add_box(
                 "label",
                 [high[0] - skin, -reach[0], middle - reach[1]],
                 [high[0], reach[0], middle + reach[1]],
                 rounding=0.0,
-                solid=False,
+                collides=False,
             )

@@ -8,19 +8,19 @@ from typing import ClassVar
 import numpy as np
 
 from mindstage.shapes import finishes
-from mindstage.shapes.design import Design, Part, Roles, Share, Thickness
-from mindstage.shapes.draft import Draft, Profile, TooSmall
-from mindstage.shapes.sides import Side
+from mindstage.shapes.design import Fraction, MaterialRoles, PositiveFraction, ShapeTemplate, Thickness
+from mindstage.shapes.draft import GeometryBuilder, Profile, TemplateDoesNotFit
+from mindstage.shapes.sides import BodySide
 from mindstage.world.geometry import Array
 
-__all__ = ["Bowl", "Glass", "Lid", "Mug", "Pan", "Plate", "Pot"]
+__all__ = ["Bowl", "DinnerPlate", "DrinkingGlass", "Lid", "Mug", "Pan", "Pot"]
 
-_LEAST_ROOM_M = 0.002
-_LEAST_SHARE = 0.05
+_MIN_ROOM_M = 0.002
+_MIN_HANDLE_FRACTION = 0.05
 """A handle that stands out less is none."""
 
 
-class _Round:
+class _RoundVessel:
     """The round body of a vessel while it is made: where it stands, and how thick its wall is."""
 
     def __init__(self, low: Array, high: Array, wall: float, floor: float, level: float | None = None) -> None:
@@ -37,38 +37,46 @@ class _Round:
                 self.floor = rise
             else:
                 self.filled_to = float(low[2]) + rise
-        self.thin = 1.0 - self.wall / self.radius
+        self.inner_fraction = 1.0 - self.wall / self.radius
         """The inside's radius as a share of the outside's."""
-        self.rise = self.floor / float(extents[2])
-        if min(self.radius, float(extents[2]) - self.floor) < _LEAST_ROOM_M:
-            raise TooSmall("too small for its walls")
+        self.floor_fraction = self.floor / float(extents[2])
+        if min(self.radius, float(extents[2]) - self.floor) < _MIN_ROOM_M:
+            raise TemplateDoesNotFit("too small for its walls")
 
     def profile(self, outer: Profile) -> list[tuple[float, float]]:
         """The outside as given from the foot to the rim, and the inside that goes with it."""
-        less = 1.0 - self.thin
-        inner = [(max(r - less, 0.02), max(z, self.rise)) for r, z in reversed(outer) if z > self.rise]
-        foot = float(np.interp(self.rise, [z for _, z in outer], [r for r, _ in outer])) - less
-        return [(0.0, 0.0), *outer, *inner, (max(foot, 0.02), self.rise), (0.0, self.rise)]
+        less = 1.0 - self.inner_fraction
+        inner = [
+            (max(r - less, 0.02), max(z, self.floor_fraction)) for r, z in reversed(outer) if z > self.floor_fraction
+        ]
+        foot = float(np.interp(self.floor_fraction, [z for _, z in outer], [r for r, _ in outer])) - less
+        return [(0.0, 0.0), *outer, *inner, (max(foot, 0.02), self.floor_fraction), (0.0, self.floor_fraction)]
 
-    def touch(self, draft: Draft, foot: float, *, pieces: int = 8, place: bool = True) -> None:
+    def add_collision_shapes(
+        self, builder: GeometryBuilder, foot: float, *, pieces: int = 8, with_surface: bool = True
+    ) -> None:
         """The floor and the ring round it; the foot's radius is a share of the rim's."""
-        less = 1.0 - self.thin
+        less = 1.0 - self.inner_fraction
         middle, half = ((self.low + self.high) / 2)[:2], ((self.high - self.low) / 2)[:2]
         level = float(self.low[2]) + self.floor
         if self.filled_to is not None:
-            self._fill(draft, foot)
+            self._add_filled(builder, foot)
             return
-        draft.touch_round([*(middle - foot * half), self.low[2]], [*(middle + foot * half), level])
+        builder.add_collision_cylinder([*(middle - foot * half), self.low[2]], [*(middle + foot * half), level])
         start = [*self.low[:2], level]
-        draft.touch_ring(
-            start, self.high, outer=(foot, 1.0), inner=(max(foot - less, 0.3 * foot), self.thin), pieces=pieces
+        builder.add_collision_ring(
+            start,
+            self.high,
+            outer=(foot, 1.0),
+            inner=(max(foot - less, 0.3 * foot), self.inner_fraction),
+            pieces=pieces,
         )
-        if place:
+        if with_surface:
             reach = 0.7 * max(foot - less, 0.3 * foot) * half
             height = float(self.high[2]) - level
-            draft.place(middle - reach, middle + reach, level, height=height, inside=True)
+            builder.add_support_surface(middle - reach, middle + reach, level, clearance=height, is_inside=True)
 
-    def _fill(self, draft: Draft, foot: float) -> None:
+    def _add_filled(self, builder: GeometryBuilder, foot: float) -> None:
         """No hollow: up to where something stands on it."""
         level = self.filled_to or float(self.high[2])
         middle, half = ((self.low + self.high) / 2)[:2], ((self.high - self.low) / 2)[:2]
@@ -76,25 +84,29 @@ class _Round:
         angle = np.arange(12) * (np.pi / 6)
         circle = np.stack([np.cos(angle), np.sin(angle)], axis=1).round(15) * half
         rows = ((foot, float(self.low[2])), (share, level))
-        draft.touch_hull(np.concatenate([np.column_stack([circle * r + middle, np.full(12, z)]) for r, z in rows]))
-        draft.place(middle - 0.7 * foot * half, middle + 0.7 * foot * half, level, inside=bool(level < self.high[2]))
+        builder.add_collision_hull(
+            np.concatenate([np.column_stack([circle * r + middle, np.full(12, z)]) for r, z in rows])
+        )
+        builder.add_support_surface(
+            middle - 0.7 * foot * half, middle + 0.7 * foot * half, level, is_inside=bool(level < self.high[2])
+        )
 
 
-class Plate(Design, frozen=True, kw_only=True):
+class DinnerPlate(ShapeTemplate, frozen=True, kw_only=True):
     """A plate."""
 
-    roles: ClassVar[Roles] = MappingProxyType({"body": finishes.CERAMIC})
-    rim: Share = 0.3
+    roles: ClassVar[MaterialRoles] = MappingProxyType({"body": finishes.CERAMIC})
+    rim: Fraction = 0.3
     """How much of its radius the rim is."""
     level: float | None = None
     """Where things stand on it, upwards from the middle [m]; else on its ground."""
 
-    def _draw(self, draft: Draft) -> None:
-        low, high, size = draft.low, draft.high, draft.size
-        if draft.size[2] < 0.003:
-            draft.disc("body", low, high, bevel=0.001)
-            draft.touch_round(low, high)
-            draft.place(0.6 * low, 0.6 * high, float(high[2]))
+    def _build(self, builder: GeometryBuilder) -> None:
+        low, high, size = builder.low, builder.high, builder.size
+        if builder.size[2] < 0.003:
+            builder.add_cylinder("body", low, high, bevel=0.001)
+            builder.add_collision_cylinder(low, high)
+            builder.add_support_surface(0.6 * low, 0.6 * high, float(high[2]))
             return
         well = 1.0 - 0.8 * self.rim
         ground = 0.12 + min(0.3, 0.005 / float(size[2]))
@@ -105,72 +117,74 @@ class Plate(Design, frozen=True, kw_only=True):
         foot = ((0, under), (0.6 * well, under), (0.62 * well, 0), (0.72 * well, 0), (0.75 * well, 0.8 * under))
         outer = (*foot, (well, 0.35), (0.99, 0.94), (1.0, 1.0))
         inner = ((0.985, 1.0), (well, 0.35 + ground - under), (0.85 * well, ground), (0, ground))
-        draft.round("body", outer + inner, low, high, bevel=0.0015, around=40)
+        builder.add_lathe("body", outer + inner, low, high, bevel=0.0015, segments=40)
         if rise >= 0.42:
-            body = _Round(low, high, 0.1, 0.1, self.level)
-            body.touch(draft, 0.72 * well)
+            body = _RoundVessel(low, high, 0.1, 0.1, self.level)
+            body.add_collision_shapes(builder, 0.72 * well)
             return
         floor = float(low[2] + ground * size[2])
-        draft.touch_round([*(0.85 * well * low[:2]), low[2]], [*(0.85 * well * high[:2]), floor])
+        builder.add_collision_cylinder([*(0.85 * well * low[:2]), low[2]], [*(0.85 * well * high[:2]), floor])
         start = [*low[:2], floor - 0.5 * (ground - under) * size[2]]
-        draft.touch_ring(start, high, outer=(0.85 * well, 1.0), inner=(0.8 * well, 0.94), pieces=6)
-        draft.place(0.55 * well * low, 0.55 * well * high, floor, height=float(high[2]) - floor, inside=True)
+        builder.add_collision_ring(start, high, outer=(0.85 * well, 1.0), inner=(0.8 * well, 0.94), pieces=6)
+        builder.add_support_surface(
+            0.55 * well * low, 0.55 * well * high, floor, clearance=float(high[2]) - floor, is_inside=True
+        )
 
 
-class Bowl(Design, frozen=True, kw_only=True):
+class Bowl(ShapeTemplate, frozen=True, kw_only=True):
     """A bowl, a dish, a colander, a basin: wider at the rim than at the foot."""
 
-    roles: ClassVar[Roles] = MappingProxyType({"body": finishes.CERAMIC})
+    roles: ClassVar[MaterialRoles] = MappingProxyType({"body": finishes.CERAMIC})
     wall: Thickness = 0.005
-    foot: Part = 0.5
+    foot: PositiveFraction = 0.5
     """The radius of the foot as a share of the rim's."""
     level: float | None = None
     """Where things stand in it, upwards from the middle [m]; else on its floor."""
 
-    def _draw(self, draft: Draft) -> None:
-        body = _Round(draft.low, draft.high, self.wall, 1.6 * self.wall, self.level)
+    def _build(self, builder: GeometryBuilder) -> None:
+        body = _RoundVessel(builder.low, builder.high, self.wall, 1.6 * self.wall, self.level)
         foot = max(self.foot, 0.2)
-        ring = (foot, 0.0), (foot, min(0.05, 0.5 * body.rise))
+        ring = (foot, 0.0), (foot, min(0.05, 0.5 * body.floor_fraction))
         belly = [
             (foot + (1 - foot) * float(np.sin(a)) ** 0.9, 0.06 + 0.94 * (1 - float(np.cos(a))))
             for a in np.linspace(0.12, np.pi / 2, 9)
         ]
-        draft.round("body", body.profile([*ring, *belly]), draft.low, draft.high, bevel=0.002, around=40)
-        body.touch(draft, foot)
+        builder.add_lathe("body", body.profile([*ring, *belly]), builder.low, builder.high, bevel=0.002, segments=40)
+        body.add_collision_shapes(builder, foot)
 
 
-class Mug(Design, frozen=True, kw_only=True):
+class Mug(ShapeTemplate, frozen=True, kw_only=True):
     """A mug or a cup: its handle points to the side where it has room, else to a corner."""
 
-    roles: ClassVar[Roles] = MappingProxyType({"body": finishes.CERAMIC, "handle": "body"})
+    roles: ClassVar[MaterialRoles] = MappingProxyType({"body": finishes.CERAMIC, "handle": "body"})
     wall: Thickness = 0.004
-    foot: Part = 0.94
+    foot: PositiveFraction = 0.94
     """The radius of the foot as a share of the rim's."""
-    handle: Share = 0.42
+    handle: Fraction = 0.42
     """How far its handle stands out, as a share of its width; 0 is a beaker."""
 
-    def _draw(self, draft: Draft) -> None:
-        low, high, size = draft.low, draft.high, draft.size
-        wide, turn = _with_handle(float(size[0]), float(size[1]), self.handle)
+    def _build(self, builder: GeometryBuilder) -> None:
+        low, high, size = builder.low, builder.high, builder.size
+        wide, turn = _handle_split(float(size[0]), float(size[1]), self.handle)
         start = np.array([low[0], high[1] - wide[1], low[2]])
         end = np.array([low[0] + wide[0], high[1], high[2]])
-        if turn == 0.0 or self.handle < _LEAST_SHARE:
+        if turn == 0.0 or self.handle < _MIN_HANDLE_FRACTION:
             start[1], end[1] = low[1], high[1]
         elif turn == np.pi / 2:
             start[0], end[0] = low[0], high[0]
-        body = _Round(start, end, self.wall, 1.3 * self.wall)
+        body = _RoundVessel(start, end, self.wall, 1.3 * self.wall)
         foot = max(self.foot, 0.3)
         outer = (
             ((0.93 * foot, 0), (foot, 0.05), (1.0, 0.7), (1.0, 1.0))
             if foot > 0.8
             else ((foot, 0), (foot, 0.03), (0.85 * 1.0, 0.35), (0.98, 0.8), (1.0, 1.0))
         )
-        draft.round("body", body.profile(outer), start, end, bevel=0.0015, around=36)
-        body.touch(draft, foot)
-        if self.handle >= _LEAST_SHARE:
-            self._ear(draft, start, end, turn)
+        builder.add_lathe("body", body.profile(outer), start, end, bevel=0.0015, segments=36)
+        body.add_collision_shapes(builder, foot)
+        if self.handle >= _MIN_HANDLE_FRACTION:
+            self._add_handle(builder, start, end, turn)
 
-    def _ear(self, draft: Draft, start: Array, end: Array, turn: float) -> None:
+    def _add_handle(self, builder: GeometryBuilder, start: Array, end: Array, turn: float) -> None:
         """A loop from below the rim to above the foot, in the plane of the axis."""
         middle, tall = (start + end) / 2, float(end[2] - start[2])
         way = np.array([np.cos(turn), -np.sin(turn), 0.0])
@@ -178,14 +192,14 @@ class Mug(Design, frozen=True, kw_only=True):
         reach = 2 * inner * self.handle
         thick = 0.13 * reach + 0.02 * inner
         angle = np.linspace(-0.5 * np.pi, 0.5 * np.pi, 11)
-        centre = inner * 0.93
+        center = inner * 0.93
         path = [
             middle
-            + way * (centre + (reach + inner - centre - thick) * float(np.cos(a)) ** 0.7)
+            + way * (center + (reach + inner - center - thick) * float(np.cos(a)) ** 0.7)
             + [0, 0, 0.02 * tall + 0.31 * tall * float(np.sin(a))]
             for a in angle
         ]
-        draft.bar("handle", path, thick, around=12)
+        builder.add_tube("handle", path, thick, segments=12)
         side = np.array([np.sin(turn), np.cos(turn), 0.0])
         near, far = inner, inner + 0.95 * reach
         ends = [
@@ -194,15 +208,15 @@ class Mug(Design, frozen=True, kw_only=True):
             for across in (-0.8 * thick, 0.8 * thick)
             for up in (-rise * tall, rise * tall)
         ]
-        draft.touch_hull(np.clip(ends, draft.low, draft.high))
+        builder.add_collision_hull(np.clip(ends, builder.low, builder.high))
 
 
-def _with_handle(depth: float, width: float, share: float) -> tuple[tuple[float, float], float]:
+def _handle_split(depth: float, width: float, share: float) -> tuple[tuple[float, float], float]:
     """The extents of a round body with a handle of a share of its width in a rectangle, and where the handle points.
 
     A square leaves no room beside a body that is as wide as it, but in its corner: the body moves to the opposite one.
     """
-    if share < _LEAST_SHARE:
+    if share < _MIN_HANDLE_FRACTION:
         return (depth, width), 0.0
     if depth >= width * (1 + 0.8 * share):
         return (
@@ -221,45 +235,47 @@ def _with_handle(depth: float, width: float, share: float) -> tuple[tuple[float,
     return (across, across), float(np.arctan2(width - across / 2, depth - across / 2))
 
 
-class Glass(Design, frozen=True, kw_only=True):
+class DrinkingGlass(ShapeTemplate, frozen=True, kw_only=True):
     """A drinking glass; on a stem, it is a wine glass."""
 
-    roles: ClassVar[Roles] = MappingProxyType({"body": finishes.CLEAR_GLASS})
+    roles: ClassVar[MaterialRoles] = MappingProxyType({"body": finishes.CLEAR_GLASS})
     wall: Thickness = 0.0025
-    foot: Part = 0.8
+    foot: PositiveFraction = 0.8
     stem: bool = False
 
-    def _draw(self, draft: Draft) -> None:
-        low, high, size = draft.low, draft.high, draft.size
+    def _build(self, builder: GeometryBuilder) -> None:
+        low, high, size = builder.low, builder.high, builder.size
         if not self.stem:
-            body = _Round(low, high, self.wall, 3 * self.wall)
-            draft.round("body", body.profile(((self.foot, 0), (1.0, 1.0))), low, high, bevel=0.001, around=36)
-            body.touch(draft, self.foot)
+            body = _RoundVessel(low, high, self.wall, 3 * self.wall)
+            builder.add_lathe("body", body.profile(((self.foot, 0), (1.0, 1.0))), low, high, bevel=0.001, segments=36)
+            body.add_collision_shapes(builder, self.foot)
             return
         cup = float(low[2] + 0.45 * size[2])
-        body = _Round(np.array([*low[:2], cup]), high, self.wall, self.wall)
+        body = _RoundVessel(np.array([*low[:2], cup]), high, self.wall, self.wall)
         outer = ((0.1, 0.45), (0.6, 0.51), (0.92, 0.63), (1.0, 0.74), (0.95, 0.88), (0.85, 1.0))
-        thin = 1.0 - body.thin
+        thin = 1.0 - body.inner_fraction
         inner = [(max(r - thin, 0.04), z if z > 0.5 else 0.47) for r, z in reversed(outer)]
         foot = ((0, 0), (0.85, 0), (0.85, 0.012), (0.3, 0.035), (0.09, 0.08), (0.07, 0.25), (0.08, 0.42))
-        draft.round("body", (*foot, *outer, *inner, (0, 0.47)), low, high, bevel=0.0008, around=36)
-        draft.touch_round([*(0.85 * low[:2]), low[2]], [*(0.85 * high[:2]), low[2] + 0.03 * size[2]])
-        draft.touch_round([*(0.1 * low[:2]), low[2] + 0.03 * size[2]], [*(0.1 * high[:2]), cup])
-        draft.touch_round([*(0.6 * low[:2]), cup], [*(0.6 * high[:2]), cup + 0.05 * size[2]])
-        draft.touch_ring([*low[:2], cup + 0.05 * size[2]], high, outer=(0.6, 1.0), inner=(0.5, body.thin), pieces=6)
+        builder.add_lathe("body", (*foot, *outer, *inner, (0, 0.47)), low, high, bevel=0.0008, segments=36)
+        builder.add_collision_cylinder([*(0.85 * low[:2]), low[2]], [*(0.85 * high[:2]), low[2] + 0.03 * size[2]])
+        builder.add_collision_cylinder([*(0.1 * low[:2]), low[2] + 0.03 * size[2]], [*(0.1 * high[:2]), cup])
+        builder.add_collision_cylinder([*(0.6 * low[:2]), cup], [*(0.6 * high[:2]), cup + 0.05 * size[2]])
+        builder.add_collision_ring(
+            [*low[:2], cup + 0.05 * size[2]], high, outer=(0.6, 1.0), inner=(0.5, body.inner_fraction), pieces=6
+        )
 
 
-class Pot(Design, frozen=True, kw_only=True):
+class Pot(ShapeTemplate, frozen=True, kw_only=True):
     """A pot with two lugs, along its longer side or at opposite corners."""
 
-    roles: ClassVar[Roles] = MappingProxyType({"body": finishes.STEEL, "handle": finishes.IRON})
+    roles: ClassVar[MaterialRoles] = MappingProxyType({"body": finishes.STEEL, "handle": finishes.IRON})
     wall: Thickness = 0.003
     lugs: bool = True
     level: float | None = None
     """Where things stand in it, upwards from the middle [m]; else on its floor."""
 
-    def _draw(self, draft: Draft) -> None:
-        low, high, size = draft.low, draft.high, draft.size
+    def _build(self, builder: GeometryBuilder) -> None:
+        low, high, size = builder.low, builder.high, builder.size
         depth, width = float(size[0]), float(size[1])
         inset, way = np.zeros(2), np.array([0.0, 0.0])
         if self.lugs:
@@ -271,49 +287,54 @@ class Pot(Design, frozen=True, kw_only=True):
                 inset[:] = 0.02 * min(depth, width)
                 way = np.array([0.5**0.5, 0.5**0.5])
         start, end = np.array([*(low[:2] + inset), low[2]]), np.array([*(high[:2] - inset), high[2]])
-        body = _Round(start, end, self.wall, 1.5 * self.wall, self.level)
-        draft.round(
-            "body", body.profile(((0.94, 0), (1.0, 0.05), (1.0, 0.95), (1.0, 1.0))), start, end, bevel=0.0015, around=40
+        body = _RoundVessel(start, end, self.wall, 1.5 * self.wall, self.level)
+        builder.add_lathe(
+            "body",
+            body.profile(((0.94, 0), (1.0, 0.05), (1.0, 0.95), (1.0, 1.0))),
+            start,
+            end,
+            bevel=0.0015,
+            segments=40,
         )
-        body.touch(draft, 0.96)
+        body.add_collision_shapes(builder, 0.96)
         if self.lugs:
             for sign in (-1, 1):
-                self._lug(draft, sign * way, (end - start)[:2] / 2, float(low[2] + 0.8 * size[2]))
+                self._add_lug(builder, sign * way, (end - start)[:2] / 2, float(low[2] + 0.8 * size[2]))
 
     @staticmethod
-    def _lug(draft: Draft, way: Array, radius: Array, level: float) -> None:
-        side = np.array([-way[1], way[0]])
-        inner = way * radius * 0.97
-        outer = np.clip(way * radius + way * 0.24 * radius.min(), draft.low[:2], draft.high[:2])
+    def _add_lug(builder: GeometryBuilder, direction: Array, radius: Array, level: float) -> None:
+        side = np.array([-direction[1], direction[0]])
+        inner = direction * radius * 0.97
+        outer = np.clip(direction * radius + direction * 0.24 * radius.min(), builder.low[:2], builder.high[:2])
         wide, thick = 0.3 * float(radius.min()), 0.04 * float(radius.min())
-        outer -= way * thick
+        outer -= direction * thick
         path = [
             [*(inner + side * wide), level],
             [*(outer + side * 0.8 * wide), level],
             [*(outer - side * 0.8 * wide), level],
             [*(inner - side * wide), level],
         ]
-        draft.bar("handle", path, thick)
+        builder.add_tube("handle", path, thick)
         corners = [
             [*(spot + side * across), level + up]
             for spot in (inner, outer)
             for across in (-wide, wide)
             for up in (-thick, thick)
         ]
-        draft.touch_hull(np.clip(corners, draft.low, draft.high))
+        builder.add_collision_hull(np.clip(corners, builder.low, builder.high))
 
 
-class Pan(Design, frozen=True, kw_only=True):
+class Pan(ShapeTemplate, frozen=True, kw_only=True):
     """A pan or saucepan: its handle lies along the longer side, or it has none."""
 
-    roles: ClassVar[Roles] = MappingProxyType({"body": finishes.IRON, "handle": finishes.DARK_PLASTIC})
+    roles: ClassVar[MaterialRoles] = MappingProxyType({"body": finishes.IRON, "handle": finishes.DARK_PLASTIC})
     wall: Thickness = 0.003
-    foot: Part = 0.82
+    foot: PositiveFraction = 0.82
     level: float | None = None
     """Where things stand in it, upwards from the middle [m]; else on its floor."""
 
-    def _draw(self, draft: Draft) -> None:
-        low, high, size = draft.low, draft.high, draft.size
+    def _build(self, builder: GeometryBuilder) -> None:
+        low, high, size = builder.low, builder.high, builder.size
         axis = 0 if size[0] >= size[1] else 1
         wide, long = float(size[1 - axis]), float(size[axis])
         start, end = low.copy(), high.copy()
@@ -322,24 +343,24 @@ class Pan(Design, frozen=True, kw_only=True):
             start[axis] = low[axis] + long - wide  # the handle points away from the front, as one holds it
             start[axis], end[axis] = high[axis] - wide, high[axis]
         else:
-            draft.note("no room for its handle")
-        body = _Round(start, end, self.wall, 1.5 * self.wall, self.level)
-        draft.round(
-            "body", body.profile(((self.foot, 0), (0.97, 0.7), (1.0, 1.0))), start, end, bevel=0.0015, around=40
+            builder.add_note("no room for its handle")
+        body = _RoundVessel(start, end, self.wall, 1.5 * self.wall, self.level)
+        builder.add_lathe(
+            "body", body.profile(((self.foot, 0), (0.97, 0.7), (1.0, 1.0))), start, end, bevel=0.0015, segments=40
         )
-        body.touch(draft, self.foot)
+        body.add_collision_shapes(builder, self.foot)
         if handle:
             thick = min(0.07 * wide, 0.3 * float(size[2]))
             middle, unit = (start + end) / 2, np.eye(3)[axis]
             level = float(high[2]) - thick
             root, tip = middle - unit * 0.97 * wide / 2, unit * (float(low[axis]) + 0.3 * thick)
-            draft.bar(
+            builder.add_tube(
                 "handle",
                 [[*root[:2], level - 0.1 * size[2]], [*(0.7 * root + 0.3 * tip)[:2], level], [*tip[:2], level]],
                 thick,
             )
             side = np.ones(3) - unit
-            draft.touch_box(
+            builder.add_collision_box(
                 np.maximum(
                     tip * [1, 1, 0] - 0.3 * thick * unit - side * [thick, thick, 0] + [0, 0, level - thick], low
                 ),
@@ -347,23 +368,23 @@ class Pan(Design, frozen=True, kw_only=True):
             )
 
 
-class Lid(Design, frozen=True, kw_only=True):
+class Lid(ShapeTemplate, frozen=True, kw_only=True):
     """A lid with a knob."""
 
-    roles: ClassVar[Roles] = MappingProxyType({"body": finishes.STEEL, "handle": finishes.IRON})
+    roles: ClassVar[MaterialRoles] = MappingProxyType({"body": finishes.STEEL, "handle": finishes.IRON})
 
-    def _draw(self, draft: Draft) -> None:
-        low, high, size = draft.low, draft.high, draft.size
+    def _build(self, builder: GeometryBuilder) -> None:
+        low, high, size = builder.low, builder.high, builder.size
         dome = float(low[2] + 0.5 * size[2])
         profile = ((0, 0), (0.96, 0), (1, 0.12), (1, 0.25), (0.8, 0.62), (0.45, 0.9), (0, 1))
-        draft.round("body", profile, low, [*high[:2], dome], bevel=0.001)
+        builder.add_lathe("body", profile, low, [*high[:2], dome], bevel=0.001)
         grip = 0.14 * size[:2]
-        draft.round(
+        builder.add_lathe(
             "handle",
             ((0, 0), (0.5, 0), (0.5, 0.4), (1, 0.6), (1, 0.85), (0, 1)),
             [*-grip, dome - 0.1 * size[2]],
             [*grip, high[2]],
         )
-        draft.touch_round(low, [*high[:2], low[2] + 0.15 * size[2]], along=Side.TOP)
-        draft.touch_round([*(0.7 * low[:2]), low[2] + 0.15 * size[2]], [*(0.7 * high[:2]), dome])
-        draft.touch_round([*-grip, dome], [*grip, high[2]])
+        builder.add_collision_cylinder(low, [*high[:2], low[2] + 0.15 * size[2]], along=BodySide.TOP)
+        builder.add_collision_cylinder([*(0.7 * low[:2]), low[2] + 0.15 * size[2]], [*(0.7 * high[:2]), dome])
+        builder.add_collision_cylinder([*-grip, dome], [*grip, high[2]])

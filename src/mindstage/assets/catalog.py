@@ -1,4 +1,4 @@
-"""Catalogue: which mesh file is meant, among all those in some folders.
+"""Catalog: which mesh file is meant, among all those in some folders.
 
 Maps name meshes as their makers did: by a path in somebody's package, by the name of an Unreal asset with or without
 its `SM_`, or not at all. So a file is looked for by path, then by name, then by the name of the class; neither case
@@ -15,22 +15,22 @@ from urllib.parse import unquote
 
 from mindstage.world import Body
 
-__all__ = ["SUFFIXES", "Catalogue", "Found"]
+__all__ = ["SUFFIXES", "MeshIndex", "MeshMatch"]
 
 SUFFIXES = (".glb", ".gltf", ".obj", ".dae", ".stl")
 """What can be read; of several files of one name the earliest of these, since it says most about looks."""
-_MOST_FILES = 200_000
+_MAX_FILES = 200_000
 """A folder with more is no folder of meshes."""
 
 
-class Found(NamedTuple):
+class MeshMatch(NamedTuple):
     """A file, and by what it was found."""
 
     path: Path
-    by: str
+    matched_by: str
 
 
-class Catalogue:
+class MeshIndex:
     """The mesh files in some folders."""
 
     def __init__(self, folders: Iterable[Path], *, find_file: Callable[[str], Path | None] = lambda name: None) -> None:
@@ -45,33 +45,33 @@ class Catalogue:
         self._by_path: dict[str, Path] = {}
         self._by_name: dict[str, list[Path]] = {}
         for folder in folders:
-            self._take(folder)
+            self._index_folder(folder)
 
-    def find(self, body: Body) -> Found | None:
+    def find(self, body: Body) -> MeshMatch | None:
         """The file for a body, if there is one."""
         if body.mesh:
             told = self._find_file(body.mesh)
             if told is not None and told.suffix.lower() in SUFFIXES:
-                return Found(told, "path")
-            if (path := self._at_path(body.mesh)) is not None:
-                return Found(path, "path")
-            if (path := self._named(PurePosixPath(body.mesh.replace("\\", "/")).name)) is not None:
-                return Found(path, "name")
+                return MeshMatch(told, "path")
+            if (path := self._find_by_path(body.mesh)) is not None:
+                return MeshMatch(path, "path")
+            if (path := self._find_by_name(PurePosixPath(body.mesh.replace("\\", "/")).name)) is not None:
+                return MeshMatch(path, "name")
         local = body.cls.rpartition("#")[2].rpartition("/")[2]
-        path = self._named(local)
-        return None if path is None else Found(path, "class")
+        path = self._find_by_name(local)
+        return None if path is None else MeshMatch(path, "class")
 
-    def _take(self, folder: Path) -> None:
+    def _index_folder(self, folder: Path) -> None:
         for count, path in enumerate(_files(folder)):
-            if count == _MOST_FILES:
-                self.notes.append(f"{folder} has more than {_MOST_FILES} files: only so many were looked at")
+            if count == _MAX_FILES:
+                self.notes.append(f"{folder} has more than {_MAX_FILES} files: only so many were looked at")
                 return
             if path.suffix.lower() in SUFFIXES:
                 self._by_path.setdefault(path.relative_to(folder).as_posix().lower(), path)
-                self._by_name.setdefault(_plain(path.name), []).append(path)
+                self._by_name.setdefault(_normalized_name(path.name), []).append(path)
 
-    def _at_path(self, name: str) -> Path | None:
-        """The file whose path ends as the name does: of `package://a/meshes/b.dae` first all, then `b.dae`'s folder."""
+    def _find_by_path(self, name: str) -> Path | None:
+        """The file whose path ends as the name does: of `package://a/merged_meshes/b.dae` first all, then `b.dae`'s folder."""
         parts = [
             part for part in unquote(name.partition("://")[2] or name).replace("\\", "/").lower().split("/") if part
         ]
@@ -80,8 +80,8 @@ class Catalogue:
                 return path
         return None
 
-    def _named(self, name: str) -> Path | None:
-        paths = self._by_name.get(_plain(name))
+    def _find_by_name(self, name: str) -> Path | None:
+        paths = self._by_name.get(_normalized_name(name))
         if not paths:
             return None
         return min(paths, key=lambda path: SUFFIXES.index(path.suffix.lower()))
@@ -95,7 +95,7 @@ def _files(folder: Path) -> Iterator[Path]:
             yield Path(where, file)
 
 
-def _plain(name: str) -> str:
+def _normalized_name(name: str) -> str:
     """A name without what makers of meshes put before and behind it."""
     plain = name.lower()
     for suffix in SUFFIXES:

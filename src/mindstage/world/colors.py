@@ -1,0 +1,101 @@
+"""Colors: the ones that people name, how any other is written, and how much light they are."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from types import MappingProxyType
+
+import numpy as np
+
+from mindstage.errors import InvalidColorError
+from mindstage.world.geometry import Array
+from mindstage.world.values import Color
+
+__all__ = [
+    "COLORS",
+    "NO_COLOR",
+    "color_from",
+    "color_name",
+    "hex_color",
+    "linear_to_srgb",
+    "parse_color",
+    "rgb_from_hex",
+    "srgb_to_linear",
+]
+
+NO_COLOR = "none"
+"""Puts a light out."""
+
+
+def rgb_from_hex(text: str) -> Color:
+    """A color from its six hexadecimal digits."""
+    red, green, blue = (int(text[start : start + 2], 16) / 255 for start in (0, 2, 4))
+    return red, green, blue
+
+
+COLORS: Mapping[str, Color] = MappingProxyType(
+    {
+        "black": rgb_from_hex("000000"),
+        "red": rgb_from_hex("e5191c"),
+        "blue": rgb_from_hex("1f5fe0"),
+        "green": rgb_from_hex("1fa83c"),
+        "yellow": rgb_from_hex("f5c400"),
+    }
+)
+"""In the order of the numbers that stand for them on the wire: 1 is black, 5 yellow, and 0 is none."""
+
+
+def parse_color(text: str) -> Color | None:
+    """A color as people write it: a name, `#rrggbb`, or three numbers `r,g,b` from 0 to 1; None for "none".
+
+    Raises:
+        InvalidColorError: it is none of these.
+    """
+    name = text.strip().lower()
+    if name == NO_COLOR:
+        return None
+    if name in COLORS:
+        return COLORS[name]
+    if re.fullmatch(r"#[0-9a-f]{6}", name):
+        return rgb_from_hex(name[1:])
+    try:
+        red, green, blue = map(float, name.split(","))
+    except ValueError:
+        raise InvalidColorError(text, known=(*COLORS, NO_COLOR)) from None
+    if not all(0.0 <= part <= 1.0 for part in (red, green, blue)):
+        raise InvalidColorError(text, known=(*COLORS, NO_COLOR))
+    return red, green, blue
+
+
+def color_from(color: Color | str | None) -> Color | None:
+    """A color given by name, as text or as numbers: "green", "#1fa83c", (0.1, 0.7, 0.2); None for None and "none".
+
+    Raises:
+        InvalidColorError: it is no color; numbers go from 0 to 1.
+    """
+    if color is None:
+        return None
+    return parse_color(color if isinstance(color, str) else ",".join(map(str, color)))
+
+
+def color_name(color: Color) -> str:
+    """A color's name, or else `#rrggbb`."""
+    return next((name for name, known in COLORS.items() if known == color), None) or hex_color(color)
+
+
+def hex_color(color: Color) -> str:
+    """A color as `#rrggbb`, which a web page reads too."""
+    return "#" + "".join(f"{round(255 * min(max(part, 0.0), 1.0)):02x}" for part in color)
+
+
+def srgb_to_linear(colors: Array) -> Array:
+    """How much light a screen's values stand for, each from 0 to 1 (the curve of sRGB, IEC 61966-2-1)."""
+    clipped = np.clip(colors, 0.0, 1.0)
+    return np.where(clipped <= 0.04045, clipped / 12.92, ((clipped + 0.055) / 1.055) ** 2.4)
+
+
+def linear_to_srgb(linear_values: Array) -> Array:
+    """A screen's values for so much light; what undoes `srgb_to_linear`."""
+    linear_values = np.clip(linear_values, 0.0, 1.0)
+    return np.where(linear_values <= 0.0031308, 12.92 * linear_values, 1.055 * linear_values ** (1 / 2.4) - 0.055)
