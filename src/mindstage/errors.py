@@ -179,8 +179,15 @@ def _restore(cls: type[MindstageError], args: tuple[object, ...], state: dict[st
 class MindstageError(Exception):
     """The root: catch it to catch everything that Mindstage itself raises."""
 
+    code: ClassVar[str] = "MindstageError"
+    """A name of the class that does not change: what ROS, Prolog and diagnostics messages contain."""
     template: ClassVar[str] = ""
     """The message; names in braces are attributes of the error. Without one, the message is what was passed."""
+
+    def __init_subclass__(cls, **options: object) -> None:
+        super().__init_subclass__(**options)
+        if "code" not in cls.__dict__:
+            cls.code = cls.__name__
 
     def __str__(self) -> str:
         if not self.template:
@@ -193,8 +200,8 @@ class MindstageError(Exception):
 
     @property
     def hint(self) -> str:
-        """The end of the message: the similar names in `closest_names`, else the `remedy`, else nothing."""
-        text = _near_names(getattr(self, "near", ())) or getattr(self, "remedy", "")
+        """The end of the message: the similar names in `suggestions`, else the `remedy`, else nothing."""
+        text = _near_names(getattr(self, "suggestions", ())) or getattr(self, "remedy", "")
         return f"; {text}" if text else ""
 
 
@@ -209,6 +216,7 @@ class WorldError(MindstageError):
 class BodyNotFoundError(WorldError):
     """No body in the world has that id."""
 
+    code = "BodyUnknown"
     template = "no body {body!r}{in_world}{hint}"
     body: str
     _: KW_ONLY
@@ -229,6 +237,7 @@ class BodyNotFoundError(WorldError):
 class BodyExistsError(WorldError):
     """The id of a body to be spawned is in use."""
 
+    code = "BodyExists"
     template = "the id {body!r} is taken; delete that body first, or choose another id"
     body: str
 
@@ -237,6 +246,7 @@ class BodyExistsError(WorldError):
 class PoseUnreachableError(WorldError):
     """The joints and attachments of the body do not allow that pose."""
 
+    code = "PoseUnreachable"
     template = "{body!r} cannot take that pose: {reason}"
     body: str
     _: KW_ONLY
@@ -247,6 +257,7 @@ class PoseUnreachableError(WorldError):
 class AttachmentError(WorldError):
     """The child cannot be attached to that parent."""
 
+    code = "AttachmentRefused"
     template = "{child!r} cannot be attached to {parent!r}: {reason}"
     parent: str
     child: str
@@ -258,7 +269,8 @@ class AttachmentError(WorldError):
 class NoFreePlacementError(WorldError):
     """There is no support surface for the object, or no free space on it."""
 
-    template = "{what} cannot be put {where}: {reason}"
+    code = "SpotMissing"
+    template = "{item} cannot be put {location}: {reason}"
     item: str
     location: str
     _: KW_ONLY
@@ -269,6 +281,7 @@ class NoFreePlacementError(WorldError):
 class RestoreError(WorldError):
     """A deleted body cannot be restored."""
 
+    code = "ReturnRefused"
     template = "{body!r} cannot be restored: {reason}"
     body: str
     _: KW_ONLY
@@ -279,6 +292,7 @@ class RestoreError(WorldError):
 class NothingToUndoError(WorldError):
     """There is no edit to undo or, with `again`, to redo."""
 
+    code = "NothingToUndo"
     template = "there is nothing to {action}"
     _: KW_ONLY
     redo: bool = False
@@ -300,6 +314,7 @@ class KnowledgeError(MindstageError):
 class SourceParseError(KnowledgeError):
     """A file does not exist, or its content does not follow its format."""
 
+    code = "SourceUnreadable"
     template = "cannot read {place}: {cause}"
     source: str
     _: KW_ONLY
@@ -315,6 +330,8 @@ class SourceParseError(KnowledgeError):
 @dataclass(eq=False)
 class MapNotFoundError(KnowledgeError):
     """No semantic map, or none of that name, is among the loaded sources."""
+
+    code = "MapMissing"
 
     _: KW_ONLY
     requested: str = ""
@@ -334,6 +351,8 @@ class MapNotFoundError(KnowledgeError):
 class AmbiguousMapError(KnowledgeError):
     """Several maps are loaded and none was selected."""
 
+    code = "MapAmbiguous"
+
     known: Sequence[str]
 
     def __post_init__(self) -> None:
@@ -346,6 +365,8 @@ class AmbiguousMapError(KnowledgeError):
 @dataclass(eq=False)
 class MapRejectedError(KnowledgeError):
     """A map has findings, and strict mode allows none."""
+
+    code = "MapRefused"
 
     map: str
     _: KW_ONLY
@@ -364,7 +385,8 @@ class MapRejectedError(KnowledgeError):
 class MapWriteError(KnowledgeError):
     """A world cannot be written to a map file: the format cannot express it, or the file cannot be written."""
 
-    template = "cannot write {what}: {cause}{hint}"
+    code = "MapUnwritable"
+    template = "cannot write {subject}: {cause}{hint}"
     subject: str
     _: KW_ONLY
     cause: str
@@ -375,7 +397,8 @@ class MapWriteError(KnowledgeError):
 class NameNotFoundError(KnowledgeError):
     """No entity of that kind has the name."""
 
-    template = "no {kind} {name!r} is known{hint}"
+    code = "NameUnknown"
+    template = "no {entity_type} {name!r} is known{hint}"
     name: str
     _: KW_ONLY
     entity_type: str
@@ -389,6 +412,8 @@ class NameNotFoundError(KnowledgeError):
 @dataclass(eq=False)
 class AmbiguousNameError(KnowledgeError):
     """Several entities have the name, or are instances of the class that was named instead of its only instance."""
+
+    code = "NameAmbiguous"
 
     name: str
     _: KW_ONLY
@@ -409,6 +434,7 @@ class AmbiguousNameError(KnowledgeError):
 class QuestionNotFoundError(KnowledgeError):
     """No question has that name."""
 
+    code = "QuestionUnknown"
     template = "no question {question!r}{hint}"
     question: str
     _: KW_ONLY
@@ -429,6 +455,7 @@ class QuestionNotFoundError(KnowledgeError):
 class QuestionTimeoutError(KnowledgeError):
     """A question was not answered before its timeout; the simulation continues."""
 
+    code = "QuestionTimedOut"
     template = "{question} was not answered within {timeout_s:g} s; ask about less, or try again later"
     question: str
     _: KW_ONLY
@@ -439,7 +466,8 @@ class QuestionTimeoutError(KnowledgeError):
 class QueryLimitError(KnowledgeError):
     """The limit of concurrent questions is reached."""
 
-    template = "{question} was not answered: {asked} other questions are being answered; try again in a moment"
+    code = "TooManyQuestions"
+    template = "{question} was not answered: {pending} other questions are being answered; try again in a moment"
     question: str
     _: KW_ONLY
     pending: int
@@ -449,7 +477,8 @@ class QueryLimitError(KnowledgeError):
 class InvalidArgumentError(KnowledgeError):
     """A question has no such argument or does not accept that value, or an assertion is not valid."""
 
-    template = "{what}: {cause}{hint}"
+    code = "ArgumentRefused"
+    template = "{subject}: {cause}{hint}"
     subject: str
     _: KW_ONLY
     cause: str
@@ -460,6 +489,7 @@ class InvalidArgumentError(KnowledgeError):
 class SparqlSyntaxError(KnowledgeError):
     """The text is not a SPARQL 1.1 query, or uses what is not supported, such as SERVICE."""
 
+    code = "QueryRefused"
     template = "the query cannot be answered: {cause}{hint}"
     cause: str
     _: KW_ONLY
@@ -470,6 +500,7 @@ class SparqlSyntaxError(KnowledgeError):
 class SparqlTimeoutError(KnowledgeError):
     """A SPARQL query did not finish before its timeout."""
 
+    code = "QueryTimedOut"
     template = "the query did not end within {timeout_s:g} s; ask for less (LIMIT), or increase the timeout"
     _: KW_ONLY
     timeout_s: float
@@ -479,6 +510,7 @@ class SparqlTimeoutError(KnowledgeError):
 class ReasonerUnavailableError(KnowledgeError):
     """The OWL 2 RL reasoner is not installed."""
 
+    code = "ReasonerUnavailable"
     template = "nothing can be derived: {cause}; install it with: pip install 'mindstage[closure]'"
     _: KW_ONLY
     cause: str
@@ -488,6 +520,7 @@ class ReasonerUnavailableError(KnowledgeError):
 class StoreError(KnowledgeError):
     """A store folder has another content or format, or is locked by another process."""
 
+    code = "StoreUnusable"
     template = "the store {folder} cannot be used: {cause}{hint}"
     folder: str
     _: KW_ONLY
@@ -499,6 +532,7 @@ class StoreError(KnowledgeError):
 class EndpointUnreachableError(KnowledgeError):
     """A SPARQL endpoint does not respond, or not in time."""
 
+    code = "EndpointUnreachable"
     template = "the endpoint {endpoint} does not answer: {cause}; check the address, and that the server is running"
     endpoint: str
     _: KW_ONLY
@@ -509,6 +543,7 @@ class EndpointUnreachableError(KnowledgeError):
 class EndpointError(KnowledgeError):
     """A SPARQL endpoint returned an error, or a reply that is not a SPARQL result."""
 
+    code = "EndpointRefused"
     template = "the endpoint {endpoint} returned an error: {cause}{hint}"
     endpoint: str
     _: KW_ONLY
@@ -522,6 +557,7 @@ class EndpointError(KnowledgeError):
 class ShapeNotFoundError(KnowledgeError):
     """No shape has that name."""
 
+    code = "ShapeUnknown"
     template = "no shape {shape!r}{hint}"
     shape: str
     _: KW_ONLY
@@ -542,6 +578,7 @@ class ShapeNotFoundError(KnowledgeError):
 class InvalidShapeError(KnowledgeError):
     """A shape cannot be built: a size or a parameter is invalid."""
 
+    code = "ShapeRefused"
     template = "the shape {shape!r} cannot be made: {reason}"
     shape: str
     _: KW_ONLY
@@ -559,6 +596,7 @@ class EngineError(MindstageError):
 class EngineUnavailableError(EngineError):
     """The engine is not installed or cannot be reached."""
 
+    code = "EngineUnavailable"
     template = "the engine {engine!r} is not available: {cause}{hint}"
     engine: str
     _: KW_ONLY
@@ -570,6 +608,7 @@ class EngineUnavailableError(EngineError):
 class EngineTimeoutError(EngineError):
     """The engine did not reply in time; the command may or may not have been executed."""
 
+    code = "EngineTimedOut"
     template = (
         "the engine {engine!r} did not answer {call} within {timeout_s:g} s; "
         "it may have been executed all the same: check the poses, or increase the timeout"
@@ -584,6 +623,7 @@ class EngineTimeoutError(EngineError):
 class UnsupportedByEngineError(EngineError):
     """The engine does not have the capability."""
 
+    code = "EngineUnable"
     template = "the engine {engine!r} cannot {what}{hint}"
     engine: str
     _: KW_ONLY
@@ -595,6 +635,7 @@ class UnsupportedByEngineError(EngineError):
 class EngineClosedError(EngineError):
     """The engine was called after `close`."""
 
+    code = "EngineClosed"
     template = "the engine {engine!r} is closed; make a new one"
     engine: str
 
@@ -603,6 +644,7 @@ class EngineClosedError(EngineError):
 class SimulationDivergedError(EngineError):
     """The simulation diverged: positions, velocities or accelerations are not finite."""
 
+    code = "SimulationUnstable"
     template = "the simulation became unstable at {time_s:.3f} s: {what}"
     _: KW_ONLY
     time_s: float
@@ -612,11 +654,14 @@ class SimulationDivergedError(EngineError):
 class SimulationError(MindstageError):
     """The simulation thread could not execute the call."""
 
+    code = "StageError"
+
 
 @dataclass(eq=False)
 class SimulationTimeoutError(SimulationError):
     """The thread that owns the engine did not finish the call in time."""
 
+    code = "StageTimedOut"
     template = "{call} did not finish within {timeout_s:g} s; the simulation may be busy or stopped"
     call: str
     _: KW_ONLY
@@ -634,6 +679,7 @@ class BridgeError(MindstageError):
 class BridgeUnavailableError(BridgeError):
     """The rosbridge server cannot listen at that address."""
 
+    code = "BridgeUnavailable"
     template = "the bridge cannot be served at {host}, port {port}: {cause}; try 127.0.0.1 or another port"
     host: str
     port: int
@@ -645,7 +691,8 @@ class BridgeUnavailableError(BridgeError):
 class AuthenticationError(BridgeError):
     """A token is required, and none or an invalid one was sent."""
 
-    template = "no access to {where}: {cause}"
+    code = "AccessRefused"
+    template = "no access to {address}: {cause}"
     address: str
     _: KW_ONLY
     cause: str
@@ -655,7 +702,8 @@ class AuthenticationError(BridgeError):
 class ConnectionLostError(BridgeError):
     """No connection, or a closed one; a pending request may or may not have been executed."""
 
-    template = "no connection to {where}: {cause}"
+    code = "ConnectionLost"
+    template = "no connection to {address}: {cause}"
     address: str
     _: KW_ONLY
     cause: str
@@ -665,6 +713,7 @@ class ConnectionLostError(BridgeError):
 class ServiceNotFoundError(BridgeError):
     """No service or action of that name is advertised."""
 
+    code = "ServiceUnknown"
     template = "Service {service} does not exist{hint}"  # rosbridge's wording, which its clients match
     service: str
     _: KW_ONLY
@@ -679,6 +728,7 @@ class ServiceNotFoundError(BridgeError):
 class ServiceTimeoutError(BridgeError):
     """A service or an action did not return in time."""
 
+    code = "ServiceTimedOut"
     template = (
         "{service} did not answer within {timeout_s:g} s; increase the timeout, or check that its server is running"
     )
@@ -691,6 +741,7 @@ class ServiceTimeoutError(BridgeError):
 class ServiceCallError(BridgeError):
     """A service or an action failed for a reason other than the state of the world."""
 
+    code = "ServiceFailed"
     template = "{service} failed: {cause}"
     service: str
     _: KW_ONLY
@@ -701,6 +752,7 @@ class ServiceCallError(BridgeError):
 class AdvertiseError(BridgeError):
     """A service, action or topic cannot be advertised under that name."""
 
+    code = "OfferRefused"
     template = "{name!r} cannot be offered: {cause}"
     name: str
     _: KW_ONLY
@@ -711,7 +763,8 @@ class AdvertiseError(BridgeError):
 class MessageValidationError(BridgeError):
     """A message does not match its type."""
 
-    template = "{what}: {at_path}{cause}{hint}"
+    code = "MessageRefused"
+    template = "{subject}: {at_path}{cause}{hint}"
     subject: str
     _: KW_ONLY
     path: str = ""
@@ -731,7 +784,8 @@ class MessageValidationError(BridgeError):
 class TypeNotFoundError(BridgeError):
     """No message, service or action type has that name."""
 
-    template = "no {kind} type {name!r} is known{hint}"
+    code = "TypeUnknown"
+    template = "no {interface_type} type {name!r} is known{hint}"
     name: str
     _: KW_ONLY
     interface_type: str
@@ -749,6 +803,7 @@ class TypeNotFoundError(BridgeError):
 class InvalidColorError(MindstageError):
     """Neither a color name nor a color value."""
 
+    code = "ColourUnknown"
     template = "no color {colour!r}{hint}"
     color: str
     _: KW_ONLY
@@ -773,6 +828,7 @@ class PrologError(MindstageError):
 class PrologUnavailableError(PrologError):
     """SWI-Prolog or pyswip is not installed, or already in use."""
 
+    code = "PrologUnavailable"
     template = "Prolog is not available: {cause}{hint}"
     cause: str
     _: KW_ONLY
@@ -785,6 +841,7 @@ class PrologUnavailableError(PrologError):
 class PrologGoalError(PrologError):
     """A goal has a syntax error or threw an exception; the kind is a Mindstage error class, or `prolog`."""
 
+    code = "GoalRefused"
     template = "the goal {goal!r} cannot be answered: {cause}"
     goal: str
     _: KW_ONLY
@@ -796,6 +853,7 @@ class PrologGoalError(PrologError):
 class PrologTimeoutError(PrologError):
     """A goal did not finish in time."""
 
+    code = "GoalTimedOut"
     template = "the goal {goal!r} did not end within {timeout_s:g} s; increase the timeout, or ask for less"
     goal: str
     _: KW_ONLY
@@ -806,6 +864,7 @@ class PrologTimeoutError(PrologError):
 class ViewerUnavailableError(MindstageError):
     """The page's server cannot listen at that address."""
 
+    code = "ViewportUnavailable"
     template = "the page cannot be served at {host}, port {port}: {cause}; try 127.0.0.1 or another port"
     host: str
     port: int
@@ -821,6 +880,7 @@ class BrowserError(MindstageError):
 class BrowserNotFoundError(BrowserError):
     """No suitable browser is installed, or it does not start."""
 
+    code = "BrowserUnavailable"
     template = "a browser is needed to take pictures: {cause}{hint}"
     cause: str
     _: KW_ONLY
@@ -841,6 +901,7 @@ class BrowserNotFoundError(BrowserError):
 class BrowserCrashedError(BrowserError):
     """The browser exited, returned an error, or did not reply in time."""
 
+    code = "BrowserBroken"
     template = "the browser failed: {cause}; try again, or increase the timeout"
     cause: str
 
@@ -849,7 +910,8 @@ class BrowserCrashedError(BrowserError):
 class InvalidRequestError(MindstageError):
     """A request from the page is unknown, or its arguments are invalid."""
 
-    template = "{what} is not a valid request: {cause}{hint}"
+    code = "RequestRefused"
+    template = "{subject} is not a valid request: {cause}{hint}"
     remedy: ClassVar[str] = "reload the page"
     subject: str
     _: KW_ONLY

@@ -105,7 +105,9 @@ class SpawnNote(msgspec.Struct, frozen=True):
     text: str
 
 
-class SpawnReport(msgspec.Struct, frozen=True, kw_only=True):
+class SpawnReport(
+    msgspec.Struct, frozen=True, kw_only=True, rename={"joints": "constraints", "failed_joints": "failed_constraints"}
+):
     """What became of a world that was to be spawned."""
 
     bodies: int = 0

@@ -19,7 +19,7 @@ class Severity(StrEnum):
     """A thing is not there. What is said about it is kept all the same."""
 
 
-class Finding(msgspec.Struct, frozen=True):
+class Finding(msgspec.Struct, frozen=True, rename={"problem": "what", "action": "did"}):
     """One oddity of a source, and how it was met; none of them loses a statement."""
 
     severity: Severity

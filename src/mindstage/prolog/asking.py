@@ -98,6 +98,19 @@ def _row_values(row: AnswerRow, answers: Answers[Any], bound: Container[str], wi
     )
 
 
+_FUNCTORS = {
+    "JointSummary": "joint",
+    "PropertyAssertion": "fact",
+    "BlankNode": "anonymous",
+    "LinearLimits": "linearmotion",
+    "AngularLimits": "angularmotion",
+    "SoftLimit": "soft",
+    "BodyPhysics": "physics",
+    "PrimitiveShape": "shape",
+}
+"""The functors of records whose class has another name; all others have the class's name in lower case."""
+
+
 def term_of(value: object) -> Value:  # noqa: PLR0911 (one a kind)
     """A field of an answer: texts as atoms, a struct as a term that is called like it, `none` for what is not told."""
     match value:
@@ -115,7 +128,8 @@ def term_of(value: object) -> Value:  # noqa: PLR0911 (one a kind)
             return tuple(term_of(each) for each in value)
         case msgspec.Struct():
             fields = (term_of(getattr(value, name)) for name in value.__struct_fields__)
-            return Compound(type(value).__name__.lower(), tuple(fields))
+            name = type(value).__name__
+            return Compound(_FUNCTORS.get(name, name.lower()), tuple(fields))
         case _:
             return Atom(str(value))
 

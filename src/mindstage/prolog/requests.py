@@ -42,7 +42,7 @@ def answer(handlers: Mapping[str, Handler], request: Value) -> Compound:
 
 def error_kind(error: MindstageError) -> str:
     """How Prolog calls an error: `body_unknown` for BodyUnknown, since a capital would begin a variable."""
-    return re.sub(r"(?<=[a-z])(?=[A-Z])", "_", type(error).__name__).lower()
+    return re.sub(r"(?<=[a-z])(?=[A-Z])", "_", error.code).lower()
 
 
 def _error_term(error_name: str, message: str) -> Compound:

@@ -25,13 +25,11 @@ class DiagnosticsPublisher:
         """The world says no."""
         facts = vars(error)
         about = str(facts.get("body") or facts.get("child") or "")
-        self._publish(
-            [_status(diagnostic_msgs.Level.WARN, operation, str(error), about, {"kind": type(error).__name__})]
-        )
+        self._publish([_status(diagnostic_msgs.Level.WARN, operation, str(error), about, {"kind": error.code})])
 
     def report_error(self, operation: str, error: MindstageError) -> None:
         """The reason lies elsewhere."""
-        self._publish([_status(diagnostic_msgs.Level.ERROR, operation, str(error), "", {"kind": type(error).__name__})])
+        self._publish([_status(diagnostic_msgs.Level.ERROR, operation, str(error), "", {"kind": error.code})])
 
     def report_failures(self, operation: str, reasons: Iterable[tuple[str, str]]) -> None:
         """Some of many things did not go: the id of each, and why."""

@@ -37,10 +37,13 @@ class ShapeTemplate(FrozenStruct, frozen=True, kw_only=True):
 
     roles: ClassVar[MaterialRoles] = MappingProxyType({"body": finishes.PLAIN})
 
+    name: ClassVar[str] = ""
+    """The name of the shape in ontologies (`ms:shapedAs`); by default the class's name in lower case."""
+
     @classmethod
     def shape_name(cls) -> str:
-        """The name of the shape."""
-        return cls.__name__.lower()
+        """The name of the shape in ontologies."""
+        return cls.name or cls.__name__.lower()
 
     def build(self, builder: GeometryBuilder) -> None:
         """Draws the shape in the draft's size; raises `TemplateDoesNotFit` where that leaves no room for it."""

@@ -24,7 +24,7 @@ class UnplacedItem(msgspec.Struct, frozen=True):
     reason: str
 
 
-class PlacementReport(msgspec.Struct, frozen=True):
+class PlacementReport(msgspec.Struct, frozen=True, rename={"placed": "put"}):
     """What became of a list."""
 
     placed: tuple[PlacementResult, ...]

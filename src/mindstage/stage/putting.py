@@ -34,7 +34,7 @@ _MIN_UPRIGHT_COSINE = 0.966
 """Cosine of fifteen degrees: what leans more has fallen over."""
 
 
-class PlacementResult(msgspec.Struct, frozen=True, kw_only=True):
+class PlacementResult(msgspec.Struct, frozen=True, kw_only=True, rename={"support_id": "holder", "attempts": "tried"}):
     """What became of it."""
 
     id: BodyId

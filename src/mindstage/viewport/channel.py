@@ -210,7 +210,7 @@ class RpcChannel:
         try:
             return msgspec.json.encode({"id": request.id, "result": offer.handler(session, arguments)})
         except MindstageError as error:
-            return _error_message(request.id, type(error).__name__, str(error))
+            return _error_message(request.id, error.code, str(error))
         except Exception as error:  # whatever it is, the page is told, and whoever runs the server
             _log.error("a page's request %r failed", request.method, exc_info=error)
             return _error_message(

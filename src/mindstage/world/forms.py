@@ -45,7 +45,7 @@ class CollisionShapeType(StrEnum):
     """The smallest convex body round its points."""
 
 
-class CollisionShape(FrozenStruct, frozen=True, kw_only=True):
+class CollisionShape(FrozenStruct, frozen=True, kw_only=True, rename={"type": "kind"}):
     """One convex part that can be touched."""
 
     type: CollisionShapeType = CollisionShapeType.BOX
@@ -57,7 +57,9 @@ class CollisionShape(FrozenStruct, frozen=True, kw_only=True):
     """Of a hull, in the solid's own frame."""
 
 
-class PbrMaterial(FrozenStruct, frozen=True, kw_only=True):
+class PbrMaterial(
+    FrozenStruct, frozen=True, kw_only=True, rename={"name": "material", "color": "colour", "emission": "glow"}
+):
     """How light falls back from a skin: glTF's metallic-roughness model, linear factors from 0 to 1."""
 
     name: str = ""
@@ -88,7 +90,12 @@ class VisualMesh:
     """h x w x 4 (sRGB and opacity): the texture, multiplied by the surface's color."""
 
 
-class SupportSurface(FrozenStruct, frozen=True, kw_only=True):
+class SupportSurface(
+    FrozenStruct,
+    frozen=True,
+    kw_only=True,
+    rename={"center": "centre", "clearance": "height", "is_inside": "inside", "normal": "up"},
+):
     """A level rectangle on which something can be put, parallel to one of the body's sides."""
 
     center: Vector
@@ -103,7 +110,7 @@ class SupportSurface(FrozenStruct, frozen=True, kw_only=True):
     """Where it looks; along one of the body's axes."""
 
 
-class AttachedLight(FrozenStruct, frozen=True, kw_only=True):
+class AttachedLight(FrozenStruct, frozen=True, kw_only=True, rename={"type": "kind", "color": "colour"}):
     """Light that a body gives."""
 
     type: LightType = LightType.POINT

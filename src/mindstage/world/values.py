@@ -105,7 +105,7 @@ class Tag(FrozenStruct, frozen=True, kw_only=True):
     value: str
 
 
-class Material(FrozenStruct, frozen=True, kw_only=True):
+class Material(FrozenStruct, frozen=True, kw_only=True, rename={"color": "colour"}):
     """A named surface; the path says where an engine finds it, the color how to paint it without."""
 
     name: str
@@ -122,7 +122,7 @@ class PrimitiveType(StrEnum):
     """Upright: its axis is z."""
 
 
-class PrimitiveShape(FrozenStruct, frozen=True, kw_only=True):
+class PrimitiveShape(FrozenStruct, frozen=True, kw_only=True, rename={"type": "kind"}):
     """The form of a body inside its size; a mesh, where it is found, is what one sees instead."""
 
     type: PrimitiveType = PrimitiveType.BOX
@@ -172,7 +172,7 @@ class SoftLimit(FrozenStruct, frozen=True, kw_only=True):
     """[Ns/m] or [Nms/rad]."""
 
 
-class LinearLimits(FrozenStruct, frozen=True, kw_only=True):
+class LinearLimits(FrozenStruct, frozen=True, kw_only=True, rename={"soft_limit": "soft"}):
     """How far the child may slide along the axes of the joint frame, either way from the middle of its range.
 
     The middle is where it was spawned, unless it may go farther one way than the other: a drawer that is shut and
@@ -191,7 +191,9 @@ class LinearLimits(FrozenStruct, frozen=True, kw_only=True):
     soft_limit: SoftLimit = SoftLimit()
 
 
-class AngularLimits(FrozenStruct, frozen=True, kw_only=True):
+class AngularLimits(
+    FrozenStruct, frozen=True, kw_only=True, rename={"swing_soft_limit": "swing_soft", "twist_soft_limit": "twist_soft"}
+):
     """How far the child may turn about the axes of the joint frame, either way from the middle of its range."""
 
     swing1: AxisMotion = AxisMotion.LOCKED
@@ -251,7 +253,7 @@ class LightType(StrEnum):
     DIRECTIONAL = "directional"
 
 
-class Light(FrozenStruct, frozen=True, kw_only=True):
+class Light(FrozenStruct, frozen=True, kw_only=True, rename={"type": "kind", "color": "colour"}):
     """A source of light."""
 
     id: BodyId
@@ -265,7 +267,7 @@ class Light(FrozenStruct, frozen=True, kw_only=True):
     facts: tuple[PropertyAssertion, ...] = ()
 
 
-class World(FrozenStruct, frozen=True, kw_only=True):
+class World(FrozenStruct, frozen=True, kw_only=True, rename={"joints": "constraints"}):
     """A whole place. Order carries no meaning; ids are unique across bodies, constraints and lights."""
 
     iri: Iri

@@ -35,7 +35,7 @@ WORLD_ERROR_FACTORIES: dict[str, Callable[[mindstage_msgs.Refusal], WorldError]]
     "AttachmentRefused": lambda said: AttachmentError(said.parent, said.child, reason=said.reason),
 }
 ENGINE_ERROR_TYPES: dict[str, type[EngineError]] = {
-    cls.__name__: cls
+    cls.code: cls
     for cls in (
         EngineUnavailableError,
         EngineTimeoutError,
@@ -48,9 +48,10 @@ ENGINE_ERROR_TYPES: dict[str, type[EngineError]] = {
 
 def error_to_message(error: WorldError) -> mindstage_msgs.Refusal:
     """Why the world said no, for the wire."""
-    facts = vars(error)
-    said = {name: facts[name] for name in mindstage_msgs.Refusal.__struct_fields__ if name in facts}
-    return mindstage_msgs.Refusal(kind=type(error).__name__, text=str(error), **said)
+    facts = dict(vars(error))
+    facts["near"] = facts.pop("suggestions", ())
+    fields = {name: facts[name] for name in mindstage_msgs.Refusal.__struct_fields__ if name in facts}
+    return mindstage_msgs.Refusal(kind=error.code, text=str(error), **fields)
 
 
 def message_to_error(message: mindstage_msgs.Refusal) -> WorldError:
@@ -61,7 +62,7 @@ def message_to_error(message: mindstage_msgs.Refusal) -> WorldError:
 
 def error_text(error: EngineError) -> str:
     """What broke, as the text that ends a call."""
-    facts = {"kind": type(error).__name__, **vars(error)}
+    facts = {"kind": error.code, **vars(error)}
     return f"{error}\n{msgspec.json.encode(facts).decode()}"
 
 

@@ -11,7 +11,7 @@ from mindstage.world import Iri
 __all__ = ["Assumption", "AssumptionSink"]
 
 
-class Assumption(msgspec.Struct, frozen=True):
+class Assumption(msgspec.Struct, frozen=True, rename={"topic": "about"}):
     """One decision about a whole map. If it is wrong, all that was read is wrong with it, so it is said aloud."""
 
     map: Iri

@@ -38,7 +38,13 @@ _MANIFEST, _TRIPLES, _TEXTS = "mindstage.json", "triples", "texts"
 _RECREATE_HINT = "delete the folder and load the sources into it again"
 
 
-class SourceRecord(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class SourceRecord(
+    msgspec.Struct,
+    frozen=True,
+    kw_only=True,
+    forbid_unknown_fields=True,
+    rename={"content_hash": "text", "file_hash": "hash", "is_map": "asked_for", "is_explicit": "given"},
+):
     """One source, as it was when it was loaded."""
 
     path: str
@@ -54,7 +60,13 @@ class SourceRecord(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
     is_explicit: bool = False
 
 
-class StoreManifest(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class StoreManifest(
+    msgspec.Struct,
+    frozen=True,
+    kw_only=True,
+    forbid_unknown_fields=True,
+    rename={"complete": "whole", "bundled_ontology": "bundled", "urdf_files": "robots"},
+):
     """What a folder holds."""
 
     format_version: int = FORMAT_VERSION

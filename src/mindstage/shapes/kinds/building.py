@@ -132,6 +132,7 @@ class Window(ShapeTemplate, frozen=True, kw_only=True):
 class OpeningFrame(ShapeTemplate, frozen=True, kw_only=True):
     """A frame with nothing in it: round a doorway, a window, a picture."""
 
+    name = "frame"
     roles: ClassVar[MaterialRoles] = MappingProxyType({"body": finishes.LACQUER})
     frame: Thickness = 0.06
     """How wide [m]."""
@@ -167,6 +168,7 @@ class Wall(ShapeTemplate, frozen=True, kw_only=True):
 class RoomShell(ShapeTemplate, frozen=True, kw_only=True):
     """The walls round a room, with openings; floor and ceiling where asked for."""
 
+    name = "shell"
     roles: ClassVar[MaterialRoles] = MappingProxyType({"body": finishes.PLASTER, "floor": "body"})
     wall: Thickness = 0.1
     floor: bool = False

@@ -49,6 +49,7 @@ def _add_walls(builder: GeometryBuilder, role: str, wall: float, floor: float, l
 class Crate(ShapeTemplate, frozen=True, kw_only=True):
     """A box that is open to the top: a crate, a tray, a box for storage."""
 
+    name = "tub"
     wall: Thickness = 0.008
     floor: Thickness = 0.008
     level: float | None = None

@@ -72,6 +72,7 @@ class Radiator(ShapeTemplate, frozen=True, kw_only=True):
 class CookerHood(ShapeTemplate, frozen=True, kw_only=True):
     """A cooker hood: a wide mouth, and a chimney at its back."""
 
+    name = "hood"
     roles: ClassVar[MaterialRoles] = MappingProxyType(
         {"body": finishes.STEEL, "filter": finishes.IRON, "bulb": finishes.GLOWING}
     )
@@ -209,6 +210,7 @@ class Appliance(ShapeTemplate, frozen=True, kw_only=True):
 class CoffeeMaker(ShapeTemplate, frozen=True, kw_only=True):
     """A coffee maker: a tower at its back, a head over a jug."""
 
+    name = "brewer"
     roles: ClassVar[MaterialRoles] = MappingProxyType(
         {
             "body": finishes.DARK_PLASTIC,
@@ -304,6 +306,7 @@ class Kettle(ShapeTemplate, frozen=True, kw_only=True):
 class WallClock(ShapeTemplate, frozen=True, kw_only=True):
     """A clock on the wall; one looks at its front."""
 
+    name = "clock"
     roles: ClassVar[MaterialRoles] = MappingProxyType(
         {"body": finishes.IRON, "face": finishes.PAPER, "hands": finishes.DARK_PLASTIC}
     )

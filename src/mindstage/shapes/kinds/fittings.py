@@ -72,6 +72,7 @@ class Knob(ShapeTemplate, frozen=True, kw_only=True):
 class DoorLever(ShapeTemplate, frozen=True, kw_only=True):
     """A lever on a rosette, as on doors; its back is at the door."""
 
+    name = "lever"
     roles: ClassVar[MaterialRoles] = MappingProxyType({"body": finishes.STEEL})
     towards: BodySide = BodySide.LEFT
     """Where the lever points to from its rosette, in the frame of the shape: +y or -y, +z or -z."""

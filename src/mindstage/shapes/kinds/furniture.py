@@ -33,6 +33,7 @@ def _extended_cutouts(cutouts: tuple[Cutout, ...], builder: GeometryBuilder) -> 
 class Countertop(ShapeTemplate, frozen=True, kw_only=True):
     """A worktop, on a closed block with a plinth where it is high; with cut-outs for what is let into it."""
 
+    name = "counter"
     roles: ClassVar[MaterialRoles] = MappingProxyType(
         {"body": finishes.STONE, "front": finishes.LACQUER, "plinth": finishes.IRON}
     )
@@ -72,6 +73,7 @@ class Countertop(ShapeTemplate, frozen=True, kw_only=True):
 class TableShape(ShapeTemplate, frozen=True, kw_only=True):
     """A table: a top, legs, an apron between them; only the top where there is no height for legs."""
 
+    name = "table"
     roles: ClassVar[MaterialRoles] = MappingProxyType({"body": finishes.OAK, "top": "body", "legs": "body"})
     top: Thickness = 0.03
     legs: Count = 4

@@ -19,6 +19,7 @@ __all__ = ["BoxShape", "Cylinder", "Panel", "Sphere", "TableLeg"]
 class BoxShape(ShapeTemplate, frozen=True, kw_only=True):
     """A box with bevelled edges."""
 
+    name = "box"
     rounding: Length = 0.006
     """How much of its edges is taken off [m]."""
 
@@ -62,6 +63,7 @@ class Panel(ShapeTemplate, frozen=True, kw_only=True):
 class Sphere(ShapeTemplate, frozen=True, kw_only=True):
     """A ball, or an ellipsoid; a fruit where it has a stem."""
 
+    name = "ball"
     roles: ClassVar[MaterialRoles] = MappingProxyType({"body": finishes.FOOD, "stem": finishes.SOIL})
     stem: bool = False
 
@@ -98,6 +100,7 @@ class Cylinder(ShapeTemplate, frozen=True, kw_only=True):
 class TableLeg(ShapeTemplate, frozen=True, kw_only=True):
     """A leg of a table: a post that tapers towards the ground."""
 
+    name = "leg"
     roles: ClassVar[MaterialRoles] = MappingProxyType({"body": finishes.OAK})
     taper: Annotated[float, msgspec.Meta(ge=0.0, le=0.9)] = 0.3
     """How much thinner it is at the ground, as a share."""

@@ -18,6 +18,7 @@ __all__ = ["WireRack"]
 class WireRack(ShapeTemplate, frozen=True, kw_only=True):
     """A rack of wires: a grid where it is flat, else a basket."""
 
+    name = "rack"
     roles: ClassVar[MaterialRoles] = MappingProxyType({"body": finishes.CHROME})
     wire: Thickness = 0.005
     """How thick [m]."""

@@ -27,6 +27,7 @@ _MIN_SHELF_SPACING_M = 0.05
 class Cabinet(ShapeTemplate, frozen=True, kw_only=True):
     """A case that is open to the front, with shelves: a cupboard, a fridge, an oven."""
 
+    name = "case"
     roles: ClassVar[MaterialRoles] = MappingProxyType(
         {"body": finishes.LACQUER, "top": "body", "inside": "body", "shelf": "inside"}
     )

@@ -86,6 +86,7 @@ class Towel(ShapeTemplate, frozen=True, kw_only=True):
 class PaperRoll(ShapeTemplate, frozen=True, kw_only=True):
     """A roll of paper, upright, hollow in the middle."""
 
+    name = "roll"
     roles: ClassVar[MaterialRoles] = MappingProxyType({"body": finishes.PAPER, "core": finishes.WICKER})
     core: PositiveFraction = 0.3
     """How wide the core is, as a share."""
@@ -154,6 +155,7 @@ class Plant(ShapeTemplate, frozen=True, kw_only=True):
 class Person(ShapeTemplate, frozen=True, kw_only=True):
     """Somebody who stands: legs, a trunk, arms and a head; who it is looks to the front."""
 
+    name = "figure"
     roles: ClassVar[MaterialRoles] = MappingProxyType(
         {"body": finishes.PICTURE, "legs": finishes.DARK_PLASTIC, "head": finishes.BAMBOO}
     )

@@ -95,6 +95,7 @@ class _RoundVessel:
 class DinnerPlate(ShapeTemplate, frozen=True, kw_only=True):
     """A plate."""
 
+    name = "plate"
     roles: ClassVar[MaterialRoles] = MappingProxyType({"body": finishes.CERAMIC})
     rim: Fraction = 0.3
     """How much of its radius the rim is."""
@@ -238,6 +239,7 @@ def _handle_split(depth: float, width: float, share: float) -> tuple[tuple[float
 class DrinkingGlass(ShapeTemplate, frozen=True, kw_only=True):
     """A drinking glass; on a stem, it is a wine glass."""
 
+    name = "glass"
     roles: ClassVar[MaterialRoles] = MappingProxyType({"body": finishes.CLEAR_GLASS})
     wall: Thickness = 0.0025
     foot: PositiveFraction = 0.8
