@@ -1,7 +1,7 @@
 """Hub: where clients and this process meet, as rosbridge_server with a ROS master behind it.
 
 Clients advertise services, topics and actions to each other through it. This process takes part by the same words:
-the hub itself is a `Node`, and its offers are answered without leaving the process.
+the hub itself is a `MarkerNode`, and its offers are answered without leaving the process.
 """
 
 from __future__ import annotations

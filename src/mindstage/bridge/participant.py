@@ -1,7 +1,7 @@
 """Participant: someone at a hub, who offers and calls services, publishes and subscribes, sends and reaches goals.
 
 `LocalNode` is one for everything in its own process, `Client` is one at somebody else's hub; whoever is written against
-`Node` works with both. Every method may be called from any thread.
+`MarkerNode` works with both. Every method may be called from any thread.
 """
 
 from __future__ import annotations

@@ -26,8 +26,8 @@ from mindstage.errors import AuthenticationError, BridgeUnavailableError
 
 __all__ = ["RosbridgeServer"]
 
-_log = logging.getLogger("mindstage.bridge.handshakes")
-_log.addHandler(logging.NullHandler())  # what strangers try is told to those who configured logging
+_handshake_log = logging.getLogger("mindstage.bridge.handshakes")
+_handshake_log.addHandler(logging.NullHandler())  # what strangers try is told to those who configured logging
 _client_numbers = count(1)
 _PING_INTERVAL_S = 20.0
 _MAX_UNAUTHENTICATED_BYTES = 16 * 1024
@@ -158,7 +158,7 @@ class RosbridgeServer:
             self._sockets = await serve(
                 self._handle_connection, self.host, self.port, process_request=self._process_request, compression=None,
                 max_size=_MAX_UNAUTHENTICATED_BYTES, ping_interval=self._ping_interval_s, ping_timeout=self._ping_interval_s, close_timeout=2.0,
-                server_header=None, logger=_log,
+                server_header=None, logger=_handshake_log,
             )  # fmt: skip
         except (OSError, OverflowError) as error:
             cause = error.strerror if isinstance(error, OSError) and error.strerror else str(error)

@@ -64,7 +64,7 @@ Arguments = Annotated[
 
 Why = Annotated[bool, typer.Option("--why", help="Show what led to each answer.")]
 
-Color = Annotated[
+ColorOption = Annotated[
     str | None,
     typer.Option(
         "--highlight",
@@ -89,7 +89,7 @@ def ask(
     bundled: Bundled = True,
     closure: Closure = False,
     robots: Robots = None,
-    highlight: Color = None,
+    highlight: ColorOption = None,
     map_name: MapName = None,
     engine: EngineName = "mujoco",
     with_viewport: WithViewport = True,

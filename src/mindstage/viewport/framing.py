@@ -218,7 +218,7 @@ def _fit_camera(points: Array, direction: Array, aspect: float) -> CameraPose:
     eye = points[0] + across * right + upwards * up + depth * direction
     middle = float(np.median(seen[:, 2]))
     return CameraPose(
-        _vector(eye), _vector(eye - max(depth - middle, _MIN_DISTANCE_M) * direction), float(_FIELD_OF_VIEW_RAD)
+        _to_vector(eye), _to_vector(eye - max(depth - middle, _MIN_DISTANCE_M) * direction), float(_FIELD_OF_VIEW_RAD)
     )
 
 
@@ -239,6 +239,6 @@ def _visibility(
     return float(np.exp(-through / _OCCLUSION_LENGTH_M).sum())
 
 
-def _vector(array: Array) -> Vector:
+def _to_vector(array: Array) -> Vector:
     x, y, z = array.tolist()
     return x, y, z

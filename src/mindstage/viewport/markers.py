@@ -32,7 +32,7 @@ _MESHES: dict[MarkerType, Callable[[Vector], TriangleMesh]] = {
 }
 _MIN_THICKNESS_M = 1e-3
 
-Node = viser.MeshHandle | viser.LineSegmentsHandle | viser.PointCloudHandle | viser.LabelHandle
+MarkerNode = viser.MeshHandle | viser.LineSegmentsHandle | viser.PointCloudHandle | viser.LabelHandle
 
 
 class MarkerNodes:
@@ -46,7 +46,7 @@ class MarkerNodes:
         """
         self._server = server
         self._markers: dict[str, Marker] = {}
-        self._nodes: dict[str, Node] = {}
+        self._nodes: dict[str, MarkerNode] = {}
         self._appearances: Mapping[BodyId, BodyAppearance] = {}
         self._body_copies: dict[str, BodyAppearance | None] = {}
         """How the bodies looked of which ghosts are shown."""

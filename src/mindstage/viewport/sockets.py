@@ -25,8 +25,8 @@ _infra: Any = _viser  # what it imports is not exported
 ConnectionClosed: type[Exception] = _infra.websockets.exceptions.ConnectionClosed
 _serve = _infra.websockets.asyncio.server.serve
 _patch_lock = threading.Lock()
-_log = logging.getLogger("mindstage.viewport.handshakes")
-_log.addHandler(logging.NullHandler())  # what strangers try is told to those who configured logging
+_handshake_log = logging.getLogger("mindstage.viewport.handshakes")
+_handshake_log.addHandler(logging.NullHandler())  # what strangers try is told to those who configured logging
 
 
 class WebSocket(Protocol):
@@ -71,7 +71,7 @@ class HttpRoutes:
             return self._process(socket, request, page)
 
         self.patched = True
-        return _serve(handle, *args, **options | {"process_request": process, "server_header": None, "logger": _log})
+        return _serve(handle, *args, **options | {"process_request": process, "server_header": None, "logger": _handshake_log})
 
     def _process(self, socket: Any, request: Any, page: Callable[[Any, Any], Any]) -> Any:
         headers = request.headers

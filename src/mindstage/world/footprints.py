@@ -19,7 +19,7 @@ __all__ = ["footprints", "polygon_areas", "polygon_gaps", "polygon_overlap_areas
 _CORNERS = 6
 _MIN_EDGE_M = 1e-9
 """An edge shorter than this comes from rounding; it has no direction to trust."""
-_CHUNK_SIZE = 1 << 14
+_POLYGON_CHUNK_SIZE = 1 << 14
 """So many pairs are looked at in one go; it bounds the memory."""
 
 
@@ -97,8 +97,8 @@ def _corner_to_edge_distance(corners: Array, polygons: Array) -> Array:
 
 def _in_chunks(function: Callable[[Array, Array], Array], polygons: Array, a: Indices, b: Indices) -> Array:
     found: NDArray[np.float64] = np.zeros(len(a))
-    for start in range(0, len(a), _CHUNK_SIZE):
-        part = slice(start, start + _CHUNK_SIZE)
+    for start in range(0, len(a), _POLYGON_CHUNK_SIZE):
+        part = slice(start, start + _POLYGON_CHUNK_SIZE)
         found[part] = function(polygons[a[part]], polygons[b[part]])
     return found
 

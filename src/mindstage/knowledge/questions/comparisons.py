@@ -114,7 +114,7 @@ def _explain_difference(kb: KnowledgeBase, row: MapDifference) -> Iterator[str]:
 
 @identical_maps.missing
 @differences.missing
-def _missing_maps(
+def _missing_map_pair(
     kb: KnowledgeBase, a: Iri | None = None, b: Iri | None = None, tolerance: float = 0.0
 ) -> Iterator[MissingKnowledge]:
     known = kb.maps()
