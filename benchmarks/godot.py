@@ -15,10 +15,9 @@ from typing import NamedTuple
 from benchmarks import Measure
 from benchmarks.mujoco import _field, _kitchen
 from mindstage.engines import Engine, GodotEngine, MujocoEngine
-from mindstage.engines.godot import find_godot
-from mindstage.engines.godot.project import isolated_environment, prepare_project
+from mindstage.engines.godot_process import find_godot, isolated_environment, prepare_project
 from mindstage.errors import EngineUnavailableError
-from mindstage.world import World
+from mindstage.scene import World
 
 COUNTS = (136, 1000, 5000)
 TICK_S = 1 / 240

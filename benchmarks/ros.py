@@ -23,7 +23,7 @@ from websockets.asyncio.client import connect
 
 from benchmarks import Measure
 from benchmarks.knowledge import BUNDLED
-from mindstage.bridge.description import spawn_request
+from mindstage.bridge.conversions_unreal import spawn_request
 from mindstage.knowledge import KnowledgeBase
 from mindstage.msgs import encode
 

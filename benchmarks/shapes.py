@@ -15,9 +15,9 @@ import numpy as np
 
 from benchmarks import Measure, run
 from mindstage.engines import MujocoEngine, SpawnNoteKind
+from mindstage.geometry.fit import fit_geometry
 from mindstage.knowledge import KnowledgeBase, bundled_kitchen
-from mindstage.shapes.fitting import fit_geometry
-from mindstage.world import NO_GEOMETRY, GeometryMap, World
+from mindstage.scene import NO_GEOMETRY, GeometryMap, World
 
 RUNS = 9
 _DEEP_M = 0.001

@@ -28,9 +28,9 @@ from websockets.typing import Subprotocol
 from benchmarks import Measure, median_runs
 from mindstage import KnowledgeBase, MujocoEngine, NullEngine, Simulation
 from mindstage.knowledge import bundled_kitchen
-from mindstage.viewport import Viewer
-from mindstage.viewport.browser import HeadlessBrowser
-from mindstage.world import Body, BodyId, BodyPhysics, Iri, Mobility, Pose, World
+from mindstage.scene import Body, BodyId, BodyPhysics, Iri, Mobility, Pose, World
+from mindstage.viewer import Viewer
+from mindstage.viewer.screenshot import HeadlessBrowser
 
 UPDATES = 30
 """A second of them."""

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from mindstage.knowledge import KnowledgeBase, bundled_kitchen
-from mindstage.knowledge.questions import Answers, Question, cell_text, list_questions
+from mindstage.knowledge.queries import Answers, Question, cell_text, list_questions
 
 __all__ = ["main"]
 

@@ -20,10 +20,10 @@ from drawing.sheet import save_sheet
 from PIL import Image
 from pyoxigraph import NamedNode
 
+from mindstage.geometry import SHAPE_TEMPLATES, ShapeTemplate
+from mindstage.geometry.fit import fit_geometry
 from mindstage.knowledge import KnowledgeBase
-from mindstage.shapes import SHAPE_TEMPLATES, ShapeTemplate
-from mindstage.shapes.fitting import fit_geometry
-from mindstage.world import Body, BodyGeometry, BodyId, Iri, PbrMaterial, Pose, Vector, World
+from mindstage.scene import Body, BodyGeometry, BodyId, Iri, PbrMaterial, Pose, Vector, World
 
 DOCS = Path(__file__).resolve().parent.parent / "docs"
 PAGE = DOCS / "reference" / "shapes.md"

@@ -12,10 +12,10 @@ import sys
 from pathlib import Path
 
 from mindstage import KnowledgeBase, Simulation
-from mindstage.cli.opening import pull_open
+from mindstage.cli.shot import pull_open
 from mindstage.engines import GodotEngine
 from mindstage.errors import MindstageError
-from mindstage.world import BodyId, Vector
+from mindstage.scene import BodyId, Vector
 
 OPTIONS = ("--rendering-method", "gl_compatibility", "--rendering-driver", "opengl3", "--audio-driver", "Dummy")
 LIT = (1.0, 0.55, 0.0)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from math import pi
 
-from mindstage.world import (
+from mindstage.scene import (
     AngularLimits,
     Attachment,
     AxisMotion,

@@ -22,7 +22,7 @@ from mindstage.errors import (
 )
 from mindstage.knowledge import KnowledgeBase, UnitConventions, save_map
 from mindstage.ros import RosInterface
-from mindstage.world import Iri, World
+from mindstage.scene import Iri, World
 from tests.kitchenette import kitchenette
 
 

@@ -124,13 +124,13 @@ def test_every_room_of_the_table_exists() -> None:
 @pytest.mark.parametrize(
     ("line", "expected"),
     [
-        ("import mindstage.stage", ["mindstage.stage"]),
-        ("from mindstage.world import Pose", ["mindstage.world.Pose"]),
-        ("from . import loop", ["mindstage.world.loop"]),
-        ("from .loop import Loop", ["mindstage.world.loop.Loop"]),
+        ("import mindstage.stage", ["mindstage.simulation"]),
+        ("from mindstage.world import Pose", ["mindstage.scene.Pose"]),
+        ("from . import loop", ["mindstage.scene.loop"]),
+        ("from .loop import Loop", ["mindstage.scene.loop.Loop"]),
         ("from ..knowledge import KnowledgeBase", ["mindstage.knowledge.KnowledgeBase"]),
         ("def late():\n    import mujoco", ["mujoco"]),
-        ("import_module('mindstage.stage')", ["mindstage.stage"]),
+        ("import_module('mindstage.stage')", ["mindstage.simulation"]),
     ],
 )
 def test_the_walk_sees_every_way_to_import(
@@ -202,7 +202,7 @@ def test_the_drawn_tree_of_errors_is_the_tree_of_classes() -> None:
 
 
 def test_the_command_line_ends_with_the_drawn_exit_codes() -> None:
-    from mindstage.cli.outcome import exit_code
+    from mindstage.cli.options import exit_code
 
     for name, (_, code) in drawn_errors().items():
         if code is not None:

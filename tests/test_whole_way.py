@@ -9,7 +9,7 @@ from hypothesis import HealthCheck, given, settings
 
 from mindstage.engines import MujocoEngine
 from mindstage.knowledge import KnowledgeBase, bundled_kitchen, save_map
-from mindstage.world import World, diff
+from mindstage.scene import World, diff
 from tests.worlds import worlds
 
 

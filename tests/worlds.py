@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from hypothesis.strategies import SearchStrategy
 from msgspec.structs import replace
 
-from mindstage.world import (
+from mindstage.scene import (
     AngularLimits,
     Attachment,
     AxisMotion,
@@ -46,7 +46,7 @@ from mindstage.world import (
     Vector,
     World,
 )
-from mindstage.world.comparison_facts import StatementCanonicalizer
+from mindstage.scene.blank_node_matching import StatementCanonicalizer
 from tests.kitchenette import KNOWROB, MAP, RDFS, kitchenette
 
 __all__ = [

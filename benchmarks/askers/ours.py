@@ -10,8 +10,8 @@ from pathlib import Path
 from statistics import median
 
 from mindstage.knowledge import KnowledgeBase
-from mindstage.knowledge.questions import get_question
-from mindstage.world import Iri
+from mindstage.knowledge.queries import get_question
+from mindstage.scene import Iri
 
 __all__ = ["main"]
 

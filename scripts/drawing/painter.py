@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageFilter
 
-from mindstage.world import BodyGeometry, VisualMesh
+from mindstage.scene import BodyGeometry, VisualMesh
 
 __all__ = ["Painter"]
 

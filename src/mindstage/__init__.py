@@ -14,9 +14,9 @@ if TYPE_CHECKING:
     from mindstage.api import connect, diff, load, open, save, view  # noqa: A004
     from mindstage.engines import MujocoEngine, NullEngine
     from mindstage.knowledge import KnowledgeBase
-    from mindstage.stage import Simulation
-    from mindstage.viewport import Screenshot, Viewer
-    from mindstage.world import World
+    from mindstage.scene import World
+    from mindstage.simulation import Simulation
+    from mindstage.viewer import Screenshot, Viewer
 
 __all__ = [
     "KnowledgeBase",
@@ -41,10 +41,10 @@ _MODULES = {
     "KnowledgeBase": "mindstage.knowledge",
     "MujocoEngine": "mindstage.engines",
     "NullEngine": "mindstage.engines",
-    "Screenshot": "mindstage.viewport",
-    "Simulation": "mindstage.stage",
-    "Viewer": "mindstage.viewport",
-    "World": "mindstage.world",
+    "Screenshot": "mindstage.viewer",
+    "Simulation": "mindstage.simulation",
+    "Viewer": "mindstage.viewer",
+    "World": "mindstage.scene",
     "connect": "mindstage.api",
     "diff": "mindstage.api",
     "load": "mindstage.api",

@@ -22,9 +22,9 @@ if TYPE_CHECKING:
     from mindstage.engines import Engine
     from mindstage.knowledge import KnowledgeBase, SparqlEndpoint, UnitConventions
     from mindstage.saving import FileDialect, FileFormat
-    from mindstage.stage import Simulation
-    from mindstage.viewport import Viewer
-    from mindstage.world import World, WorldDiff
+    from mindstage.scene import World, WorldDiff
+    from mindstage.simulation import Simulation
+    from mindstage.viewer import Viewer
 
 __all__ = ["connect", "diff", "load", "load_knowledge", "make_simulation", "open", "save", "view"]
 
@@ -209,7 +209,7 @@ def save(
         EngineUnavailableError: Godot is not installed.
     """
     from mindstage.saving import save_world
-    from mindstage.world import World
+    from mindstage.scene import World
 
     world = what if isinstance(what, World) else what.snapshot()
     known = knowledge if isinstance(what, World) else knowledge or what.knowledge
@@ -245,9 +245,9 @@ def diff(
         MapNotFoundError: a file holds no map.
         AmbiguousMapError: a file holds several maps; load the one that is meant.
     """
-    from mindstage.stage import Simulation
-    from mindstage.world import World
-    from mindstage.world import diff as compare
+    from mindstage.scene import World
+    from mindstage.scene import diff as compare
+    from mindstage.simulation import Simulation
 
     def world_of(each: StrPath | World | Simulation) -> World:
         if isinstance(each, World):
@@ -287,7 +287,7 @@ def view(
         AuthenticationError: others could reach the page, and there is no token.
         ViewerUnavailableError: nothing can be served there.
     """
-    from mindstage.viewport import Viewer
+    from mindstage.viewer import Viewer
 
     page = Viewer(sim, host=host, port=port, token=token, origins=origins)
     sim.on_close(page.close)
@@ -378,7 +378,7 @@ def make_simulation(
         SourceParseError: one of the asset folders does not exist.
     """
     from mindstage.saving import mesh_assets
-    from mindstage.stage import Simulation
+    from mindstage.simulation import Simulation
 
     if plain_shapes:
         return Simulation(knowledge, engine, timeout_s=timeout_s, shapes=False)

@@ -16,9 +16,9 @@ from mindstage.errors import InvalidArgumentError, MapWriteError, SourceParseErr
 
 if TYPE_CHECKING:
     from mindstage.assets import MeshLibrary
+    from mindstage.geometry import FittedGeometry
     from mindstage.knowledge import KnowledgeBase, SourceMapView
-    from mindstage.shapes import FittedGeometry
-    from mindstage.world import World
+    from mindstage.scene import World
 
 __all__ = ["FileDialect", "FileFormat", "dialect_name", "file_format", "mesh_assets", "save_world"]
 
@@ -215,7 +215,7 @@ def _save_scene(
     godot: StrPath | None,
 ) -> tuple[str, ...]:
     """Writes what a world looks like, or how it moves."""
-    from mindstage.knowledge.writers.mapwriter import save_file
+    from mindstage.knowledge.io.write import save_file
 
     fitted = _fitted(world, knowledge, assets=assets, plain_shapes=plain_shapes)
     if format is FileFormat.MJCF:
@@ -224,7 +224,7 @@ def _save_scene(
         text, notes = world_to_mjcf(world, geometry=fitted.geometry, find_mesh=knowledge.find_file)
         save_file(path, text.encode())
     elif format is FileFormat.GLTF:
-        from mindstage.exports import world_to_glb
+        from mindstage.assets.gltf import world_to_glb
 
         data, notes = world_to_glb(world, geometry=fitted.geometry)
         save_file(path, data)
@@ -236,8 +236,8 @@ def _save_scene(
 def _fitted(
     world: World, knowledge: KnowledgeBase, *, assets: StrPath | Iterable[StrPath], plain_shapes: bool
 ) -> FittedGeometry:
-    from mindstage.shapes import FittedGeometry, fit_geometry
-    from mindstage.world import NO_GEOMETRY
+    from mindstage.geometry import FittedGeometry, fit_geometry
+    from mindstage.scene import NO_GEOMETRY
 
     return (
         FittedGeometry(NO_GEOMETRY)
@@ -251,7 +251,7 @@ def _save_godot_scene(world: World, path: Path, fitted: FittedGeometry, *, godot
     from tempfile import TemporaryDirectory
 
     from mindstage.engines import GodotEngine
-    from mindstage.knowledge.writers.mapwriter import save_file
+    from mindstage.knowledge.io.write import save_file
 
     engine = GodotEngine(None if godot is None else Path(godot))
     try:

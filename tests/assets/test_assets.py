@@ -12,9 +12,9 @@ import trimesh
 from PIL import Image
 
 from mindstage.assets import MeshLibrary
-from mindstage.assets.reading import import_meshes
-from mindstage.engines.solids import compile_geometry
-from mindstage.world import Body, BodyGeometry, BodyId, CollisionShapeType, GeometrySource, Iri, Pose, Vector
+from mindstage.assets.mesh_import import import_meshes
+from mindstage.engines.collision_shapes import compile_geometry
+from mindstage.scene import Body, BodyGeometry, BodyId, CollisionShapeType, GeometrySource, Iri, Pose, Vector
 
 MUG = (0.08, 0.1, 0.12)
 
@@ -238,7 +238,7 @@ def test_an_open_box_is_made_of_convex_pieces_with_room_inside(folder: Path, cac
 
 
 def test_a_hull_has_the_extents_of_its_mesh(folder: Path, cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("mindstage.assets.reading._can_decompose", lambda: False)
+    monkeypatch.setattr("mindstage.assets.mesh_import._can_decompose", lambda: False)
     ball = trimesh.creation.icosphere(subdivisions=4, radius=0.05)
     ball.export(folder / "ball.stl")
     form, _ = formed(folder, cache, body(size=(0.1, 0.1, 0.1), cls="Ball"))
@@ -252,7 +252,7 @@ def test_the_hull_of_a_tilted_cylinder_weighs_what_the_cylinder_does(
     folder: Path, cache: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """An STL file rounds to single precision, so that the corners of a cap are not quite in one plane."""
-    monkeypatch.setattr("mindstage.assets.reading._can_decompose", lambda: False)
+    monkeypatch.setattr("mindstage.assets.mesh_import._can_decompose", lambda: False)
     tilted = trimesh.creation.cylinder(radius=0.03, height=0.2, sections=32)
     tilted.apply_transform(trimesh.transformations.rotation_matrix(0.7, (0.3, 0.9, 0.2), (1.0, 2.0, 3.0)))
     tilted.export(folder / "mug.stl")
@@ -271,7 +271,7 @@ def test_what_was_read_once_is_read_from_the_cache(folder: Path, cache: Path, mo
     def no_process(*_: object, **__: object) -> None:
         raise AssertionError("a process was started")
 
-    monkeypatch.setattr("mindstage.assets.reading.subprocess", SimpleNamespace(Popen=no_process))
+    monkeypatch.setattr("mindstage.assets.mesh_import.subprocess", SimpleNamespace(Popen=no_process))
     again, _ = formed(folder, cache, body())
     assert first is not None
     assert again is not None

@@ -13,10 +13,9 @@ import trimesh
 from hypothesis import given, settings
 from msgspec.structs import replace
 
+from mindstage.assets.gltf import _PRIMITIVES, geometry_to_glb, world_to_glb
 from mindstage.errors import MapWriteError
-from mindstage.exports import geometry_to_glb, world_to_glb
-from mindstage.exports.gltf import _PRIMITIVES
-from mindstage.world import (
+from mindstage.scene import (
     AttachedLight,
     Attachment,
     Body,
@@ -33,7 +32,7 @@ from mindstage.world import (
     VisualMesh,
     World,
 )
-from mindstage.world.geometry import normalized_pose_array, rotation_matrix
+from mindstage.scene.transforms import normalized_pose_array, rotation_matrix
 from tests.kitchenette import kitchenette
 from tests.worlds import worlds
 

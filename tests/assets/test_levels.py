@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from mindstage.assets.levels import find_support_surfaces
-from mindstage.world import PbrMaterial, VisualMesh
+from mindstage.assets.library import find_support_surfaces
+from mindstage.scene import PbrMaterial, VisualMesh
 
 
 def skin(*boxes: tuple[tuple[float, float, float], tuple[float, float, float]]) -> VisualMesh:

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from mindstage.exports import cache_geometry_glb, geometry_cache_dir
-from mindstage.world import BodyGeometry, PbrMaterial, VisualMesh
+from mindstage.assets.cache import cache_geometry_glb, geometry_cache_dir
+from mindstage.scene import BodyGeometry, PbrMaterial, VisualMesh
 
 SKIN = VisualMesh(
     points=np.array([[1.0, 0, 0], [0, 2, 0], [0, 0, 3], [0, 0, 0]]),
@@ -61,6 +61,6 @@ def test_what_was_not_used_for_longest_goes_when_there_is_too_much(
         os.utime(folder / name, (1000.0 + age, 1000.0 + age))
     cache_geometry_glb(replace(FORM, key=f"{0:016x}"))  # used just now
     size = (folder / names[0]).stat().st_size
-    monkeypatch.setattr("mindstage.exports.shelf._MAX_BYTES", 3 * size)
+    monkeypatch.setattr("mindstage.assets.cache._MAX_BYTES", 3 * size)
     newest = cache_geometry_glb(replace(FORM, key=f"{9:016x}"))
     assert {path.name for path in folder.iterdir()} == {names[0], names[3], newest}

@@ -9,8 +9,7 @@ from typing import Any
 import pytest
 
 from mindstage.bridge import LocalNode, RosbridgeClient, RosbridgeServer
-
-from .talking import TIMEOUT_S, RawClient
+from tests.bridge.talking import TIMEOUT_S, RawClient
 
 
 @pytest.fixture

@@ -18,10 +18,9 @@ from mindstage.bridge import (
     RosbridgeServer,
     ServerGoalHandle,
 )
-from mindstage.bridge.serving import MAX_GOALS
+from mindstage.bridge.node import MAX_GOALS
 from mindstage.errors import ServiceCallError, ServiceNotFoundError, ServiceTimeoutError
-
-from .talking import RawClient, eventually
+from tests.bridge.talking import RawClient, eventually
 
 Talkers = Callable[..., RawClient]
 Clients = Callable[..., RosbridgeClient]

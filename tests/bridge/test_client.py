@@ -19,8 +19,7 @@ from mindstage.errors import (
     ServiceNotFoundError,
     ServiceTimeoutError,
 )
-
-from .talking import TIMEOUT_S, eventually
+from tests.bridge.talking import TIMEOUT_S, eventually
 
 Clients = Callable[..., RosbridgeClient]
 

@@ -8,48 +8,39 @@ from math import cos, radians, sin
 import numpy as np
 import pytest
 from hypothesis import given
-from mindstage.world.colors import COLORS
 from msgspec.structs import replace
 
-from mindstage.bridge.description import (
-    body_from_box,
-    body_from_message,
+from mindstage.bridge.conversions import (
     color_code,
     color_from_code,
     color_from_message,
     color_message,
-    materials_from_lists,
-    model_message,
-    physics_from_message,
-    physics_message,
     point_from_message,
     point_message,
     pose_array_from_messages,
     pose_array_messages,
     pose_from_message,
     pose_message,
+    vector_from_message,
+    vector_message,
+)
+from mindstage.bridge.conversions_unreal import (
+    body_from_box,
+    body_from_message,
+    materials_from_lists,
+    model_message,
+    physics_from_message,
+    physics_message,
     spawn_model_request,
     spawn_request,
     untranslatable_fields,
-    vector_from_message,
-    vector_message,
     world_from_request,
 )
 from mindstage.errors import MessageValidationError
 from mindstage.msgs import decode, encode, world_control_msgs
-from mindstage.world import (
-    Body,
-    BodyPhysics,
-    Iri,
-    Material,
-    Mobility,
-    Pose,
-    PrimitiveShape,
-    PrimitiveType,
-    Tag,
-    World,
-)
-from mindstage.world.geometry import pose_array
+from mindstage.scene import Body, BodyPhysics, Iri, Material, Mobility, Pose, PrimitiveShape, PrimitiveType, Tag, World
+from mindstage.scene.colors import COLORS
+from mindstage.scene.transforms import pose_array
 from tests.bridge.wired import ASYMMETRIC, MUG, transmittable_part
 from tests.kitchenette import KNOWROB, MAP
 from tests.worlds import bodies, poses

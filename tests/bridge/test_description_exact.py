@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 
 from mindstage import errors
-from mindstage.bridge.description import (
+from mindstage.bridge.conversions import (
     error_from_text,
     error_text,
     error_to_message,
@@ -43,7 +43,7 @@ from mindstage.errors import (
     WorldError,
 )
 from mindstage.msgs import decode, encode, mindstage_msgs
-from mindstage.world import BodyPhysics, Iri, Literal, Material, Mobility, PropertyAssertion, World
+from mindstage.scene import BodyPhysics, Iri, Literal, Material, Mobility, PropertyAssertion, World
 from tests.kitchenette import KNOWROB, kitchenette
 from tests.worlds import materials, physics, worlds
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mindstage.bridge.description import (
+from mindstage.bridge.conversions import (
     BodyModelDelta,
     JointModelDelta,
     PhysicsModelDelta,
@@ -19,7 +19,7 @@ from mindstage.bridge.description import (
     model_delta_to_json,
 )
 from mindstage.errors import MessageValidationError
-from mindstage.world import (
+from mindstage.scene import (
     AttachedLight,
     BodyGeometry,
     BodyId,

@@ -7,8 +7,8 @@ from pathlib import Path
 from hypothesis import given
 from msgspec.structs import replace
 
-from mindstage.bridge.description import (
-    ConversionNote,
+from mindstage.bridge.conversions import ConversionNote
+from mindstage.bridge.conversions_unreal import (
     joint_from_message,
     joint_message,
     spawn_request,
@@ -16,7 +16,7 @@ from mindstage.bridge.description import (
     world_from_request,
 )
 from mindstage.msgs import encode, geometry_msgs, world_control_msgs
-from mindstage.world import (
+from mindstage.scene import (
     AngularLimits,
     AxisMotion,
     BodyId,

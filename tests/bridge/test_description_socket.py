@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from mindstage.bridge import LocalNode, RosbridgeClient
-from mindstage.bridge.description import spawn_request, world_from_json, world_from_request, world_to_json
+from mindstage.bridge.conversions import world_from_json, world_to_json
+from mindstage.bridge.conversions_unreal import spawn_request, world_from_request
 from mindstage.msgs import decode_arguments, encode, mindstage_msgs, world_control_msgs
-from mindstage.world import World
+from mindstage.scene import World
+from tests.bridge.talking import RawClient
 from tests.kitchenette import kitchenette
-
-from .talking import RawClient
 
 
 def test_a_kitchenette_is_spawned_over_a_socket(hub: LocalNode, talker: Callable[..., RawClient]) -> None:

@@ -15,8 +15,7 @@ import pytest
 
 from mindstage.bridge import LocalNode, RosbridgeServer
 from mindstage.bridge.protocol import Compression, MessageEncoder, Publish
-
-from .talking import RawClient, eventually, raw_subscriber
+from tests.bridge.talking import RawClient, eventually, raw_subscriber
 
 Talkers = Callable[..., RawClient]
 

@@ -11,8 +11,7 @@ import roslibpy
 from roslibpy.comm.comm_asyncio import AsyncioRosBridgeClientFactory
 
 from mindstage.bridge import LocalNode, RosbridgeClient, RosbridgeServer, ServerGoalHandle
-
-from .talking import TIMEOUT_S, eventually
+from tests.bridge.talking import TIMEOUT_S, eventually
 
 Ros = Callable[[], roslibpy.Ros]
 

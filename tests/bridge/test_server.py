@@ -12,11 +12,10 @@ import pytest
 from websockets.exceptions import InvalidStatus
 
 from mindstage.bridge import BridgeLimits, LocalNode, RosbridgeServer
-from mindstage.bridge.access import TokenAuth, is_loopback
 from mindstage.bridge.protocol import Auth
+from mindstage.bridge.server import TokenAuth, is_loopback
 from mindstage.errors import AuthenticationError, BridgeUnavailableError
-
-from .talking import TIMEOUT_S, RawClient, eventually, raw_subscriber
+from tests.bridge.talking import TIMEOUT_S, RawClient, eventually, raw_subscriber
 
 Talkers = Callable[..., RawClient]
 

@@ -21,8 +21,7 @@ from mindstage.errors import (
     ServiceNotFoundError,
     ServiceTimeoutError,
 )
-
-from .talking import RawClient, eventually
+from tests.bridge.talking import RawClient, eventually
 
 Talkers = Callable[..., RawClient]
 

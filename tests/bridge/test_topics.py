@@ -11,12 +11,10 @@ import msgspec
 import pytest
 
 from mindstage.bridge import BridgeLimits, Compression, LocalNode, RosbridgeServer
+from mindstage.bridge.broker import PLAIN_FORMAT, Peer, ReplyFormat, ThrottledQueue
 from mindstage.bridge.protocol import MessageDecoder, MessageEncoder, Publish, Subscribe
-from mindstage.bridge.switchboard import PLAIN_FORMAT, Peer, ReplyFormat
-from mindstage.bridge.switchboard.feeds import ThrottledQueue
 from mindstage.errors import AdvertiseError, MessageValidationError
-
-from .talking import RawClient, eventually
+from tests.bridge.talking import RawClient, eventually
 
 Talkers = Callable[..., RawClient]
 

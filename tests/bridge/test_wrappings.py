@@ -19,10 +19,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
 
-from mindstage.bridge.protocol import BridgeLimits, Compression, MessageDecoder, MessageEncoder, Publish
-from mindstage.bridge.protocol.cbor import read_cbor, write_cbor
-from mindstage.bridge.protocol.fragments import FragmentBuffer, split_fragments
-from mindstage.bridge.protocol.png import read_png, write_png
+from mindstage.bridge.encodings import read_cbor, read_png, write_cbor, write_png
+from mindstage.bridge.protocol import (
+    BridgeLimits,
+    Compression,
+    FragmentBuffer,
+    MessageDecoder,
+    MessageEncoder,
+    Publish,
+    split_fragments,
+)
 from mindstage.errors import MessageValidationError
 
 

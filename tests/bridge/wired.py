@@ -8,12 +8,7 @@ from math import cos, radians, sin
 from msgspec.structs import replace
 
 from mindstage.msgs import decode, encode, world_control_msgs
-from mindstage.world import (
-    Body,
-    BodyId,
-    Iri,
-    Pose,
-)
+from mindstage.scene import Body, BodyId, Iri, Pose
 from tests.kitchenette import KNOWROB, MAP
 
 __all__ = ["ASYMMETRIC", "MUG", "json_round_trip", "transmittable_part"]

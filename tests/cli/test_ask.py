@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from mindstage.knowledge.questions import list_questions
+from mindstage.knowledge.queries import list_questions
 from tests.cli.typed import Run, WriteMap, json_output
 
 KITCHEN = ("--map", "bundled:kitchen")

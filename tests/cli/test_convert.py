@@ -7,7 +7,7 @@ from pathlib import Path
 import mujoco
 import pytest
 
-from mindstage.knowledge.bundled import BUNDLED_KITCHEN
+from mindstage.knowledge.io.files import BUNDLED_KITCHEN
 from tests.cli.typed import Run, WriteMap, json_output
 
 SAMPLES = ("ameva-task-two", "iai-kitchen-original", "knowrob1-ccrl", "soma-iai-room")

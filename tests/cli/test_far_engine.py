@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from mindstage.engines import RemoteEngine
-from mindstage.knowledge.bundled import BUNDLED_KITCHEN
+from mindstage.knowledge.io.files import BUNDLED_KITCHEN
 from tests.cli.typed import Run, WriteMap, json_output
 
 
@@ -88,7 +88,7 @@ def test_a_map_that_cannot_be_read_leaves_the_far_world_alone(far: str, run: Run
 def test_a_far_engine_that_cannot_be_reached_is_trouble_in_one_line(
     engine: str, why: str, run: Run, write_map: WriteMap, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("mindstage.engines.remote.link._CONNECT_TIMEOUT_S", 0.5)
+    monkeypatch.setattr("mindstage.engines.remote.client._CONNECT_TIMEOUT_S", 0.5)
     result = run("spawn", write_map(), "--engine", engine, "--no-viewport")
     assert result.exit_code == 2
     assert why in result.stderr

@@ -13,7 +13,7 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from mindstage.cli.outcome import ExitCode, command
+from mindstage.cli.options import ExitCode, command
 from mindstage.errors import BodyNotFoundError, EngineClosedError
 from tests.cli.typed import Run, WriteMap, json_output
 

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from mindstage.knowledge.bundled import BUNDLED_KITCHEN
-from mindstage.world import World
+from mindstage.knowledge.io.files import BUNDLED_KITCHEN
+from mindstage.scene import World
 from tests.cli.typed import Run, WriteMap, json_output
 
 

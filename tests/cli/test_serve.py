@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 
 from mindstage.bridge import RosbridgeClient
-from mindstage.knowledge.bundled import BUNDLED_KITCHEN
+from mindstage.knowledge.io.files import BUNDLED_KITCHEN
 from tests.bridge.talking import TIMEOUT_S, eventually
 from tests.cli.typed import Run, WriteMap
 

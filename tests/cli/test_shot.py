@@ -13,7 +13,7 @@ import pytest
 from PIL import Image
 
 from tests.cli.typed import Run, WriteMap, json_output
-from tests.viewport.waiting import TIMEOUT_S, wait_until
+from tests.viewer.waiting import TIMEOUT_S, wait_until
 
 
 def test_a_map_is_photographed_with_its_answers_lit(

@@ -11,7 +11,7 @@ from urllib.request import urlopen
 
 import pytest
 
-from mindstage.knowledge.bundled import BUNDLED_KITCHEN
+from mindstage.knowledge.io.files import BUNDLED_KITCHEN
 from tests.cli.typed import Run, WriteMap, json_output
 
 MINDSTAGE = [sys.executable, "-m", "mindstage"]
@@ -62,7 +62,7 @@ def test_what_cannot_be_spawned_ends_with_one(run: Run, write_map: WriteMap, mon
     import msgspec
 
     from mindstage.engines import NullEngine, SpawnFailure, SpawnReport
-    from mindstage.world import NO_GEOMETRY, GeometryMap, World
+    from mindstage.scene import NO_GEOMETRY, GeometryMap, World
 
     class Picky(NullEngine):
         def spawn(self, world: World, *, geometry: GeometryMap = NO_GEOMETRY) -> SpawnReport:

@@ -13,10 +13,9 @@ import pytest
 
 from mindstage.engines import Capability, Engine, SpawnNoteKind
 from mindstage.errors import AttachmentError, BodyNotFoundError, EngineClosedError, PoseUnreachableError
-from mindstage.world import Body, BodyId, BodyPhysics, Joint, Material, Mobility, Pose, World, diff
-from mindstage.world.geometry import normalize, quat_angle, quat_rotate
-
-from .scenes import (
+from mindstage.scene import Body, BodyId, BodyPhysics, Joint, Material, Mobility, Pose, World, diff
+from mindstage.scene.transforms import normalize, quat_angle, quat_rotate
+from tests.engines.scenes import (
     FLOOR,
     LIMIT_M,
     LIMIT_RAD,

@@ -10,7 +10,7 @@ from mindstage.bridge import LocalNode, RosbridgeServer
 from mindstage.engines import Engine, MujocoEngine
 from mindstage.knowledge import KnowledgeBase
 from mindstage.ros import RosInterface
-from mindstage.stage import Simulation
+from mindstage.simulation import Simulation
 
 __all__ = ["ServedSimulation"]
 

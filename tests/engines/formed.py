@@ -5,8 +5,8 @@ from __future__ import annotations
 import hashlib
 from typing import Any
 
-from mindstage.world import BodyGeometry, CollisionShape, CollisionShapeType, Pose, Vector
-from mindstage.world.geometry import Array
+from mindstage.scene import BodyGeometry, CollisionShape, CollisionShapeType, Pose, Vector
+from mindstage.scene.transforms import Array
 
 __all__ = [
     "as_vector",

@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 
 from mindstage.engines import Capability, Engine, SpawnNoteKind, SpawnReport
-from mindstage.world import BodyGeometry, BodyId, BodyPhysics, CollisionShape, CollisionShapeType, Mobility, Pose, diff
-from mindstage.world.geometry import normalize, quat_angle, quat_rotate
-
-from .contract import apply_force_for, current_pose, displacement
-from .formed import (
+from mindstage.scene import BodyGeometry, BodyId, BodyPhysics, CollisionShape, CollisionShapeType, Mobility, Pose, diff
+from mindstage.scene.transforms import normalize, quat_angle, quat_rotate
+from tests.engines.contract import apply_force_for, current_pose, displacement
+from tests.engines.formed import (
     as_vector,
     bin_geometry,
     box_shape,
@@ -20,7 +19,7 @@ from .formed import (
     table_geometry,
     wedge_geometry,
 )
-from .scenes import FLOOR, LIMIT_M, body, prismatic_joint, room, world
+from tests.engines.scenes import FLOOR, LIMIT_M, body, prismatic_joint, room, world
 
 CRATE = (0.4, 0.4, 0.3)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from mindstage.world import (
+from mindstage.scene import (
     AngularLimits,
     Attachment,
     AxisMotion,

@@ -9,7 +9,7 @@ import sys
 import threading
 
 from mindstage.engines import NullEngine, SpawnReport
-from mindstage.world import NO_GEOMETRY, GeometryMap, World
+from mindstage.scene import NO_GEOMETRY, GeometryMap, World
 from tests.engines.far_side import ServedSimulation
 
 

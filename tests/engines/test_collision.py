@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mindstage.engines.collision import CollisionFilter, CollisionFilterInput, compute_collision_filter
-from mindstage.engines.hollow import hollow_box
-from mindstage.world import BodyId
-from mindstage.world.boxes import OrientedBoxes, contains, overlapping_pairs, penetration_depths
-from mindstage.world.geometry import normalize, pose_multiply
+from mindstage.engines.collision_filter import CollisionFilter, CollisionFilterInput, compute_collision_filter
+from mindstage.engines.collision_shapes import hollow_box
+from mindstage.scene import BodyId
+from mindstage.scene.bounding_boxes import OrientedBoxes, contains, overlapping_pairs, penetration_depths
+from mindstage.scene.transforms import normalize, pose_multiply
 
 
 def boxes_of(*rows: tuple[float, ...]) -> OrientedBoxes:

@@ -11,10 +11,9 @@ from hypothesis import strategies as st
 
 from mindstage.engines import Engine, MujocoEngine, NullEngine
 from mindstage.errors import SimulationDivergedError, WorldError
-from mindstage.world import BodyId, BodyPhysics, Mobility, Pose, World, diff
+from mindstage.scene import BodyId, BodyPhysics, Mobility, Pose, World, diff
+from tests.engines.scenes import room
 from tests.worlds import poses, worlds
-
-from .scenes import room
 
 names = st.integers(0, 9)
 edits = st.lists(

@@ -12,13 +12,12 @@ from hypothesis import strategies as st
 from mindstage.engines import MujocoEngine
 from mindstage.engines.mujoco import world_to_mjcf
 from mindstage.errors import SimulationDivergedError
-from mindstage.world import BodyGeometry, BodyId, CollisionShape, CollisionShapeType, Pose, World, diff
-from mindstage.world.geometry import quat_rotate
+from mindstage.scene import BodyGeometry, BodyId, CollisionShape, CollisionShapeType, Pose, World, diff
+from mindstage.scene.transforms import quat_rotate
+from tests.engines.contract import apply_force_for, current_pose
+from tests.engines.formed import as_vector, bin_geometry, cabinet_geometry, geometry
+from tests.engines.scenes import FLOOR, LIMIT_M, body, prismatic_joint, world
 from tests.worlds import worlds
-
-from .contract import apply_force_for, current_pose
-from .formed import as_vector, bin_geometry, cabinet_geometry, geometry
-from .scenes import FLOOR, LIMIT_M, body, prismatic_joint, world
 
 lengths = st.floats(0.0, 2.0)
 places = st.floats(-1.0, 1.0)

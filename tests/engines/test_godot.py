@@ -11,19 +11,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from mindstage.assets.cache import geometry_cache_dir
 from mindstage.bridge import LocalNode, RosbridgeServer
 from mindstage.engines import GodotEngine, RemoteEngine
-from mindstage.engines.godot.process import GodotProcess
-from mindstage.engines.godot.program import find_godot
-from mindstage.engines.godot.project import prepare_project
-from mindstage.engines.remote.planned import CompiledRemoteEngine
+from mindstage.engines.godot_process import GodotProcess, find_godot, prepare_project
+from mindstage.engines.remote.compiled import CompiledRemoteEngine
 from mindstage.errors import EngineUnavailableError, WorldError
-from mindstage.exports import geometry_cache_dir
-from mindstage.world import BodyGeometry, BodyId, CollisionShape, PbrMaterial, Pose, VisualMesh, diff
-
-from .contract import current_pose
-from .formed import bin_geometry
-from .scenes import FLOOR, body, room, world
+from mindstage.scene import BodyGeometry, BodyId, CollisionShape, PbrMaterial, Pose, VisualMesh, diff
+from tests.engines.contract import current_pose
+from tests.engines.formed import bin_geometry
+from tests.engines.scenes import FLOOR, body, room, world
 
 TURNED = (0.9659258262890683, 0.0, 0.0, 0.25881904510252074)
 MUG = BodyId("mug")

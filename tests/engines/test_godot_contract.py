@@ -13,9 +13,8 @@ import numpy as np
 import pytest
 
 from mindstage.engines import GodotEngine
-
-from .contract import PhysicsContract
-from .forms_contract import GeometryContract
+from tests.engines.contract import PhysicsContract
+from tests.engines.forms_contract import GeometryContract
 
 
 @pytest.fixture(scope="module")

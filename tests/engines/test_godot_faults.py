@@ -17,7 +17,9 @@ import pytest
 
 from mindstage.bridge import RosbridgeClient
 from mindstage.engines import GodotEngine
-from mindstage.engines.godot import GodotExecutable, find_godot, program, project
+from mindstage.engines import godot_process as program
+from mindstage.engines import godot_process as project
+from mindstage.engines.godot_process import GodotExecutable, find_godot
 from mindstage.errors import (
     AuthenticationError,
     BodyNotFoundError,
@@ -25,9 +27,8 @@ from mindstage.errors import (
     EngineTimeoutError,
     EngineUnavailableError,
 )
-from mindstage.world import BodyId
-
-from .scenes import FLOOR, body, room, world
+from mindstage.scene import BodyId
+from tests.engines.scenes import FLOOR, body, room, world
 
 Make = Callable[..., Path]
 

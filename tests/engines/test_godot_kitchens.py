@@ -11,15 +11,14 @@ import numpy as np
 import pytest
 
 from mindstage.engines import Engine, GodotEngine, MujocoEngine, SpawnReport
+from mindstage.geometry import fit_geometry
 from mindstage.knowledge import KnowledgeBase, bundled_kitchen
-from mindstage.knowledge.bundled import BUNDLED_KITCHEN
-from mindstage.shapes import fit_geometry
-from mindstage.world import AxisMotion, BodyId, GeometryMap, Joint, World, diff
-from mindstage.world.geometry import normalize, pose_inverse, quat_angle, quat_rotate
+from mindstage.knowledge.io.files import BUNDLED_KITCHEN
+from mindstage.scene import AxisMotion, BodyId, GeometryMap, Joint, World, diff
+from mindstage.scene.transforms import normalize, pose_inverse, quat_angle, quat_rotate
 from tests.cli.conftest import run  # noqa: F401 - a fixture
 from tests.cli.typed import Run, json_output
-
-from .contract import current_pose
+from tests.engines.contract import current_pose
 
 SAME_M, SAME_RAD = 0.002, np.radians(0.5)
 SAMPLES = ("iai-kitchen-original", "iai-kitchen-spawned", "ameva-task-two", "knowrob1-ccrl", "soma-iai-room")

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mindstage.engines.joints import JointAxis, joint_coordinates, pose_from_joint_coordinates
-from mindstage.world import SoftLimit
+from mindstage.engines.kinematic_tree import JointAxis, joint_coordinates, pose_from_joint_coordinates
+from mindstage.scene import SoftLimit
 
 SIX = tuple(JointAxis(index, None, SoftLimit()) for index in (0, 1, 2, 5, 4, 3))
 lengths, wide, narrow = st.floats(-3, 3), st.floats(-3.1, 3.1), st.floats(-1.5, 1.5)

@@ -10,15 +10,14 @@ import numpy as np
 import pytest
 
 from mindstage.engines import MujocoEngine, SpawnNoteKind, SpawnReport
+from mindstage.geometry.fit import fit_geometry
 from mindstage.knowledge import KnowledgeBase, bundled_kitchen
-from mindstage.shapes.fitting import fit_geometry
-from mindstage.world import AxisMotion, Body, BodyId, BodyPhysics, GeometryMap, Iri, Joint, Mobility, Pose, World
-from mindstage.world.boxes import OrientedBoxes
-from mindstage.world.geometry import normalize, pose_array, quat_angle, quat_rotate
-from mindstage.world.travel import joint_reach
-
-from .contract import current_pose
-from .test_kitchens import doors_and_drawers, opened
+from mindstage.scene import AxisMotion, Body, BodyId, BodyPhysics, GeometryMap, Iri, Joint, Mobility, Pose, World
+from mindstage.scene.bounding_boxes import OrientedBoxes
+from mindstage.scene.kinematics import joint_reach
+from mindstage.scene.transforms import normalize, pose_array, quat_angle, quat_rotate
+from tests.engines.contract import current_pose
+from tests.engines.test_kitchens import doors_and_drawers, opened
 
 
 class Kitchen(NamedTuple):

@@ -10,10 +10,9 @@ import pytest
 
 from mindstage.engines import MujocoEngine, SpawnNoteKind
 from mindstage.knowledge import KnowledgeBase, bundled_kitchen
-from mindstage.world import AxisMotion, BodyId, Joint, World
-from mindstage.world.geometry import normalize, quat_angle, quat_conjugate, quat_rotate
-
-from .contract import current_pose
+from mindstage.scene import AxisMotion, BodyId, Joint, World
+from mindstage.scene.transforms import normalize, quat_angle, quat_conjugate, quat_rotate
+from tests.engines.contract import current_pose
 
 
 def read(*paths: Path) -> World:

@@ -14,7 +14,7 @@ from msgspec.structs import replace
 
 from mindstage.engines.mujoco import MujocoEngine, world_to_mjcf
 from mindstage.errors import MapWriteError
-from mindstage.world import (
+from mindstage.scene import (
     AngularLimits,
     Attachment,
     AxisMotion,
@@ -33,7 +33,7 @@ from mindstage.world import (
     Vector,
     World,
 )
-from mindstage.world.geometry import normalize, pose_array, quat_angle
+from mindstage.scene.transforms import normalize, pose_array, quat_angle
 from tests.engines.formed import bin_geometry, single_shape_geometry, wedge_geometry
 from tests.kitchenette import kitchenette
 from tests.worlds import worlds

@@ -12,7 +12,7 @@ from hypothesis import given
 
 from mindstage.engines import MujocoEngine, SpawnNoteKind
 from mindstage.errors import SimulationDivergedError
-from mindstage.world import (
+from mindstage.scene import (
     AngularLimits,
     AxisMotion,
     BodyId,
@@ -26,12 +26,11 @@ from mindstage.world import (
     World,
     diff,
 )
-from mindstage.world.geometry import normalize, quat_angle
+from mindstage.scene.transforms import normalize, quat_angle
+from tests.engines.contract import PhysicsContract, apply_force_for, current_pose
+from tests.engines.forms_contract import GeometryContract
+from tests.engines.scenes import FLOOR, attachment, body, fixed_joint, prismatic_joint, revolute_joint, room, world
 from tests.worlds import worlds
-
-from .contract import PhysicsContract, apply_force_for, current_pose
-from .forms_contract import GeometryContract
-from .scenes import FLOOR, attachment, body, fixed_joint, prismatic_joint, revolute_joint, room, world
 
 
 class TestMujocoEngine(PhysicsContract, GeometryContract):
@@ -91,7 +90,7 @@ def test_the_log_comes_out_of_the_physics() -> None:
 
 
 def test_edits_in_a_row_cost_one_recompile(monkeypatch: pytest.MonkeyPatch) -> None:
-    from mindstage.engines.mujoco import scene
+    from mindstage.engines.mujoco import engine as scene
 
     built = []
     original = scene.compile_model

@@ -3,9 +3,8 @@
 import pytest
 
 from mindstage.engines import NullEngine
-
-from .contract import DescriptionContract
-from .forms_contract import GeometryDescriptionContract
+from tests.engines.contract import DescriptionContract
+from tests.engines.forms_contract import GeometryDescriptionContract
 
 
 class TestNullEngine(DescriptionContract, GeometryDescriptionContract):

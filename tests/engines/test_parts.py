@@ -7,13 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mindstage.engines.parts import CollisionShapeBatch
-from mindstage.engines.solids import CompiledGeometry, compile_geometry
-from mindstage.world import CollisionShape, CollisionShapeType, Pose
-from mindstage.world.boxes import OrientedBoxes, penetration_depths
-from mindstage.world.geometry import normalize, pose_multiply, quat_rotate
-
-from .formed import bin_geometry, box_shape, wedge_geometry
+from mindstage.engines.collision_shapes import CollisionShapeBatch, CompiledGeometry, compile_geometry
+from mindstage.scene import CollisionShape, CollisionShapeType, Pose
+from mindstage.scene.bounding_boxes import OrientedBoxes, penetration_depths
+from mindstage.scene.transforms import normalize, pose_multiply, quat_rotate
+from tests.engines.formed import bin_geometry, box_shape, wedge_geometry
 
 HERE = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
 numbers = st.floats(-0.6, 0.6)

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from mindstage.engines.planning import PhysicsModelBuilder
-from mindstage.world import NO_GEOMETRY, BodyGeometry, BodyId, BodyPhysics, Mobility, World
-from mindstage.world.geometry import Array, normalized_pose_array, pose_array, quat_rotate
-
-from .forms_contract import room_geometry
-from .scenes import FLOOR, attachment, body, room, world
+from mindstage.engines.physics_model import PhysicsModelBuilder
+from mindstage.scene import NO_GEOMETRY, BodyGeometry, BodyId, BodyPhysics, Mobility, World
+from mindstage.scene.transforms import Array, normalized_pose_array, pose_array, quat_rotate
+from tests.engines.forms_contract import room_geometry
+from tests.engines.scenes import FLOOR, attachment, body, room, world
 
 NOBODY = np.zeros((0, 7))
 

@@ -11,8 +11,8 @@ from msgspec.structs import replace
 
 from mindstage.engines.mujoco import MujocoEngine
 from mindstage.errors import PoseUnreachableError
-from mindstage.world import AngularLimits, AxisMotion, BodyId, Joint, LinearLimits, Pose, World
-from mindstage.world.geometry import quat_rotate
+from mindstage.scene import AngularLimits, AxisMotion, BodyId, Joint, LinearLimits, Pose, World
+from mindstage.scene.transforms import quat_rotate
 from tests.engines.scenes import FLOOR, body, prismatic_joint, revolute_joint, world
 
 CASE = body("case", (0, 0, 0.5), (0.6, 0.6, 1.0))

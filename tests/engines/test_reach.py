@@ -6,15 +6,14 @@ import mujoco
 import pytest
 
 from mindstage.engines import MujocoEngine
-from mindstage.engines.joints import movable_axes
-from mindstage.engines.mujoco.reach import cull_static_contacts
-from mindstage.engines.mujoco.scene import ModelCache
-from mindstage.world import BodyId, Pose, World
-from mindstage.world.boxes import OrientedBoxes
-from mindstage.world.geometry import pose_array
-
-from .contract import apply_force_for, current_pose
-from .scenes import FLOOR, body, prismatic_joint, revolute_joint, world
+from mindstage.engines.kinematic_tree import movable_axes
+from mindstage.engines.mujoco.compiler import cull_static_contacts
+from mindstage.engines.mujoco.engine import ModelCache
+from mindstage.scene import BodyId, Pose, World
+from mindstage.scene.bounding_boxes import OrientedBoxes
+from mindstage.scene.transforms import pose_array
+from tests.engines.contract import apply_force_for, current_pose
+from tests.engines.scenes import FLOOR, body, prismatic_joint, revolute_joint, world
 
 
 def with_wall(x: float, *, y: float = 0.0) -> World:

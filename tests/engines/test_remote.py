@@ -16,7 +16,7 @@ from mindstage.bridge import LocalNode, RosbridgeServer
 from mindstage.engines import Capability, MujocoEngine, NullEngine, RemoteEngine
 from mindstage.engines.remote import RemoteProfile, RemoteUrl
 from mindstage.errors import BodyNotFoundError, EngineUnavailableError, MessageValidationError, PoseUnreachableError
-from mindstage.world import (
+from mindstage.scene import (
     AxisMotion,
     Body,
     BodyId,
@@ -32,10 +32,9 @@ from mindstage.world import (
     diff,
 )
 from tests.bridge.talking import eventually
+from tests.engines.far_side import ServedSimulation
+from tests.engines.scenes import BASE, FLOOR, body, prismatic_joint, room, world
 from tests.worlds import worlds
-
-from .far_side import ServedSimulation
-from .scenes import BASE, FLOOR, body, prismatic_joint, room, world
 
 NAN = float("nan")
 

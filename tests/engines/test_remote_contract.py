@@ -8,10 +8,9 @@ from contextlib import closing
 import pytest
 
 from mindstage.engines import RemoteEngine
-
-from .contract import PhysicsContract
-from .far_side import ServedSimulation
-from .forms_contract import GeometryContract
+from tests.engines.contract import PhysicsContract
+from tests.engines.far_side import ServedSimulation
+from tests.engines.forms_contract import GeometryContract
 
 
 class TestRemoteEngine(PhysicsContract, GeometryContract):

@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 
 from mindstage.engines import Engine, NullEngine, RemoteEngine
-from mindstage.engines.remote.link import ServiceClient
+from mindstage.engines.remote.client import ServiceClient
 from mindstage.errors import (
     EngineClosedError,
     EngineError,
@@ -26,13 +26,21 @@ from mindstage.errors import (
     WorldError,
 )
 from mindstage.knowledge import KnowledgeBase
-from mindstage.stage import Simulation
-from mindstage.world import BodyId, diff
+from mindstage.scene import BodyId, diff
+from mindstage.simulation import Simulation
 from tests.bridge.talking import TIMEOUT_S, eventually
-
-from .far_side import ServedSimulation
-from .odd_far_side import DESCRIBE_VALUES, NO_REFUSAL, REPORT, FakeRemote, failed, ok_response, poses, response
-from .scenes import FLOOR, room, world
+from tests.engines.far_side import ServedSimulation
+from tests.engines.odd_far_side import (
+    DESCRIBE_VALUES,
+    NO_REFUSAL,
+    REPORT,
+    FakeRemote,
+    failed,
+    ok_response,
+    poses,
+    response,
+)
+from tests.engines.scenes import FLOOR, room, world
 
 ROOT = Path(__file__).resolve().parents[2]
 

@@ -10,16 +10,15 @@ import numpy as np
 import pytest
 
 from mindstage.engines import MujocoEngine, RemoteEngine
-from mindstage.engines.remote.planned import CompiledRemoteEngine
+from mindstage.engines.remote.compiled import CompiledRemoteEngine
 from mindstage.errors import EngineUnavailableError
 from mindstage.msgs import mindstage_msgs as wire
-from mindstage.ros.far_engine import EngineServices
-from mindstage.world import BodyId, Pose
-
-from .contract import PhysicsContract, apply_force_for, current_pose
-from .far_side import ServedSimulation
-from .forms_contract import GeometryContract
-from .scenes import FLOOR, attachment, body, prismatic_joint, room, world
+from mindstage.ros.engine_services import EngineServices
+from mindstage.scene import BodyId, Pose
+from tests.engines.contract import PhysicsContract, apply_force_for, current_pose
+from tests.engines.far_side import ServedSimulation
+from tests.engines.forms_contract import GeometryContract
+from tests.engines.scenes import FLOOR, attachment, body, prismatic_joint, room, world
 
 
 @pytest.fixture

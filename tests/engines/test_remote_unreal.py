@@ -17,7 +17,7 @@ import pytest
 from mindstage.bridge import LocalNode, RosbridgeClient, RosbridgeServer
 from mindstage.engines import RemoteEngine, SpawnNoteKind
 from mindstage.engines.remote import RemoteProfile
-from mindstage.engines.remote.link import ServiceClient
+from mindstage.engines.remote.client import ServiceClient
 from mindstage.engines.remote.unreal import UnrealEngine
 from mindstage.errors import (
     EngineError,
@@ -29,12 +29,11 @@ from mindstage.errors import (
     WorldError,
 )
 from mindstage.knowledge import KnowledgeBase
-from mindstage.world import BodyId, BodyPhysics, Material, Mobility, Pose, World, diff
+from mindstage.scene import BodyId, BodyPhysics, Material, Mobility, Pose, World, diff
 from tests.bridge.talking import TIMEOUT_S
-
-from .contract import DescriptionContract, current_pose, displacement
-from .scenes import FLOOR, attachment, body, prismatic_joint, room, world
-from .unreal_peer import FakeUnrealPlugin
+from tests.engines.contract import DescriptionContract, current_pose, displacement
+from tests.engines.scenes import FLOOR, attachment, body, prismatic_joint, room, world
+from tests.engines.unreal_peer import FakeUnrealPlugin
 
 YAW_30 = (0.9659258262890683, 0.0, 0.0, 0.25881904510252074)
 

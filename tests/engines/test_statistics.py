@@ -7,7 +7,7 @@ import pytest
 from mindstage import MujocoEngine, NullEngine, World
 from mindstage.engines import Capability, Engine, EngineStats
 from mindstage.errors import EngineClosedError
-from mindstage.world import Body, BodyId, BodyPhysics, Iri, Mobility, Pose
+from mindstage.scene import Body, BodyId, BodyPhysics, Iri, Mobility, Pose
 
 NOTHING = EngineStats(movable=0, awake=0, contacts=0)
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from mindstage.bridge import RosbridgeClient
 from mindstage.msgs import service_type
-from mindstage.world.geometry import pose_inverse, pose_multiply
+from mindstage.scene.transforms import pose_inverse, pose_multiply
 
 __all__ = ["Actor", "FakeUnrealPlugin"]
 

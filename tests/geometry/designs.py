@@ -7,8 +7,8 @@ from typing import Any
 import msgspec
 from hypothesis import strategies as st
 
-from mindstage.shapes import SHAPE_TEMPLATES, BodySide, Cutout, ShapeTemplate
-from mindstage.world import Vector
+from mindstage.geometry import SHAPE_TEMPLATES, BodySide, Cutout, ShapeTemplate
+from mindstage.scene import Vector
 
 __all__ = ["materials_for", "orientations", "sizes", "templates"]
 

@@ -7,10 +7,10 @@ from math import cos, pi, sin
 
 import numpy as np
 
+from mindstage.geometry import BodySide
+from mindstage.geometry.fit import FittedGeometry, fit_geometry
 from mindstage.knowledge import KnowledgeBase
-from mindstage.shapes import BodySide
-from mindstage.shapes.fitting import FittedGeometry, fit_geometry
-from mindstage.world import (
+from mindstage.scene import (
     Attachment,
     AxisMotion,
     Body,
@@ -27,7 +27,7 @@ from mindstage.world import (
     Vector,
     World,
 )
-from mindstage.world.geometry import Array, normalized_pose_array, quat_rotate, rotation_matrix
+from mindstage.scene.transforms import Array, normalized_pose_array, quat_rotate, rotation_matrix
 from tests.kitchenette import KNOWROB
 
 MY = "http://example.org/my#"

@@ -7,8 +7,8 @@ from itertools import combinations, product
 
 import numpy as np
 
-from mindstage.world import BodyGeometry, CollisionShape, CollisionShapeType, Pose, Vector, VisualMesh
-from mindstage.world.geometry import Array, rotation_matrix
+from mindstage.scene import BodyGeometry, CollisionShape, CollisionShapeType, Pose, Vector, VisualMesh
+from mindstage.scene.transforms import Array, rotation_matrix
 
 __all__ = ["is_closed", "is_convex", "is_inside", "shape_bounds", "visual_bounds", "volume"]
 

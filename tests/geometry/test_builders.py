@@ -9,10 +9,10 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from mindstage.shapes import SHAPE_TEMPLATES, BodySide, ShapeTemplate, build_geometry, template_by_name
-from mindstage.world import BodyGeometry, Vector
-from tests.shapes.designs import orientations, sizes, templates
-from tests.shapes.judging import is_closed, is_convex, is_inside, shape_bounds, visual_bounds, volume
+from mindstage.geometry import SHAPE_TEMPLATES, BodySide, ShapeTemplate, build_geometry, template_by_name
+from mindstage.scene import BodyGeometry, Vector
+from tests.geometry.designs import orientations, sizes, templates
+from tests.geometry.judging import is_closed, is_convex, is_inside, shape_bounds, visual_bounds, volume
 
 each_kind = pytest.mark.parametrize("kind", SHAPE_TEMPLATES)
 few = settings(max_examples=5, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from mindstage.errors import InvalidShapeError, ShapeNotFoundError
-from mindstage.shapes import SHAPE_TEMPLATES, BodySide, Cutout, build_geometry, template_by_name
-from mindstage.world import AttachedLight, BodyGeometry, CollisionShapeType, GeometrySource, PbrMaterial, VisualMesh
-from mindstage.world.geometry import Array
-from tests.shapes.judging import is_closed, is_inside, visual_bounds, volume
+from mindstage.geometry import SHAPE_TEMPLATES, BodySide, Cutout, build_geometry, template_by_name
+from mindstage.scene import AttachedLight, BodyGeometry, CollisionShapeType, GeometrySource, PbrMaterial, VisualMesh
+from mindstage.scene.transforms import Array
+from tests.geometry.judging import is_closed, is_inside, visual_bounds, volume
 
 
 def is_solid_at(form: BodyGeometry, x: float, y: float, z: float) -> bool:

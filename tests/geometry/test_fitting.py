@@ -9,19 +9,14 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
+from mindstage.geometry import BodySide
+from mindstage.geometry.fit import fit_geometry
+from mindstage.geometry.fit_context import SceneContext
+from mindstage.geometry.orientation import OrientationSolver
 from mindstage.knowledge import KnowledgeBase
-from mindstage.shapes import BodySide
-from mindstage.shapes.fitting import fit_geometry
-from mindstage.shapes.fitting.facing import OrientationSolver
-from mindstage.shapes.fitting.setting import SceneContext
-from mindstage.world import (
-    BodyId,
-    LinearLimits,
-    Quaternion,
-    Vector,
-)
-from mindstage.world.geometry import quat_conjugate, quat_rotate
-from tests.shapes.fitting_scenes import (
+from mindstage.scene import BodyId, LinearLimits, Quaternion, Vector
+from mindstage.scene.transforms import quat_conjugate, quat_rotate
+from tests.geometry.fitting_scenes import (
     QUARTERS,
     box_of,
     fit,

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
+from mindstage.geometry.fit import fit_geometry
+from mindstage.geometry.orientation import CLOSING_SHAPES
 from mindstage.knowledge import KnowledgeBase, bundled_kitchen
-from mindstage.shapes.fitting import fit_geometry
-from mindstage.shapes.fitting.facing import CLOSING_SHAPES
-from mindstage.world import (
+from mindstage.scene import (
     Body,
     BodyGeometry,
     BodyId,
@@ -25,7 +25,7 @@ from mindstage.world import (
     PrimitiveType,
     World,
 )
-from mindstage.world.geometry import (
+from mindstage.scene.transforms import (
     Array,
     normalize,
     pose_array,
@@ -34,15 +34,8 @@ from mindstage.world.geometry import (
     quat_rotate,
     rotation_matrix,
 )
+from tests.geometry.fitting_scenes import MY, box_of, fit, make_body, slide_joint, world
 from tests.kitchenette import KNOWROB, kitchenette
-from tests.shapes.fitting_scenes import (
-    MY,
-    box_of,
-    fit,
-    make_body,
-    slide_joint,
-    world,
-)
 
 
 @pytest.fixture(scope="module")

@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mindstage.shapes.holes import Hole, grid_cells, merge_narrow_strips
+from mindstage.geometry.procedural.builder import Hole, grid_cells, merge_narrow_strips
 
 LOW, HIGH = np.array([0.0, 0.0]), np.array([4.0, 3.0])
 LEAST_M = 0.05

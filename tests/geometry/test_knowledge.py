@@ -6,13 +6,13 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from mindstage.world.colors import hex_color
 from pyoxigraph import NamedNode
 
+from mindstage.geometry import SHAPE_TEMPLATES, template_by_name
 from mindstage.knowledge import KnowledgeBase
-from mindstage.knowledge.shaping import DEFAULT_ROLE, ShapeRule
-from mindstage.shapes import SHAPE_TEMPLATES, template_by_name
-from mindstage.world import GeometrySource, Iri, LightType
+from mindstage.knowledge.shape_rules import DEFAULT_ROLE, ShapeRule
+from mindstage.scene import GeometrySource, Iri, LightType
+from mindstage.scene.colors import hex_color
 from tests.kitchenette import KNOWROB
 
 MS = "http://mindstage.org/ontology#"

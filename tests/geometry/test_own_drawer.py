@@ -9,8 +9,7 @@ import pytest
 
 from mindstage.engines import MujocoEngine, SpawnNoteKind
 from mindstage.knowledge import KnowledgeBase
-from mindstage.stage import Simulation
-from mindstage.world import (
+from mindstage.scene import (
     AxisMotion,
     Body,
     BodyId,
@@ -23,6 +22,7 @@ from mindstage.world import (
     Vector,
     World,
 )
+from mindstage.simulation import Simulation
 from tests.kitchenette import KNOWROB
 
 MY = "http://example.org/my#"

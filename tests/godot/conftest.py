@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from .project import copy_project
+from tests.godot.project import copy_project
 
 
 @pytest.fixture(scope="session")

@@ -13,12 +13,11 @@ import pytest
 
 from mindstage.bridge import LocalNode, RosbridgeServer
 from mindstage.engines import RemoteEngine
-from mindstage.engines.godot.project import isolated_environment
+from mindstage.engines.godot_process import isolated_environment
 from mindstage.errors import UnsupportedByEngineError
-from mindstage.world import BodyId, diff
+from mindstage.scene import BodyId, diff
 from tests.engines.scenes import room
-
-from .project import run
+from tests.godot.project import run
 
 SCENE = "res://place.tscn"
 LONG_S = 120.0

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from .project import run
+from tests.godot.project import run
 
 _RUN = ("--headless", "--script", "tests/run.gd")
 

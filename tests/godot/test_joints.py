@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from mindstage.engines import GodotEngine
-from mindstage.world import AngularLimits, AxisMotion, BodyId, Iri, Joint, LinearLimits, Pose
-from mindstage.world.geometry import quat_angle
+from mindstage.scene import AngularLimits, AxisMotion, BodyId, Iri, Joint, LinearLimits, Pose
+from mindstage.scene.transforms import quat_angle
 from tests.engines.contract import current_pose
 from tests.engines.scenes import body, world
 

@@ -11,13 +11,11 @@ from typing import Any, NamedTuple
 
 import pytest
 
+from mindstage.assets.cache import geometry_cache_dir
 from mindstage.bridge import LocalNode, RosbridgeServer
 from mindstage.engines import RemoteEngine
-from mindstage.engines.godot.process import GodotProcess
-from mindstage.engines.godot.program import find_godot
-from mindstage.engines.godot.project import prepare_project
-from mindstage.exports import geometry_cache_dir
-from mindstage.world import BodyId, BodyPhysics, Mobility, Pose
+from mindstage.engines.godot_process import GodotProcess, find_godot, prepare_project
+from mindstage.scene import BodyId, BodyPhysics, Mobility, Pose
 from tests.engines.scenes import FLOOR, body, world
 
 LONG_S = 60.0

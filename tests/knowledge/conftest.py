@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from mindstage.knowledge import Finding, KnowledgeBase
-from mindstage.world import World
+from mindstage.scene import World
 from tests.knowledge.maps import MakeKnowledgeBase, ReadMap, knowledge_base_from, room_map
 
 

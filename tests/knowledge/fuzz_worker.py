@@ -21,7 +21,7 @@ from typer.testing import CliRunner
 from mindstage.cli.app import app
 from mindstage.errors import MapWriteError, MindstageError
 from mindstage.knowledge import KnowledgeBase, save_map
-from mindstage.world import World, diff
+from mindstage.scene import World, diff
 
 __all__ = ["MEMORY_LIMIT"]
 

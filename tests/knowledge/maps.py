@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from mindstage.knowledge import Finding, KnowledgeBase
-from mindstage.world import Iri, World, diff
+from mindstage.scene import Iri, World, diff
 
 __all__ = [
     "KNOWROB",

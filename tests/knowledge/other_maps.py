@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from mindstage.knowledge import Finding, save_map
-from mindstage.world import Joint, World
+from mindstage.scene import Joint, World
 from tests.knowledge.maps import ReadMap, assert_worlds_equal, knowledge_base_from
 
 __all__ = [

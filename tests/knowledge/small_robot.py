@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from mindstage.knowledge import Finding
-from mindstage.world import World
+from mindstage.scene import World
 from tests.knowledge.maps import knowledge_base_from
 
 __all__ = ["KITCHEN_URDF", "LoadedRobot", "box_urdf", "joint_urdf", "link_urdf", "load_robot", "robot_urdf"]

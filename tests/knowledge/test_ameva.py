@@ -21,9 +21,9 @@ from mindstage.knowledge import (
     save_map,
     write_map,
 )
-from mindstage.knowledge.reading.conversion import original_property
-from mindstage.world import AxisMotion, Body, Iri, Pose, World
-from mindstage.world.extent import world_bounds
+from mindstage.knowledge.dialects.unit_conversion import original_property
+from mindstage.scene import AxisMotion, Body, Iri, Pose, World
+from mindstage.scene.bounding_boxes import world_bounds
 from tests.knowledge.maps import (
     KNOWROB,
     ReadMap,

@@ -9,8 +9,8 @@ import pytest
 
 from mindstage.errors import AmbiguousNameError, NameNotFoundError
 from mindstage.knowledge import KnowledgeBase
-from mindstage.knowledge.questions import StoragePlace, list_questions
-from mindstage.world import Iri
+from mindstage.knowledge.queries import StoragePlace, list_questions
+from mindstage.scene import Iri
 
 KITCHEN = "http://mindstage.org/maps/kitchen.owl#"
 

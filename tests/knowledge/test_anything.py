@@ -16,7 +16,7 @@ from msgspec.structs import replace
 
 from mindstage.errors import SourceParseError
 from mindstage.knowledge import bundled_kitchen, save_map
-from mindstage.world import Body, Joint, Light, NamedResource, World
+from mindstage.scene import Body, Joint, Light, NamedResource, World
 from tests.knowledge.maps import (
     KNOWROB,
     OWL,

@@ -9,8 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mindstage.knowledge.reasoning import PropertyHierarchy, TransitiveClosure
-from mindstage.world import Iri
+from mindstage.knowledge.reasoner_properties import PropertyHierarchy
+from mindstage.knowledge.taxonomy import TransitiveClosure
+from mindstage.scene import Iri
 from tests.knowledge.maps import OWL, RDFS
 
 NODES = [Iri(f"http://example.org/{letter}") for letter in "abcdef"]

@@ -11,8 +11,8 @@ import pytest
 
 from mindstage.errors import ReasonerUnavailableError
 from mindstage.knowledge import KnowledgeBase, bundled_kitchen
-from mindstage.knowledge.names import local_name
-from mindstage.knowledge.questions import list_questions
+from mindstage.knowledge.queries import list_questions
+from mindstage.knowledge.rdf import local_name
 from tests.knowledge.maps import ROOM_NAMESPACE, body_turtle, individual, knowledge_base_from, room_map
 
 _SAME = f"SELECT ?other {{ <{ROOM_NAMESPACE}a> owl:sameAs ?other }}"

@@ -18,8 +18,8 @@ from mindstage.errors import (
     SparqlTimeoutError,
 )
 from mindstage.knowledge import KnowledgeBase, SparqlEndpoint, bundled_kitchen, bundled_ontology
-from mindstage.knowledge.names import local_name
-from mindstage.knowledge.questions import list_questions
+from mindstage.knowledge.queries import list_questions
+from mindstage.knowledge.rdf import local_name
 from tests.knowledge.misbehaving import FaultyServerStarter, misbehaving
 from tests.knowledge.serving import SparqlServer
 
@@ -276,9 +276,7 @@ def test_nobody_there_is_said_with_the_address_and_without_its_password() -> Non
 def test_a_server_that_misbehaves_is_described(
     how: str, error: type[Exception], message: str, misbehaving: FaultyServerStarter, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(
-        "mindstage.knowledge.stores.endpoint.REPLY_LIMIT", 256 * 1024**2 if how != "endless" else 1024**2
-    )
+    monkeypatch.setattr("mindstage.knowledge.sparql_worker.REPLY_LIMIT", 256 * 1024**2 if how != "endless" else 1024**2)
     message = message.replace("256 MiB", "1 MiB")
     url = misbehaving(how)
     kb = KnowledgeBase(endpoint=SparqlEndpoint(url, timeout_s=0.5 if how in {"silent", "trickling"} else 30.0))

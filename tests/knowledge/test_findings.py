@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from mindstage.knowledge import Severity
-from mindstage.world import BodyPhysics, Iri, IriRef, Literal, PropertyAssertion
+from mindstage.scene import BodyPhysics, Iri, IriRef, Literal, PropertyAssertion
 from tests.knowledge.maps import XSD, ReadMap, body_turtle, individual, knowrob_iri, room_map
 
 

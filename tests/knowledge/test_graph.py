@@ -5,9 +5,9 @@ from __future__ import annotations
 import pyoxigraph as ox
 import pytest
 
-from mindstage.knowledge.graph import Graph, graph_from_quads
-from mindstage.knowledge.wording.nesting import MAX_NESTING, nest_blank_nodes
-from mindstage.world import BlankNode, FactValue, Iri, IriRef, Literal, PropertyAssertion
+from mindstage.knowledge.rdf import Graph, graph_from_quads
+from mindstage.knowledge.rdf_mapping.nested import MAX_NESTING, nest_blank_nodes
+from mindstage.scene import BlankNode, FactValue, Iri, IriRef, Literal, PropertyAssertion
 
 XSD = "http://www.w3.org/2001/XMLSchema#"
 PREFIXES = f"@prefix e: <http://e#> . @prefix xsd: <{XSD}> . "

@@ -8,7 +8,7 @@ import pytest
 
 from mindstage.knowledge import KnowledgeBase
 from mindstage.knowledge.taxonomy import ClassHierarchy
-from mindstage.world import Iri
+from mindstage.scene import Iri
 from tests.knowledge.maps import knowledge_base_from, knowrob_iri, room_map
 
 A, B, C, D, E, F = (Iri(f"http://e#{name}") for name in "ABCDEF")

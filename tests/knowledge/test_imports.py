@@ -8,7 +8,7 @@ import pytest
 
 from mindstage.errors import SourceParseError
 from mindstage.knowledge import KnowledgeBase, Severity
-from mindstage.world import Iri
+from mindstage.scene import Iri
 from tests.knowledge.maps import body_turtle, knowledge_base_from, room_map
 
 CLASS = "http://example.org/terms#Leaf"

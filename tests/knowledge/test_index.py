@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from mindstage.knowledge import KnowledgeBase
-from mindstage.knowledge.names import local_name
+from mindstage.knowledge.rdf import local_name
 from tests.knowledge.maps import MakeKnowledgeBase, body_turtle, individual
 
 RDF = "http://www.w3.org/1999/02/22-rdf-syntax-ns#"

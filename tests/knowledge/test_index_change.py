@@ -8,10 +8,11 @@ import pyoxigraph as ox
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mindstage.knowledge.names import local_name
-from mindstage.knowledge.reasoning import EntityType, NameIndex, Reasoner
-from mindstage.knowledge.reasoning.properties import node_from_label
-from mindstage.world import Iri
+from mindstage.knowledge.names import EntityType, NameIndex
+from mindstage.knowledge.rdf import local_name
+from mindstage.knowledge.reasoner import Reasoner
+from mindstage.knowledge.reasoner_properties import node_from_label
+from mindstage.scene import Iri
 from tests.knowledge.maps import OWL, RDFS, knowrob_iri
 
 RDF = "http://www.w3.org/1999/02/22-rdf-syntax-ns#"

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from mindstage.knowledge import KnowledgeBase, save_map
-from mindstage.knowledge.readers.matrices import MatrixPose, pose_from_matrix
-from mindstage.world import World, diff
-from mindstage.world.geometry import quaternion_from_matrix, rotation_matrix
+from mindstage.knowledge.dialects.poses import MatrixPose, pose_from_matrix
+from mindstage.scene import World, diff
+from mindstage.scene.transforms import quaternion_from_matrix, rotation_matrix
 from tests.knowledge.maps import ReadMap, assert_worlds_equal, knowledge_base_from
 from tests.knowledge.other_maps import (
     check_round_trip,

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mindstage.knowledge import MapFormat, lost_statements, write_map
-from mindstage.world import Statement
+from mindstage.scene import Statement
 from tests.kitchenette import kitchenette
 from tests.knowledge.maps import body_turtle, individual, knowledge_base_from, room_map, slide_joint
 

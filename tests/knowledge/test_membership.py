@@ -6,8 +6,8 @@ import pytest
 
 from mindstage.errors import NameNotFoundError
 from mindstage.knowledge import KnowledgeBase
-from mindstage.knowledge.names import local_name
-from mindstage.world import Iri
+from mindstage.knowledge.rdf import local_name
+from mindstage.scene import Iri
 from tests.knowledge.maps import ROOM_NAMESPACE, MakeKnowledgeBase, body_turtle, individual
 
 

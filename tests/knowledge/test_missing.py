@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from mindstage.knowledge import KnowledgeBase, bundled_kitchen
-from mindstage.knowledge.names import local_name
+from mindstage.knowledge.rdf import local_name
 from tests.knowledge.maps import body_turtle, knowledge_base_from, room_map
 
 

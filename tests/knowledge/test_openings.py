@@ -11,11 +11,11 @@ from msgspec.structs import replace
 
 from mindstage.engines import MujocoEngine, NullEngine
 from mindstage.knowledge import KnowledgeBase, bundled_kitchen
-from mindstage.knowledge.moment import StateAccess, WorldState
-from mindstage.knowledge.names import local_name
-from mindstage.knowledge.questions import JointOpenness, OpenState, openings
-from mindstage.stage import Simulation
-from mindstage.world import AxisMotion, BodyId, Iri, Joint, World
+from mindstage.knowledge.queries import JointOpenness, OpenState, openings
+from mindstage.knowledge.questions import StateAccess, WorldState
+from mindstage.knowledge.rdf import local_name
+from mindstage.scene import AxisMotion, BodyId, Iri, Joint, World
+from mindstage.simulation import Simulation
 from tests.engines.scenes import BASE, attachment, body, prismatic_joint, revolute_joint, world
 from tests.kitchenette import KNOWROB, kitchenette
 

@@ -21,7 +21,7 @@ from mindstage.knowledge import (
     save_map,
     write_map,
 )
-from mindstage.world import Attachment, Body, BodyId, BodyPhysics, Iri, Mobility, Pose, World, diff
+from mindstage.scene import Attachment, Body, BodyId, BodyPhysics, Iri, Mobility, Pose, World, diff
 from tests.knowledge.maps import KNOWROB, assert_worlds_equal, body_turtle, knowledge_base_from, room_map, slide_joint
 from tests.knowledge.other_maps import knowrob1_map, perception, soma_map
 from tests.knowledge.small_robot import KITCHEN_URDF

@@ -10,8 +10,7 @@ import pytest
 
 from mindstage.errors import AmbiguousNameError, InvalidArgumentError, NameNotFoundError, QuestionNotFoundError
 from mindstage.knowledge import KnowledgeBase, bundled_kitchen
-from mindstage.knowledge.names import local_name
-from mindstage.knowledge.questions import (
+from mindstage.knowledge.queries import (
     HandleOf,
     Question,
     StoragePlace,
@@ -21,8 +20,9 @@ from mindstage.knowledge.questions import (
     question,
     storage_place,
 )
-from mindstage.knowledge.remembering import AnswerCache
-from mindstage.world import Iri
+from mindstage.knowledge.questions import AnswerCache
+from mindstage.knowledge.rdf import local_name
+from mindstage.scene import Iri
 from tests.knowledge.maps import KNOWROB, ROOM_NAMESPACE, body_turtle, knowledge_base_from, room_map
 
 IAI = "iai-kitchen-original.owl"

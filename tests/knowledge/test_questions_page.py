@@ -12,7 +12,7 @@ import pytest
 from typer.testing import CliRunner
 
 from mindstage.cli.app import app
-from mindstage.knowledge.questions import list_questions
+from mindstage.knowledge.queries import list_questions
 
 ROOT = Path(__file__).parents[2]
 SCRIPT = ROOT / "scripts" / "make_questions.py"

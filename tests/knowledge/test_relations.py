@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from mindstage.knowledge import Severity
-from mindstage.world import (
+from mindstage.scene import (
     AngularLimits,
     Attachment,
     AxisMotion,

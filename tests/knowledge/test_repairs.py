@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from mindstage.errors import SourceParseError
 from mindstage.knowledge import Severity
-from mindstage.knowledge.sources.files import SourceFile, read_file
+from mindstage.knowledge.io.files import SourceFile, read_file
 from tests.knowledge.malformed import MALFORMED, WELL_FORMED
 from tests.knowledge.maps import knowledge_base_from
 

@@ -14,7 +14,7 @@ from hypothesis import given
 from msgspec.structs import replace
 
 from mindstage.knowledge import MapFormat, bundled_kitchen, save_map, write_map
-from mindstage.world import (
+from mindstage.scene import (
     Attachment,
     BlankNode,
     Body,
@@ -34,6 +34,7 @@ from mindstage.world import (
     Tag,
     World,
 )
+from tests.kitchenette import kitchenette
 from tests.knowledge.maps import (
     XSD,
     ReadMap,
@@ -45,7 +46,7 @@ from tests.knowledge.maps import (
     room_map,
     slide_joint,
 )
-from tests.worlds import kitchenette, worlds
+from tests.worlds import worlds
 
 SUFFIXES = {MapFormat.RDF_XML: ".owl", MapFormat.TURTLE: ".ttl"}
 each_format = pytest.mark.parametrize("format", MapFormat)

@@ -7,7 +7,7 @@ import math
 import pytest
 
 from mindstage.knowledge import Severity
-from mindstage.world import (
+from mindstage.scene import (
     BlankNode,
     BodyPhysics,
     Iri,

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from mindstage.knowledge import MapFormat, Severity, save_map, write_map
-from mindstage.world import Mobility
+from mindstage.scene import Mobility
 from tests.knowledge.maps import (
     ReadMap,
     assert_worlds_equal,

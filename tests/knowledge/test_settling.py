@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from mindstage.knowledge import Handedness, KnowledgeBase, LengthUnit, QuaternionOrder, UnitConventions, save_map
-from mindstage.world import Pose
+from mindstage.scene import Pose
 from tests.knowledge.maps import (
     ReadMap,
     assert_worlds_equal,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from mindstage.knowledge import write_map
-from mindstage.world import Iri, Literal, PropertyAssertion
+from mindstage.scene import Iri, Literal, PropertyAssertion
 from tests.knowledge.maps import XSD, ReadMap, body_turtle, individual, knowrob_iri, room_map
 
 

@@ -10,8 +10,8 @@ import pytest
 
 from mindstage.engines.mujoco import MujocoEngine
 from mindstage.knowledge import KnowledgeBase, LengthUnit, QuaternionOrder, UnitConventions, save_map
-from mindstage.world import BodyId, PrimitiveType, World
-from mindstage.world.geometry import rotation_matrix
+from mindstage.scene import BodyId, PrimitiveType, World
+from mindstage.scene.transforms import rotation_matrix
 from tests.knowledge.maps import ReadMap, assert_worlds_equal, knowledge_base_from
 from tests.knowledge.other_maps import check_round_trip, finding_texts, joint_range, matrix_turtle, soma_map
 

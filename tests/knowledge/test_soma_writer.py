@@ -11,8 +11,8 @@ from hypothesis import given
 from msgspec.structs import replace
 
 from mindstage.knowledge import MapDialect, MapFormat, bundled_kitchen, save_map, write_map
-from mindstage.world import AxisMotion, BodyId, Iri, Joint, Pose, PrimitiveShape, PrimitiveType, World
-from mindstage.world.geometry import normalized_pose_array, rotation_matrix
+from mindstage.scene import AxisMotion, BodyId, Iri, Joint, Pose, PrimitiveShape, PrimitiveType, World
+from mindstage.scene.transforms import normalized_pose_array, rotation_matrix
 from tests.kitchenette import kitchenette
 from tests.knowledge.maps import KNOWROB, assert_worlds_equal, knowledge_base_from
 from tests.knowledge.test_anything import mutated_maps, normalized

@@ -14,7 +14,7 @@ import pytest
 
 from mindstage.errors import SparqlSyntaxError, SparqlTimeoutError, StoreError
 from mindstage.knowledge import KnowledgeBase, RdfTerm
-from mindstage.knowledge.stores import query_process
+from mindstage.knowledge import sparql_worker as query_process
 from tests.knowledge.maps import KNOWROB, XSD
 
 ENDLESS = "SELECT (COUNT(*) AS ?n) WHERE { ?a ?b ?c . ?d ?e ?f . ?g ?h ?i }"

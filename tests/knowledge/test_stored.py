@@ -14,10 +14,10 @@ import pytest
 
 from mindstage.errors import InvalidArgumentError, SourceParseError, StoreError
 from mindstage.knowledge import Finding, KnowledgeBase, bundled_kitchen, bundled_ontology
-from mindstage.knowledge.names import local_name
-from mindstage.knowledge.questions import list_questions
-from mindstage.knowledge.sources import library
-from mindstage.knowledge.stores.localstore import OxigraphStore
+from mindstage.knowledge.io import sources as library
+from mindstage.knowledge.queries import list_questions
+from mindstage.knowledge.rdf import local_name
+from mindstage.knowledge.store import OxigraphStore
 from tests.knowledge.maps import body_turtle, individual, room_map
 
 CONTAINER_FOR = "typePrimaryFunction-containerFor"
@@ -210,7 +210,7 @@ def test_what_cannot_be_loaded_leaves_the_folder_as_it_was(small: tuple[Path, Pa
 def test_a_large_source_that_cannot_be_read_leaves_nothing_behind(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("mindstage.knowledge.stores.localstore._MAX_FORK_SIZE", 0)
+    monkeypatch.setattr("mindstage.knowledge.store._MAX_FORK_SIZE", 0)
     (tmp_path / "bad.ttl").write_text("<e:a> <e:b> <e:c> .\n" * 100 + "<e:a> <", encoding="utf-8")
     (tmp_path / "good.ttl").write_text("<e:d> <e:b> <e:c> .", encoding="utf-8")
     with reopened(folder) as kb:

@@ -8,9 +8,9 @@ import pytest
 
 from mindstage.errors import InvalidArgumentError, NameNotFoundError
 from mindstage.knowledge import KnowledgeBase, bundled_kitchen
-from mindstage.knowledge.names import local_name
-from mindstage.knowledge.questions import cell_text
-from mindstage.world import Literal
+from mindstage.knowledge.queries import cell_text
+from mindstage.knowledge.rdf import local_name
+from mindstage.scene import Literal
 from tests.knowledge.maps import KNOWROB, ROOM_NAMESPACE, body_turtle, knowledge_base_from, room_map
 
 CONTAINER_FOR = "typePrimaryFunction-containerFor"

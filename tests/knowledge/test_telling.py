@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from mindstage.knowledge import KnowledgeBase, bundled_kitchen
-from mindstage.knowledge.names import local_name
-from mindstage.knowledge.questions import answers_to_builtins
+from mindstage.knowledge.queries import answers_to_builtins
+from mindstage.knowledge.rdf import local_name
 from tests.knowledge.maps import KNOWROB
 
 

@@ -12,9 +12,9 @@ import pytest
 
 from mindstage.engines import NullEngine
 from mindstage.knowledge import KnowledgeBase, bundled_kitchen
-from mindstage.knowledge.names import local_name
-from mindstage.stage import Simulation
-from mindstage.world import Iri
+from mindstage.knowledge.rdf import local_name
+from mindstage.scene import Iri
+from mindstage.simulation import Simulation
 from tests.knowledge.maps import ROOM_NAMESPACE, body_turtle, room_map
 
 CONTAINER_FOR = "typePrimaryFunction-containerFor"

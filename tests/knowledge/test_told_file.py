@@ -9,7 +9,7 @@ import pytest
 
 from mindstage.errors import InvalidArgumentError, NameNotFoundError, SourceParseError
 from mindstage.knowledge import AssertionFile, KnowledgeBase
-from mindstage.knowledge.names import local_name
+from mindstage.knowledge.rdf import local_name
 from tests.knowledge.maps import KNOWROB, OWL, RDFS
 
 CONTAINER_FOR = "typePrimaryFunction-containerFor"

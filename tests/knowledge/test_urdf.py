@@ -12,9 +12,9 @@ import pytest
 from mindstage.engines.mujoco import MujocoEngine
 from mindstage.errors import SourceParseError
 from mindstage.knowledge import save_map
-from mindstage.knowledge.robots import is_urdf
-from mindstage.world import AxisMotion, BodyId, Mobility, PrimitiveType
-from mindstage.world.geometry import rotation_matrix
+from mindstage.knowledge.urdf import is_urdf
+from mindstage.scene import AxisMotion, BodyId, Mobility, PrimitiveType
+from mindstage.scene.transforms import rotation_matrix
 from tests.knowledge.maps import assert_worlds_equal, knowledge_base_from
 from tests.knowledge.other_maps import joint_range
 from tests.knowledge.small_robot import (

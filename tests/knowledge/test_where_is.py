@@ -10,12 +10,12 @@ import pytest
 from mindstage.engines import MujocoEngine, NullEngine
 from mindstage.errors import InvalidArgumentError, NameNotFoundError
 from mindstage.knowledge import KnowledgeBase, bundled_kitchen
-from mindstage.knowledge.moment import StateAccess, WorldState
-from mindstage.knowledge.names import local_name
-from mindstage.knowledge.questions import answers_to_builtins, cell_text, handle_of, where_is
-from mindstage.stage import Simulation
-from mindstage.world import BodyId, Pose
-from mindstage.world.space import SpatialRelation
+from mindstage.knowledge.queries import answers_to_builtins, cell_text, handle_of, where_is
+from mindstage.knowledge.questions import StateAccess, WorldState
+from mindstage.knowledge.rdf import local_name
+from mindstage.scene import BodyId, Pose
+from mindstage.scene.spatial import SpatialRelation
+from mindstage.simulation import Simulation
 from tests.engines.scenes import body, world
 from tests.knowledge.maps import KNOWROB, ROOM_NAMESPACE, knowledge_base_from, room_map
 from tests.knowledge.maps import body_turtle as individual

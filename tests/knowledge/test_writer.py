@@ -11,7 +11,7 @@ from msgspec.structs import replace
 
 from mindstage.errors import MapWriteError
 from mindstage.knowledge import MapFormat, save_map, write_map
-from mindstage.world import Attachment, BodyId, BodyPhysics, Iri, IriRef, Literal, Pose, PropertyAssertion
+from mindstage.scene import Attachment, BodyId, BodyPhysics, Iri, IriRef, Literal, Pose, PropertyAssertion
 from tests.kitchenette import kitchenette
 from tests.knowledge.maps import individual, knowledge_base_from
 from tests.knowledge.test_round_trip import CUP, TABLE, world_of

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from mindstage.errors import SourceParseError
-from mindstage.knowledge.robots.expansion import expand_xacro
-from mindstage.knowledge.sources.packages import RosPackagePath
+from mindstage.knowledge.io.ros_packages import RosPackagePath
+from mindstage.knowledge.urdf.parse import expand_xacro
 from tests.knowledge.small_robot import LoadedRobot, box_urdf, link_urdf, load_robot, robot_urdf
 
 BASE = link_urdf("base", box_urdf("1 1 1"))

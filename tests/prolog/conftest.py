@@ -12,7 +12,7 @@ import pytest
 from mindstage.engines import NullEngine
 from mindstage.knowledge import KnowledgeBase, bundled_kitchen
 from mindstage.prolog import PrologConsole
-from mindstage.stage import Simulation
+from mindstage.simulation import Simulation
 
 
 @pytest.fixture(scope="session")

@@ -10,8 +10,8 @@ import pytest
 
 from mindstage.errors import PrologGoalError, PrologTimeoutError, PrologUnavailableError, SourceParseError
 from mindstage.prolog import PrologConsole
-from mindstage.prolog.terms import Compound
-from mindstage.stage import Simulation
+from mindstage.prolog.swipl import Compound
+from mindstage.simulation import Simulation
 
 
 def test_solutions_come_in_prolog_s_order(kitchen: PrologConsole) -> None:

@@ -9,7 +9,7 @@ import pytest
 
 from mindstage.errors import PrologGoalError, PrologTimeoutError
 from mindstage.prolog import PrologConsole
-from mindstage.stage import Simulation
+from mindstage.simulation import Simulation
 
 FRIDGE = "http://mindstage.org/maps/kitchen.owl#fridge"
 MANY = f"[{','.join('1' * 1000)}]"

@@ -5,14 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from mindstage.world.colors import COLORS
 
 from mindstage.engines import NullEngine
 from mindstage.errors import PrologGoalError
 from mindstage.knowledge import KnowledgeBase, bundled_kitchen
 from mindstage.prolog import PrologConsole
-from mindstage.stage import Simulation
-from mindstage.world import BodyId, Pose, diff
+from mindstage.scene import BodyId, Pose, diff
+from mindstage.scene.colors import COLORS
+from mindstage.simulation import Simulation
 from tests.cli.typed import map_text
 
 

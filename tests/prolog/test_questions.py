@@ -8,7 +8,7 @@ import pytest
 
 from mindstage.errors import PrologGoalError
 from mindstage.knowledge import KnowledgeBase
-from mindstage.knowledge.questions import Question, list_questions
+from mindstage.knowledge.queries import Question, list_questions
 from mindstage.prolog import PrologConsole
 
 KITCHEN = "http://mindstage.org/maps/kitchen.owl#"

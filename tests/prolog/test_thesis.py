@@ -10,7 +10,7 @@ import pytest
 from mindstage.engines import NullEngine
 from mindstage.knowledge import KnowledgeBase
 from mindstage.prolog import PrologConsole
-from mindstage.stage import Simulation
+from mindstage.simulation import Simulation
 
 EXAMINER = Path(__file__).with_name("examiner.pl")
 

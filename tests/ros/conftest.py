@@ -12,11 +12,10 @@ from mindstage.bridge import LocalNode, RosbridgeClient, RosbridgeServer
 from mindstage.engines import MujocoEngine
 from mindstage.knowledge import KnowledgeBase, bundled_kitchen
 from mindstage.ros import RosInterface
-from mindstage.stage import Simulation
+from mindstage.simulation import Simulation
 from tests.bridge.talking import TIMEOUT_S, RawClient
 from tests.kitchenette import kitchenette
-
-from .asking import Ask, Call, question_caller
+from tests.ros.asking import Ask, Call, question_caller
 
 
 @pytest.fixture(scope="session")

@@ -10,12 +10,12 @@ from typing import Any
 import pytest
 
 from mindstage.bridge import ClientGoalHandle, GoalStatus, LocalNode, RosbridgeClient, RosbridgeServer
-from mindstage.bridge.description import world_to_json
+from mindstage.bridge.conversions import world_to_json
 from mindstage.engines import NullEngine, SpawnReport
 from mindstage.knowledge import KnowledgeBase
 from mindstage.ros import RosInterface, RosVersion
-from mindstage.stage import Simulation
-from mindstage.world import NO_GEOMETRY, GeometryMap, World
+from mindstage.scene import NO_GEOMETRY, GeometryMap, World
+from mindstage.simulation import Simulation
 from tests.bridge.talking import TIMEOUT_S, RawClient, eventually
 from tests.kitchenette import kitchenette
 

@@ -9,10 +9,9 @@ import pytest
 from mindstage.bridge import LocalNode
 from mindstage.errors import ServiceCallError
 from mindstage.knowledge import KnowledgeBase
-from mindstage.knowledge.questions import answers_to_builtins, list_questions
-from mindstage.stage import Simulation
-
-from .asking import Ask, Call, pose_message
+from mindstage.knowledge.queries import answers_to_builtins, list_questions
+from mindstage.simulation import Simulation
+from tests.ros.asking import Ask, Call, pose_message
 
 
 def test_every_question_has_a_service_that_answers_as_the_shell_does(

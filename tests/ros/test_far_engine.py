@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from mindstage.bridge import GoalStatus, LocalNode
-from mindstage.bridge.description import (
+from mindstage.bridge.conversions import (
     error_from_text,
     geometry_to_json,
     message_to_error,
@@ -22,12 +22,11 @@ from mindstage.errors import BodyNotFoundError, PoseUnreachableError, ServiceCal
 from mindstage.knowledge import KnowledgeBase
 from mindstage.msgs import decode, engine_service, mindstage_msgs, service_types
 from mindstage.ros import RosInterface
-from mindstage.stage import Simulation
-from mindstage.world import BodyGeometry, BodyId, BodyPhysics, CollisionShape, Material, Mobility, diff
+from mindstage.scene import BodyGeometry, BodyId, BodyPhysics, CollisionShape, Material, Mobility, diff
+from mindstage.simulation import Simulation
 from tests.bridge.talking import TIMEOUT_S, eventually
 from tests.kitchenette import kitchenette
-
-from .asking import TURNED, Call, pose_message, position_of
+from tests.ros.asking import TURNED, Call, pose_message, position_of
 
 
 @pytest.fixture

@@ -5,8 +5,8 @@ from __future__ import annotations
 from mindstage import KnowledgeBase, NullEngine, Simulation
 from mindstage.bridge import LocalNode, RosbridgeClient, RosbridgeServer
 from mindstage.ros import RosInterface
-from mindstage.stage import ConnectedClient
-from tests.viewport.waiting import wait_until
+from mindstage.simulation import ConnectedClient
+from tests.viewer.waiting import wait_until
 
 
 def test_programs_at_the_hub_are_guests_while_they_are_connected() -> None:

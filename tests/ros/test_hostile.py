@@ -10,7 +10,7 @@ import pytest
 
 from mindstage.bridge import LocalNode
 from mindstage.ros import RosInterface
-from mindstage.stage import Simulation
+from mindstage.simulation import Simulation
 from tests.bridge.talking import RawClient, eventually
 
 MESSAGES = 2000

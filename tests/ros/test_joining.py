@@ -14,11 +14,10 @@ import pytest
 from mindstage.bridge import ConnectionState, GoalStatus, RosbridgeClient
 from mindstage.errors import BridgeError
 from mindstage.ros import RosInterface
-from mindstage.stage import Simulation
+from mindstage.simulation import Simulation
 from tests.bridge.talking import TIMEOUT_S, eventually
-
-from .asking import pose_message, position_of
-from .test_actions import FOR_EVER, PREEMPTED, STEPS, STEPS_TYPE, Actionlib, stands_still
+from tests.ros.asking import pose_message, position_of
+from tests.ros.test_actions import FOR_EVER, PREEMPTED, STEPS, STEPS_TYPE, Actionlib, stands_still
 
 ROOT = Path(__file__).resolve().parents[2]
 

@@ -9,19 +9,19 @@ from typing import Any
 import pytest
 
 from mindstage.bridge import BridgeLimits, LocalNode, RosbridgeServer
-from mindstage.bridge.description import error_from_text, spawn_request
+from mindstage.bridge.conversions import error_from_text
+from mindstage.bridge.conversions_unreal import spawn_request
 from mindstage.engines import NullEngine
 from mindstage.errors import EngineClosedError, ServiceCallError, SimulationTimeoutError
 from mindstage.knowledge import KnowledgeBase
 from mindstage.msgs import encode, service_type
 from mindstage.msgs.base import fields_of
 from mindstage.ros import RosInterface
-from mindstage.stage import Simulation
-from mindstage.world import World
+from mindstage.scene import World
+from mindstage.simulation import Simulation
 from tests.bridge.talking import TIMEOUT_S, RawClient, eventually
 from tests.kitchenette import kitchenette
-
-from .asking import pose_message
+from tests.ros.asking import pose_message
 
 Talkers = Callable[[], RawClient]
 

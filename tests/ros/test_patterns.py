@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mindstage.ros.results import ResultError
-from mindstage.ros.simulation.filters import name_matcher
+from mindstage.ros.service import ResultError
+from mindstage.ros.simulation_interfaces import name_matcher
 
 PIECES = ("a", "b", ".", "[ab]", "[^a]", "(a|b)", "(ab)", "^", "$", "(a|)", "[[:digit:]]", r"\.", "()")
 COUNTS = ("", "*", "+", "?", "{2}", "{1,}", "{0,2}")

@@ -7,8 +7,7 @@ import pytest
 from mindstage.bridge import LocalNode
 from mindstage.errors import ServiceCallError
 from mindstage.ros import RosInterface
-
-from .asking import Call
+from tests.ros.asking import Call
 
 
 def test_topics_services_and_actions_are_listed_with_their_types(call: Call) -> None:

@@ -7,11 +7,11 @@ import subprocess
 from pathlib import Path
 
 from mindstage.bridge import LocalNode, RosbridgeServer
-from mindstage.bridge.description import spawn_request
+from mindstage.bridge.conversions_unreal import spawn_request
 from mindstage.knowledge import KnowledgeBase
 from mindstage.msgs import encode
 from mindstage.ros import RosInterface
-from mindstage.stage import Simulation
+from mindstage.simulation import Simulation
 from tests.bridge.talking import eventually
 
 PAGE = Path(__file__).with_name("page.mjs")

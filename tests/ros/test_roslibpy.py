@@ -12,14 +12,13 @@ import roslibpy
 import roslibpy.ros1.actionlib as actionlib
 
 from mindstage.bridge import LocalNode, RosbridgeServer
-from mindstage.bridge.description import spawn_request
+from mindstage.bridge.conversions_unreal import spawn_request
 from mindstage.knowledge import KnowledgeBase
 from mindstage.msgs import encode
 from mindstage.ros import RosInterface, RosVersion
-from mindstage.stage import Simulation
+from mindstage.simulation import Simulation
 from tests.bridge.talking import TIMEOUT_S, eventually
-
-from .asking import TURNED, pose_message, position_of
+from tests.ros.asking import TURNED, pose_message, position_of
 
 FOR_EVER = 10**9
 Reach = Callable[..., Any]

@@ -11,11 +11,10 @@ import pytest
 from mindstage.bridge import LocalNode
 from mindstage.knowledge import KnowledgeBase, save_map
 from mindstage.ros import RosInterface
-from mindstage.stage import Simulation
+from mindstage.simulation import Simulation
 from tests.bridge.talking import TIMEOUT_S
 from tests.kitchenette import kitchenette
-
-from .asking import TURNED, Call, pose_message, position_of
+from tests.ros.asking import TURNED, Call, pose_message, position_of
 
 UNSUPPORTED, OK, NOT_FOUND, INCORRECT_STATE, FAILED = range(5)
 STOPPED, PLAYING, PAUSED, QUITTING, NO_WORLD = range(5)

@@ -14,13 +14,12 @@ from mindstage.errors import EngineError
 from mindstage.knowledge import KnowledgeBase
 from mindstage.msgs import RosVersion, decode, encode, message_type
 from mindstage.ros import PublishRates, RosInterface
-from mindstage.ros.pictures import tf_message, world_marker_array
-from mindstage.stage import Simulation
-from mindstage.world import BodyId
+from mindstage.ros.publishers import tf_message, world_marker_array
+from mindstage.scene import BodyId
+from mindstage.simulation import Simulation
 from tests.bridge.talking import eventually
 from tests.kitchenette import kitchenette
-
-from .asking import position_of
+from tests.ros.asking import position_of
 
 TYPES = {
     "/clock": "rosgraph_msgs/Clock",

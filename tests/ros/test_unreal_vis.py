@@ -9,10 +9,9 @@ import pytest
 from mindstage.bridge import LocalNode
 from mindstage.errors import ServiceCallError
 from mindstage.ros import RosInterface
-from mindstage.stage import Marker, MarkerType, Simulation
+from mindstage.simulation import Marker, MarkerType, Simulation
 from tests.bridge.talking import eventually
-
-from .asking import TURNED, Call, diagnostic_texts, pose_message
+from tests.ros.asking import TURNED, Call, diagnostic_texts, pose_message
 
 RED = {"r": 1.0, "g": 0.0, "b": 0.0, "a": 1.0}
 BLUE = {"r": 0.0, "g": 0.0, "b": 1.0, "a": 0.5}

@@ -7,15 +7,14 @@ from typing import Any
 import pytest
 
 from mindstage.bridge import LocalNode
-from mindstage.bridge.description import spawn_request
+from mindstage.bridge.conversions_unreal import spawn_request
 from mindstage.knowledge import KnowledgeBase
 from mindstage.msgs import encode
 from mindstage.ros import RosInterface
-from mindstage.stage import Simulation
-from mindstage.world import Mobility, diff
+from mindstage.scene import Mobility, diff
+from mindstage.simulation import Simulation
 from tests.bridge.talking import TIMEOUT_S, eventually
-
-from .asking import TURNED, Ask, Call, diagnostic_texts, pose_message, position_of
+from tests.ros.asking import TURNED, Ask, Call, diagnostic_texts, pose_message, position_of
 
 BOX = {"height": 0.2, "width": 0.3, "depth": 0.4}
 

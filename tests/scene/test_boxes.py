@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mindstage.world.boxes import OrientedBoxes, face_coverage, overlapping_pairs
+from mindstage.scene.bounding_boxes import OrientedBoxes, face_coverage, overlapping_pairs
 
 UPRIGHT = (1.0, 0.0, 0.0, 0.0)
 

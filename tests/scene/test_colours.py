@@ -5,10 +5,10 @@ from __future__ import annotations
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from mindstage.world.colors import COLORS, NO_COLOR, color_name, parse_color
 
 from mindstage.errors import InvalidColorError
-from mindstage.world import Color
+from mindstage.scene import Color
+from mindstage.scene.colors import COLORS, NO_COLOR, color_name, parse_color
 
 
 def test_the_named_colors_are_those_of_the_wire_in_its_order() -> None:

@@ -13,7 +13,7 @@ from msgspec.structs import replace
 from tests.kitchenette import MAP, kitchenette
 from tests.worlds import poses, vectors, worlds
 
-from mindstage.world import (
+from mindstage.scene import (
     MECHANICAL_KINDS,
     Attachment,
     BodyId,

@@ -11,7 +11,7 @@ from msgspec.structs import replace
 from tests.kitchenette import kitchenette
 from tests.worlds import worlds
 
-from mindstage.world import (
+from mindstage.scene import (
     BlankNode,
     FactValue,
     Iri,

@@ -11,7 +11,7 @@ import msgspec
 import pytest
 from msgspec.structs import replace
 
-from mindstage.world import (
+from mindstage.scene import (
     AngularLimits,
     Attachment,
     AxisMotion,
@@ -36,14 +36,7 @@ from mindstage.world import (
     World,
     diff,
 )
-from mindstage.world.comparison_fields import (
-    BODY_FIELDS,
-    JOINT_FIELDS,
-    LIGHT_FIELDS,
-    MEASURED_KINDS,
-    WORLD_FIELDS,
-    ChangeKind,
-)
+from mindstage.scene.diff import BODY_FIELDS, JOINT_FIELDS, LIGHT_FIELDS, MEASURED_KINDS, WORLD_FIELDS, ChangeKind
 
 SAID: Mapping[str, Any] = {
     "tags": (Tag(type="SemLog", key="Id", value="x"),),

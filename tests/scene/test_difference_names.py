@@ -12,7 +12,7 @@ from msgspec.structs import replace
 from tests.kitchenette import KNOWROB, MAP, RDFS, kitchenette
 from tests.worlds import BLANK_NODE_IDS, worlds
 
-from mindstage.world import (
+from mindstage.scene import (
     Attachment,
     BlankNode,
     BodyId,

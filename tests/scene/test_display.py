@@ -11,8 +11,8 @@ from msgspec.structs import replace
 from tests.kitchenette import kitchenette
 
 from mindstage.engines import SpawnFailure, SpawnNote, SpawnNoteKind, SpawnReport
-from mindstage.world import Iri, Pose, World, diff
-from mindstage.world.display import counted, html_table, short_name
+from mindstage.scene import Iri, Pose, World, diff
+from mindstage.scene.display import counted, html_table, short_name
 
 TEXTS = st.text(max_size=20)
 

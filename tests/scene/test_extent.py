@@ -6,8 +6,8 @@ import math
 
 import pytest
 
-from mindstage.world import Body, BodyId, Iri, Pose, Vector, World
-from mindstage.world.extent import world_bounds
+from mindstage.scene import Body, BodyId, Iri, Pose, Vector, World
+from mindstage.scene.bounding_boxes import world_bounds
 
 
 def world_of(**bodies: tuple[Pose, Vector | None]) -> World:

@@ -11,9 +11,8 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 from tests.worlds import vectors
 
-from mindstage.world.boxes import OrientedBoxes
-from mindstage.world.footprints import footprints, polygon_areas, polygon_gaps, polygon_overlap_areas
-from mindstage.world.geometry import normalize
+from mindstage.scene.bounding_boxes import OrientedBoxes, footprints, polygon_areas, polygon_gaps, polygon_overlap_areas
+from mindstage.scene.transforms import normalize
 
 ONE, OTHER = np.array([0]), np.array([1])
 UPRIGHT = (1.0, 0.0, 0.0, 0.0)

@@ -11,17 +11,20 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 from tests.worlds import poses, sizes, vectors
 
-from mindstage.world import Pose, Vector
-from mindstage.world.frames import (
+from mindstage.scene import Pose, Vector
+from mindstage.scene.transforms import (
     GODOT_FROM_ROS,
     ROS_FROM_GODOT,
     ROS_FROM_UNREAL,
     UNREAL_FROM_ROS,
     FrameConversion,
+    normalize,
+    pose_array,
+    quat_rotate,
+    rotation_matrix,
     wxyz_from_xyzw,
     xyzw_from_wxyz,
 )
-from mindstage.world.geometry import normalize, pose_array, quat_rotate, rotation_matrix
 
 COS15, SIN15 = cos(radians(15.0)), sin(radians(15.0))
 YAWED = Pose((1.0, 2.0, 3.0), (COS15, 0.0, 0.0, SIN15))

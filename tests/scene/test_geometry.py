@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 from tests.worlds import poses, vectors
 
-from mindstage.world import IDENTITY, Pose, Vector
-from mindstage.world.geometry import (
+from mindstage.scene import IDENTITY, Pose, Vector
+from mindstage.scene.transforms import (
     normalize,
     pose_array,
     pose_from_array,

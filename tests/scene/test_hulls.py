@@ -9,8 +9,8 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from mindstage.world.geometry import normalize, rotation_matrix
-from mindstage.world.hulls import convex_hull
+from mindstage.scene.mesh import convex_hull
+from mindstage.scene.transforms import normalize, rotation_matrix
 
 numbers = st.floats(-1, 1)
 clouds = st.lists(st.tuples(numbers, numbers, numbers), min_size=4, max_size=40, unique=True)

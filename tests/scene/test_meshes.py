@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mindstage.world import Vector
-from mindstage.world.meshes import TriangleMesh, arrow, box, box_edges, cone, cylinder, sphere
+from mindstage.scene import Vector
+from mindstage.scene.mesh import TriangleMesh, arrow, box, box_edges, cone, cylinder, sphere
 
 lengths = st.floats(0.005, 3.0)
 sizes = st.tuples(lengths, lengths, lengths)

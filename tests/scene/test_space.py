@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 from tests.engines.scenes import attachment, body, prismatic_joint, revolute_joint, world
 
-from mindstage.world import Body, Pose, Quaternion, Vector, World
-from mindstage.world.geometry import normalized_pose_array, pose_from_array, pose_multiply, quat_multiply
-from mindstage.world.space import SpatialRelation, SpatialRelations
+from mindstage.scene import Body, Pose, Quaternion, Vector, World
+from mindstage.scene.spatial import SpatialRelation, SpatialRelations
+from mindstage.scene.transforms import normalized_pose_array, pose_from_array, pose_multiply, quat_multiply
 
 ON, INSIDE, ABOVE, BELOW, NEXT_TO = SpatialRelation
 

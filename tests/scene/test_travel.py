@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 from tests.engines.scenes import fixed_joint, prismatic_joint, revolute_joint
 
-from mindstage.world import AngularLimits, AxisMotion, Joint, LinearLimits
-from mindstage.world.travel import joint_displacement, joint_reach
+from mindstage.scene import AngularLimits, AxisMotion, Joint, LinearLimits
+from mindstage.scene.kinematics import joint_displacement, joint_reach
 
 DRAWER = prismatic_joint("slide", "cabinet", "drawer", (0, 0, 0), limit=0.4)
 DOOR = revolute_joint("hinge", "case", "door", (0, 0, 0), limit=1.5)

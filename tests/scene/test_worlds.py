@@ -14,19 +14,8 @@ from tests.kitchenette import MAP, kitchenette
 from tests.worlds import worlds
 
 from mindstage.errors import BodyNotFoundError
-from mindstage.world import (
-    AxisMotion,
-    BlankNode,
-    Body,
-    IriRef,
-    Literal,
-    Mobility,
-    Pose,
-    PropertyAssertion,
-    Tag,
-    World,
-)
-from mindstage.world.geometry import pose_array
+from mindstage.scene import AxisMotion, BlankNode, Body, IriRef, Literal, Mobility, Pose, PropertyAssertion, Tag, World
+from mindstage.scene.transforms import pose_array
 
 KITCHEN = kitchenette()
 SEARCH = settings(max_examples=3000, database=None, derandomize=True, deadline=None, phases=[Phase.generate])

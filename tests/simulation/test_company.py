@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from mindstage import KnowledgeBase, NullEngine, Simulation
-from mindstage.world import BodyId, Pose
+from mindstage.scene import BodyId, Pose
 from tests.kitchenette import kitchenette
 
 

@@ -19,9 +19,9 @@ from mindstage.errors import (
     WorldError,
 )
 from mindstage.knowledge import KnowledgeBase
-from mindstage.stage import JointHandle, Simulation, SpawnRecord
-from mindstage.world import BodyId, BodyPhysics, Material, Mobility, Pose, World, diff
-from mindstage.world.geometry import Array
+from mindstage.scene import BodyId, BodyPhysics, Material, Mobility, Pose, World, diff
+from mindstage.scene.transforms import Array
+from mindstage.simulation import JointHandle, Simulation, SpawnRecord
 from tests.kitchenette import kitchenette
 
 MUG, DRAWER, HANDLE = BodyId("Mug"), BodyId("Drawer"), BodyId("DrawerHandle")

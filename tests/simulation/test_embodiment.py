@@ -9,8 +9,8 @@ import pytest
 
 from mindstage.engines import NullEngine, SpawnNoteKind, SpawnReport
 from mindstage.knowledge import KnowledgeBase
-from mindstage.stage import Simulation
-from mindstage.world import NO_GEOMETRY, Body, BodyGeometry, BodyId, GeometryMap, GeometrySource, World, diff
+from mindstage.scene import NO_GEOMETRY, Body, BodyGeometry, BodyId, GeometryMap, GeometrySource, World, diff
+from mindstage.simulation import Simulation
 from tests.kitchenette import kitchenette
 
 

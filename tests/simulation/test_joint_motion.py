@@ -14,8 +14,8 @@ from msgspec.structs import replace
 import mindstage as ms
 from mindstage.errors import BodyNotFoundError, InvalidArgumentError, NameNotFoundError
 from mindstage.knowledge import bundled_kitchen
-from mindstage.stage import JointMotion, Simulation
-from mindstage.world import BodyId, Mobility, Pose
+from mindstage.scene import BodyId, Mobility, Pose
+from mindstage.simulation import JointMotion, Simulation
 
 
 @pytest.fixture(scope="module")

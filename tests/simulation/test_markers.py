@@ -11,9 +11,9 @@ import pytest
 from mindstage.engines import NullEngine
 from mindstage.errors import EngineClosedError, SimulationError, SimulationTimeoutError
 from mindstage.knowledge import KnowledgeBase
-from mindstage.stage import Marker, MarkerType, Simulation
-from mindstage.stage.markers import MarkerStore
-from mindstage.world import Pose
+from mindstage.scene import Pose
+from mindstage.simulation import Marker, MarkerType, Simulation
+from mindstage.simulation.highlights import MarkerStore
 from tests.engines.scenes import room
 
 

@@ -13,8 +13,8 @@ from mindstage.assets import MeshLibrary
 from mindstage.engines import MujocoEngine
 from mindstage.errors import BodyNotFoundError, InvalidArgumentError, NoFreePlacementError
 from mindstage.knowledge import KnowledgeBase, bundled_kitchen
-from mindstage.stage import Simulation
-from mindstage.world import Body, BodyId, BodyPhysics, Iri, Mobility, Pose, Vector, World
+from mindstage.scene import Body, BodyId, BodyPhysics, Iri, Mobility, Pose, Vector, World
+from mindstage.simulation import Simulation
 
 
 @pytest.fixture(scope="module")

@@ -7,15 +7,15 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
-from mindstage.world.colors import COLORS
 from msgspec.structs import replace
 
 from mindstage.engines import MujocoEngine, NullEngine
 from mindstage.errors import BodyNotFoundError, InvalidColorError
 from mindstage.knowledge import KnowledgeBase, bundled_kitchen, save_map
-from mindstage.knowledge.moment import WorldState
-from mindstage.stage import HighlightGroup, Simulation, UnhighlightedItem
-from mindstage.world import BodyId
+from mindstage.knowledge.questions import WorldState
+from mindstage.scene import BodyId
+from mindstage.scene.colors import COLORS
+from mindstage.simulation import HighlightGroup, Simulation, UnhighlightedItem
 from tests.kitchenette import kitchenette
 
 RED, GREEN = COLORS["red"], COLORS["green"]

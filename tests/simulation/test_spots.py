@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mindstage.stage.spots import PlacementSampler, support_surfaces
-from mindstage.world import Body, BodyGeometry, BodyId, CollisionShape, Pose, SupportSurface, Vector
-from mindstage.world.boxes import OrientedBoxes, penetration_depths
-from mindstage.world.geometry import pose_array
+from mindstage.scene import Body, BodyGeometry, BodyId, CollisionShape, Pose, SupportSurface, Vector
+from mindstage.scene.bounding_boxes import OrientedBoxes, penetration_depths
+from mindstage.scene.transforms import pose_array
+from mindstage.simulation.placement import PlacementSampler, support_surfaces
 from tests.engines.scenes import body
 
 CUP: Vector = (0.08, 0.08, 0.1)

@@ -12,8 +12,8 @@ import pytest
 from mindstage.engines import MujocoEngine, NullEngine, PoseArray
 from mindstage.errors import BodyNotFoundError, SimulationError, SimulationTimeoutError
 from mindstage.knowledge import KnowledgeBase
-from mindstage.stage import Simulation
-from mindstage.world import BodyId, Pose, diff
+from mindstage.scene import BodyId, Pose, diff
+from mindstage.simulation import Simulation
 from tests.engines.scenes import room
 
 

@@ -9,9 +9,9 @@ from typing import Any
 import pytest
 
 from mindstage import KnowledgeBase, NullEngine, Simulation
-from mindstage.viewport import Viewer
+from mindstage.viewer import Viewer
 from tests.kitchenette import kitchenette
-from tests.viewport.visiting import PageTab, open_tabs
+from tests.viewer.visiting import PageTab, open_tabs
 
 
 @pytest.fixture

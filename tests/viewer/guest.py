@@ -11,7 +11,7 @@ from typing import Any
 
 from websockets.sync.client import ClientConnection, connect
 
-from tests.viewport.waiting import TIMEOUT_S, wait_until
+from tests.viewer.waiting import TIMEOUT_S, wait_until
 
 __all__ = ["PageClient", "RequestFailed", "connect_page_client"]
 

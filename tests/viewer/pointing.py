@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from mindstage.world import Vector
-from tests.viewport.waiting import becomes_true, wait_until
+from mindstage.scene import Vector
+from tests.viewer.waiting import becomes_true, wait_until
 
 __all__ = ["PagePointer"]
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import msgspec
 
-from mindstage.viewport.channel import RpcChannel, _Request
+from mindstage.viewer.server import RpcChannel, _Request
 
 
 class FakePage:

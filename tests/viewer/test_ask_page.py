@@ -9,10 +9,10 @@ import pytest
 
 from mindstage import KnowledgeBase, NullEngine, Simulation
 from mindstage.knowledge import bundled_kitchen
-from mindstage.stage import ConnectedClient
-from mindstage.viewport import Viewer
-from tests.viewport.pretending import FakePage
-from tests.viewport.waiting import wait_until
+from mindstage.simulation import ConnectedClient
+from mindstage.viewer import Viewer
+from tests.viewer.pretending import FakePage
+from tests.viewer.waiting import wait_until
 
 PATIENCE_MS = 60_000
 

@@ -11,11 +11,10 @@ import pytest
 
 from mindstage import KnowledgeBase, NullEngine, Simulation
 from mindstage.knowledge import bundled_kitchen
-from mindstage.knowledge.questions import list_questions
-from mindstage.viewport.asking import AskHandler
-from mindstage.viewport.channel import RpcChannel
-from mindstage.viewport.lines import has_prolog
-from tests.viewport.pretending import FakePage, RequestFailed
+from mindstage.knowledge.queries import list_questions
+from mindstage.viewer.ask import AskHandler, has_prolog
+from mindstage.viewer.server import RpcChannel
+from tests.viewer.pretending import FakePage, RequestFailed
 
 needs_prolog = pytest.mark.skipif(not has_prolog() and not os.environ.get("CI"), reason="Prolog is not installed")
 

@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from mindstage.errors import BrowserCrashedError, BrowserNotFoundError
-from mindstage.viewport.browser import HeadlessBrowser, find_browser
-from tests.viewport.waiting import wait_until
+from mindstage.viewer.screenshot import HeadlessBrowser, find_browser
+from tests.viewer.waiting import wait_until
 
 
 def program(folder: Path, *lines: str) -> Path:
@@ -44,7 +44,7 @@ def test_a_page_is_opened_asked_and_photographed(chromium: Path) -> None:
 
 def test_without_a_browser_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("PATH", str(tmp_path))
-    monkeypatch.setattr("mindstage.viewport.browser.BROWSERS", ("chromium", "google-chrome"))
+    monkeypatch.setattr("mindstage.viewer.screenshot.BROWSERS", ("chromium", "google-chrome"))
     with pytest.raises(BrowserNotFoundError, match=r"install Chromium or Chrome.*searched for chromium, google-chrome"):
         find_browser()
     with pytest.raises(BrowserNotFoundError, match="there is no program 'netscape'"):

@@ -11,11 +11,9 @@ import msgspec
 import pytest
 
 from mindstage.errors import BodyNotFoundError
-from mindstage.viewport.channel import RpcChannel, RpcLimits
-from mindstage.viewport.server import address, serve, shut_down
-from mindstage.viewport.visitor import ClientSession
-from tests.viewport.guest import PageClient, RequestFailed, connect_page_client
-from tests.viewport.waiting import TIMEOUT_S, wait_until
+from mindstage.viewer.server import ClientSession, RpcChannel, RpcLimits, address, serve, shut_down
+from tests.viewer.guest import PageClient, RequestFailed, connect_page_client
+from tests.viewer.waiting import TIMEOUT_S, wait_until
 
 
 class Nothing(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

@@ -12,11 +12,11 @@ from msgspec.structs import replace
 
 from mindstage import KnowledgeBase, MujocoEngine, Simulation
 from mindstage.knowledge import bundled_kitchen, write_map
-from mindstage.viewport import Viewer
-from mindstage.world import BodyId, Mobility, Pose, World, diff
+from mindstage.scene import BodyId, Mobility, Pose, World, diff
+from mindstage.viewer import Viewer
 from tests.kitchenette import KNOWROB, kitchenette
-from tests.viewport.guest import PageClient, RequestFailed, connect_page_client
-from tests.viewport.waiting import wait_until
+from tests.viewer.guest import PageClient, RequestFailed, connect_page_client
+from tests.viewer.waiting import wait_until
 
 MUG, DRAWER = BodyId("Mug"), BodyId("Drawer")
 LEVEL = [1.0, 0.0, 0.0, 0.0]

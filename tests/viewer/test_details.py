@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from mindstage.stage import JointHandle, SpawnRecord
-from mindstage.viewport.details import BodyDetails, FactRow, MaterialDetails, StorageHint, body_details, live_details
-from mindstage.world import (
+from mindstage.scene import (
     BlankNode,
     Body,
     BodyId,
@@ -20,7 +18,9 @@ from mindstage.world import (
     PropertyAssertion,
     World,
 )
-from mindstage.world.geometry import normalized_pose_array
+from mindstage.scene.transforms import normalized_pose_array
+from mindstage.simulation import JointHandle, SpawnRecord
+from mindstage.viewer.inspector import BodyDetails, FactRow, MaterialDetails, StorageHint, body_details, live_details
 from tests.kitchenette import MAP, kitchenette
 
 DOOR = BodyId("FridgeDoor")

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from mindstage.errors import BrowserCrashedError
-from mindstage.viewport.devtools import CdpPipe
+from mindstage.viewer.devtools import CdpPipe
 
 PATIENCE_S = 60.0
 """For what is expected to arrive."""

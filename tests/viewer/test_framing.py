@@ -7,12 +7,12 @@ import pytest
 from msgspec.structs import replace
 
 from mindstage import KnowledgeBase
-from mindstage.viewport.framing import CameraPose, corners, focus_camera, ground_height, initial_camera, initial_target
-from mindstage.viewport.looks import BodyAppearance, compute_appearance
-from mindstage.world import Body, BodyId, BodyPhysics, Iri, Mobility, Pose, Vector, World
-from mindstage.world.geometry import pose_array
+from mindstage.scene import Body, BodyId, BodyPhysics, Iri, Mobility, Pose, Vector, World
+from mindstage.scene.transforms import pose_array
+from mindstage.viewer.appearance import BodyAppearance, compute_appearance
+from mindstage.viewer.camera import CameraPose, corners, focus_camera, ground_height, initial_camera, initial_target
 from tests.kitchenette import kitchenette
-from tests.viewport.visiting import to_picture
+from tests.viewer.visiting import to_picture
 
 KNOWLEDGE = KnowledgeBase()
 

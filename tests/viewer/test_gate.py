@@ -7,7 +7,7 @@ from http import HTTPStatus
 import pytest
 
 from mindstage.errors import AuthenticationError
-from mindstage.viewport.gate import RequestFilter, view_key
+from mindstage.viewer.http import RequestFilter, view_key
 
 HOME = {"Host": "127.0.0.1:8080"}
 VIEW = "/view/0123456789abcdef"

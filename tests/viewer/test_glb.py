@@ -10,8 +10,8 @@ import pytest
 import trimesh
 from msgspec.structs import replace
 
-from mindstage.viewport.glb import mean_color, merge_visuals, visuals_to_glb
-from mindstage.world import PbrMaterial, VisualMesh
+from mindstage.scene import PbrMaterial, VisualMesh
+from mindstage.viewer.appearance import mean_color, merge_visuals, visuals_to_glb
 
 WOOD = PbrMaterial(name="wood", color=(0.7, 0.5, 0.3), roughness=0.6)
 STEEL = PbrMaterial(name="steel", color=(0.8, 0.8, 0.8), metalness=1.0, roughness=0.3)

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 
 from mindstage import KnowledgeBase, MujocoEngine, NullEngine, Simulation
-from mindstage.viewport.hands import DragController, DragMode, drag_target
-from mindstage.world import BodyId, BodyPhysics, Mobility, Pose, Vector, World
+from mindstage.scene import BodyId, BodyPhysics, Mobility, Pose, Vector, World
+from mindstage.viewer.drag import DragController, DragMode, drag_target
 from tests.kitchenette import kitchenette
 
 DRAWER, HANDLE, DOOR, MUG = BodyId("Drawer"), BodyId("DrawerHandle"), BodyId("FridgeDoor"), BodyId("Mug")

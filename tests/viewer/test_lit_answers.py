@@ -7,15 +7,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from mindstage.world.colors import COLORS
 
 from mindstage import KnowledgeBase, NullEngine, Simulation
 from mindstage.knowledge import save_map
-from mindstage.viewport import Viewer
-from mindstage.world import Color
+from mindstage.scene import Color
+from mindstage.scene.colors import COLORS
+from mindstage.viewer import Viewer
 from tests.kitchenette import kitchenette
-from tests.viewport.visiting import PageTab
-from tests.viewport.waiting import wait_until
+from tests.viewer.visiting import PageTab
+from tests.viewer.waiting import wait_until
 
 Visiting = Callable[[Viewer], PageTab]
 LABEL = "handle_of individual=FridgeDoor"

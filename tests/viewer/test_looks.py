@@ -7,9 +7,7 @@ import pytest
 from msgspec.structs import replace
 
 from mindstage import KnowledgeBase
-from mindstage.viewport.glb import merge_visuals
-from mindstage.viewport.looks import ASSUMED_SIZE_M, BodyAppearance, VisiblePart, compute_appearance
-from mindstage.world import (
+from mindstage.scene import (
     AttachedLight,
     Attachment,
     Body,
@@ -30,6 +28,7 @@ from mindstage.world import (
     VisualMesh,
     World,
 )
+from mindstage.viewer.appearance import ASSUMED_SIZE_M, BodyAppearance, VisiblePart, compute_appearance, merge_visuals
 from tests.kitchenette import KNOWROB, kitchenette
 
 KNOWLEDGE = KnowledgeBase()

@@ -7,18 +7,18 @@ from typing import Any
 
 import numpy as np
 import pytest
-from mindstage.world.colors import COLORS
 from msgspec.structs import replace
 
 from mindstage import Simulation
-from mindstage.stage import Marker, MarkerType
-from mindstage.viewport import Viewer
-from mindstage.viewport.framing import CameraPose
-from mindstage.viewport.glb import merge_visuals
-from mindstage.world import BodyId, Color, Pose
+from mindstage.scene import BodyId, Color, Pose
+from mindstage.scene.colors import COLORS
+from mindstage.simulation import Marker, MarkerType
+from mindstage.viewer import Viewer
+from mindstage.viewer.appearance import merge_visuals
+from mindstage.viewer.camera import CameraPose
 from tests.kitchenette import kitchenette
-from tests.viewport.viewing import ViewTab, open_views
-from tests.viewport.waiting import wait_until
+from tests.viewer.viewing import ViewTab, open_views
+from tests.viewer.waiting import wait_until
 
 Looking = Callable[[Viewer], ViewTab]
 RED, BLUE = COLORS["red"], COLORS["blue"]

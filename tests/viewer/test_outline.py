@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from msgspec.structs import replace
 
-from mindstage.viewport.outline import ParentLink, SceneTree, scene_tree
-from mindstage.world import Attachment, BodyId, World
+from mindstage.scene import Attachment, BodyId, World
+from mindstage.viewer.inspector import ParentLink, SceneTree, scene_tree
 from tests.kitchenette import kitchenette
 
 

@@ -10,11 +10,11 @@ import pytest
 from msgspec.structs import replace
 
 from mindstage import KnowledgeBase, MujocoEngine, NullEngine, Simulation
-from mindstage.viewport import Viewer
-from mindstage.world import BodyId, Iri, Pose, World
+from mindstage.scene import BodyId, Iri, Pose, World
+from mindstage.viewer import Viewer
 from tests.kitchenette import kitchenette
-from tests.viewport.visiting import PageTab
-from tests.viewport.waiting import wait_until
+from tests.viewer.visiting import PageTab
+from tests.viewer.waiting import wait_until
 
 Visiting = Callable[..., PageTab]
 

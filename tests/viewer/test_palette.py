@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from mindstage.world.colors import srgb_to_linear
 
-from mindstage.viewport.palette import HIGHLIGHT_OPACITY, OCCLUDER_OPACITY, Paint, dimmed, highlighted
+from mindstage.scene.colors import srgb_to_linear
+from mindstage.viewer.appearance import HIGHLIGHT_OPACITY, OCCLUDER_OPACITY, Paint, dimmed, highlighted
 
 RED = (1.0, 0.0, 0.0)
 

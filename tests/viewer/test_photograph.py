@@ -11,11 +11,11 @@ from PIL import Image
 
 from mindstage import KnowledgeBase, NullEngine, Simulation
 from mindstage.errors import BodyNotFoundError, BrowserNotFoundError, InvalidArgumentError
-from mindstage.viewport import Screenshot, Viewer
-from mindstage.viewport.framing import CameraPose
-from mindstage.viewport.photograph import _camera_for
-from mindstage.world import BodyId
-from tests.viewport.waiting import wait_until
+from mindstage.scene import BodyId
+from mindstage.viewer import Screenshot, Viewer
+from mindstage.viewer.camera import CameraPose
+from mindstage.viewer.screenshot import _camera_for
+from tests.viewer.waiting import wait_until
 
 PATIENCE_S = 300.0
 USUAL = CameraPose((3.0, -3.0, 2.0), (0.0, 0.0, 0.5), 0.6)

@@ -10,16 +10,14 @@ import pytest
 from msgspec.structs import replace
 
 from mindstage import KnowledgeBase
-from mindstage.viewport.bodies import BATCH_SIZE
-from mindstage.viewport.framing import CameraPose
-from mindstage.viewport.looks import BodyAppearance, VisiblePart, compute_appearance
-from mindstage.viewport.palette import OCCLUDER_OPACITY
-from mindstage.viewport.scene import ViewerScene, moved_rows
-from mindstage.world import AttachedLight, BodyGeometry, BodyId, Pose, World
-from mindstage.world.forms import NO_GEOMETRY, GeometryMap
-from mindstage.world.geometry import pose_array
+from mindstage.scene import AttachedLight, BodyGeometry, BodyId, Pose, World
+from mindstage.scene.geometry import NO_GEOMETRY, GeometryMap
+from mindstage.scene.transforms import pose_array
+from mindstage.viewer.appearance import OCCLUDER_OPACITY, BodyAppearance, VisiblePart, compute_appearance
+from mindstage.viewer.camera import CameraPose
+from mindstage.viewer.scene import BATCH_SIZE, ViewerScene, moved_rows
 from tests.kitchenette import kitchenette
-from tests.viewport.playing import FakeNode, FakeServer
+from tests.viewer.playing import FakeNode, FakeServer
 
 KNOWLEDGE = KnowledgeBase()
 WORLD = kitchenette()

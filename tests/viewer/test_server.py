@@ -16,13 +16,11 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
 from mindstage.errors import AuthenticationError, ViewerUnavailableError
-from mindstage.viewport import sockets
-from mindstage.viewport.channel import RpcChannel, RpcLimits
-from mindstage.viewport.files import page_files
-from mindstage.viewport.server import address, serve, session_key_of, shut_down
-from mindstage.viewport.visitor import ClientSession
-from tests.viewport.guest import RequestFailed, connect_page_client
-from tests.viewport.waiting import TIMEOUT_S, wait_until
+from mindstage.viewer import server as sockets
+from mindstage.viewer.http import page_files
+from mindstage.viewer.server import ClientSession, RpcChannel, RpcLimits, address, serve, session_key_of, shut_down
+from tests.viewer.guest import RequestFailed, connect_page_client
+from tests.viewer.waiting import TIMEOUT_S, wait_until
 
 KEY = "0123456789abcdef"
 

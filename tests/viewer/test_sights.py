@@ -12,14 +12,13 @@ from msgspec.structs import replace
 
 from mindstage import KnowledgeBase
 from mindstage.errors import BodyNotFoundError
-from mindstage.viewport import sight as sight_module
-from mindstage.viewport.framing import CameraPose, initial_target
-from mindstage.viewport.looks import compute_appearance
-from mindstage.viewport.sights import ClientViews, GizmoMode, LabelMode
-from mindstage.world import BodyId, Pose, World
-from mindstage.world.geometry import pose_array
+from mindstage.scene import BodyId, Pose, World
+from mindstage.scene.transforms import pose_array
+from mindstage.viewer import camera as sight_module
+from mindstage.viewer.appearance import compute_appearance
+from mindstage.viewer.camera import CameraPose, ClientViews, GizmoMode, LabelMode, initial_target
 from tests.kitchenette import kitchenette
-from tests.viewport.playing import FakeClient, FakeServer
+from tests.viewer.playing import FakeClient, FakeServer
 
 KNOWLEDGE = KnowledgeBase()
 WORLD = kitchenette()

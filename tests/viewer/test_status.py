@@ -10,14 +10,14 @@ import pytest
 
 from mindstage import KnowledgeBase, NullEngine, Simulation, World
 from mindstage.engines import Capability, EngineStats, SpawnNote, SpawnNoteKind, SpawnReport
-from mindstage.engines.contract import SpawnFailure
+from mindstage.engines.base import SpawnFailure
 from mindstage.knowledge import bundled_kitchen
-from mindstage.stage import ConnectedClient
-from mindstage.viewport.channel import RpcChannel
-from mindstage.viewport.status import StatusHandler
-from mindstage.world import NO_GEOMETRY, BodyId, GeometryMap, Iri
+from mindstage.scene import NO_GEOMETRY, BodyId, GeometryMap, Iri
+from mindstage.simulation import ConnectedClient
+from mindstage.viewer.inspector import StatusHandler
+from mindstage.viewer.server import RpcChannel
 from tests.kitchenette import kitchenette
-from tests.viewport.pretending import FakePage
+from tests.viewer.pretending import FakePage
 
 
 class BusyEngine(NullEngine):

@@ -14,11 +14,11 @@ import pytest
 
 from mindstage import KnowledgeBase, MujocoEngine, Simulation
 from mindstage.knowledge import bundled_kitchen
-from mindstage.viewport import Viewer
-from mindstage.world import BodyId, Vector
+from mindstage.scene import BodyId, Vector
+from mindstage.viewer import Viewer
 from tests.conftest import ROOT
-from tests.viewport.visiting import PageTab, open_tabs
-from tests.viewport.waiting import wait_until
+from tests.viewer.visiting import PageTab, open_tabs
+from tests.viewer.waiting import wait_until
 
 WINDOW = (900, 480)
 """Small: without a GPU each picture of a whole kitchen takes its time."""

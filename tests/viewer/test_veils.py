@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mindstage.viewport.veils import find_occluders
-from mindstage.world import Pose
-from mindstage.world.geometry import pose_array
+from mindstage.scene import Pose
+from mindstage.scene.transforms import pose_array
+from mindstage.viewer.camera import find_occluders
 
 EYE = np.array([0.0, 0.0, 1.0])
 LIT = np.array([0])

@@ -12,13 +12,12 @@ import pytest
 from msgspec.structs import replace
 
 from mindstage import KnowledgeBase, MujocoEngine, Simulation
-from mindstage.viewport import Viewer
-from mindstage.viewport.framing import CameraPose
-from mindstage.viewport.sights import GizmoMode, LabelMode
-from mindstage.world import BodyId, Pose
+from mindstage.scene import BodyId, Pose
+from mindstage.viewer import Viewer
+from mindstage.viewer.camera import CameraPose, GizmoMode, LabelMode
 from tests.kitchenette import kitchenette
-from tests.viewport.viewing import ViewTab, open_views, position
-from tests.viewport.waiting import wait_until
+from tests.viewer.viewing import ViewTab, open_views, position
+from tests.viewer.waiting import wait_until
 
 Looking = Callable[[Viewer], ViewTab]
 

@@ -15,11 +15,11 @@ from msgspec.structs import replace
 
 from mindstage import KnowledgeBase, NullEngine, Simulation
 from mindstage.errors import BodyNotFoundError, ViewerUnavailableError
-from mindstage.viewport import Viewer
-from mindstage.world import BodyId, BodyPhysics, Pose
+from mindstage.scene import BodyId, BodyPhysics, Pose
+from mindstage.viewer import Viewer
 from tests.kitchenette import kitchenette
-from tests.viewport.guest import connect_page_client
-from tests.viewport.waiting import wait_until
+from tests.viewer.guest import connect_page_client
+from tests.viewer.waiting import wait_until
 
 MUG = BodyId("Mug")
 

@@ -12,12 +12,12 @@ import numpy as np
 from PIL import Image
 
 from mindstage import Simulation
-from mindstage.viewport import Viewer
-from mindstage.viewport.framing import CameraPose
-from mindstage.world import Vector
-from tests.viewport.pointing import PagePointer
-from tests.viewport.visiting import to_picture
-from tests.viewport.waiting import becomes_true, wait_until
+from mindstage.scene import Vector
+from mindstage.viewer import Viewer
+from mindstage.viewer.camera import CameraPose
+from tests.viewer.pointing import PagePointer
+from tests.viewer.visiting import to_picture
+from tests.viewer.waiting import becomes_true, wait_until
 
 __all__ = ["ViewTab", "open_views"]
 

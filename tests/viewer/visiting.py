@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from mindstage.viewport import Viewer
-from mindstage.viewport.framing import CameraPose
-from mindstage.viewport.server import session_key_of
-from mindstage.world import Vector
-from tests.viewport.pointing import PagePointer
-from tests.viewport.waiting import TIMEOUT_S, wait_until
+from mindstage.scene import Vector
+from mindstage.viewer import Viewer
+from mindstage.viewer.camera import CameraPose
+from mindstage.viewer.server import session_key_of
+from tests.viewer.pointing import PagePointer
+from tests.viewer.waiting import TIMEOUT_S, wait_until
 
 SIZE = (1280, 800)
 SMALL = (800, 420)

@@ -9,9 +9,9 @@ import os
 from contextlib import suppress
 from pathlib import Path
 
-from mindstage.exports.gltf import geometry_to_glb
+from mindstage.assets.gltf import geometry_to_glb
 from mindstage.files import atomic_write, cache_dir
-from mindstage.world import BodyGeometry
+from mindstage.scene import BodyGeometry
 
 __all__ = ["cache_geometry_glb", "geometry_cache_dir"]
 

@@ -18,8 +18,8 @@ from zipfile import BadZipFile
 import numpy as np
 
 from mindstage.files import cache_dir
-from mindstage.world import PbrMaterial, VisualMesh
-from mindstage.world.geometry import Array
+from mindstage.scene import PbrMaterial, VisualMesh
+from mindstage.scene.transforms import Array
 
 __all__ = ["ImportedMesh", "import_meshes"]
 
@@ -173,7 +173,7 @@ class _MeshWorker:
 
     def __enter__(self) -> _MeshWorker:
         # -P: nothing that lies in the working directory is taken for a library.
-        command = [sys.executable, "-P", "-m", "mindstage.assets.reading_process"]
+        command = [sys.executable, "-P", "-m", "mindstage.assets.mesh_worker"]
         self._process = subprocess.Popen(
             command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
         )

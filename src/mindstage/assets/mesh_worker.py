@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from mindstage.world.colors import linear_to_srgb
+from mindstage.scene.colors import linear_to_srgb
 
 __all__ = ["main"]
 

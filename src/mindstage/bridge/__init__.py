@@ -1,13 +1,20 @@
 """Bridge: the rosbridge v2 protocol and the connection for both of its ends."""
 
+from mindstage.bridge.broker import GraphInfo, ProviderInfo, TopicInfo
 from mindstage.bridge.client import ConnectionState, RosbridgeClient
-from mindstage.bridge.goals import ClientGoalHandle, GoalResult, ServerGoalHandle
-from mindstage.bridge.hub import LocalNode
-from mindstage.bridge.participant import MessageHandler, Node, Subscription
+from mindstage.bridge.node import (
+    ActionHandler,
+    ClientGoalHandle,
+    GoalResult,
+    LocalNode,
+    MessageHandler,
+    Node,
+    ServerGoalHandle,
+    ServiceHandler,
+    Subscription,
+)
 from mindstage.bridge.protocol import BridgeLimits, Compression, GoalStatus, Status, StatusLevel
 from mindstage.bridge.server import RosbridgeServer
-from mindstage.bridge.serving import ActionHandler, ServiceHandler
-from mindstage.bridge.switchboard import GraphInfo, ProviderInfo, TopicInfo
 
 __all__ = [
     "ActionHandler",

@@ -17,9 +17,9 @@ from enum import StrEnum
 from websockets.asyncio.client import connect
 from websockets.exceptions import InvalidStatus, InvalidURI, WebSocketException
 
-from mindstage.bridge.connection import Connection
-from mindstage.bridge.participant import Node
+from mindstage.bridge.node import Node
 from mindstage.bridge.protocol import DEFAULT_LIMITS, BridgeLimits, Id, MessageEncoder, Operation, Status
+from mindstage.bridge.server import Connection
 from mindstage.errors import AuthenticationError, BridgeError, ConnectionLostError
 
 __all__ = ["ConnectionState", "RosbridgeClient"]

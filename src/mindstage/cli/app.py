@@ -16,23 +16,15 @@ from typing import Annotated, NoReturn
 import typer
 
 from mindstage import __version__
-from mindstage.cli.analyse import analyse
-from mindstage.cli.ask import ask
-from mindstage.cli.check import check
-from mindstage.cli.compare import compare
-from mindstage.cli.convert import convert
-from mindstage.cli.demo import demo
-from mindstage.cli.furnish import furnish
-from mindstage.cli.log import log
-from mindstage.cli.outcome import ExitCode, command
+from mindstage.cli.ask import ask, questions, sparql, tell
+from mindstage.cli.maps import analyse, compare, convert, validate
+from mindstage.cli.options import ExitCode, command
+from mindstage.cli.place import furnish
 from mindstage.cli.prolog import prolog
-from mindstage.cli.questions import questions
 from mindstage.cli.serve import serve
 from mindstage.cli.shot import shot
-from mindstage.cli.sparql import sparql
-from mindstage.cli.spawn import spawn
-from mindstage.cli.tell import tell
-from mindstage.cli.validate import validate
+from mindstage.cli.simulate import check, log, spawn
+from mindstage.cli.viewer import demo
 
 __all__ = ["app", "main"]
 

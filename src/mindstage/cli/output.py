@@ -1,8 +1,22 @@
-"""Output: results on stdout, as tables for people or JSON for programs; everything else on stderr."""
+"""Output: results on stdout, as tables for people or JSON for programs; everything else on stderr.
+
+Stopwatch: how long each part of a verb's work took.
+
+Passing: lets simulated time pass, and shows how far it is where that takes a while.
+
+Reading: what a map was taken to mean, for people and for programs; a wrong guess is seen here first.
+
+Report: what became of a world that was spawned, for people and for programs.
+
+Verdict: the difference of two worlds, for people and for programs.
+"""
 
 from __future__ import annotations
 
+import re
 import sys
+import time
+from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from itertools import chain, repeat
@@ -11,22 +25,55 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from mindstage.knowledge import Finding
+    from mindstage.engines import SpawnReport
+    from mindstage.knowledge import Assumption, Finding, KnowledgeBase
+    from mindstage.scene import Statement, World, WorldDiff
+    from mindstage.simulation import Simulation
 
 __all__ = [
     "Cell",
+    "Timings",
+    "assumptions_json",
     "console",
+    "diff_json",
     "findings_json",
     "fits_table",
+    "import_summary",
+    "is_complete",
+    "losses_json",
     "one_line",
+    "print_diff",
+    "print_failures",
     "print_findings",
+    "print_import_summary",
     "print_json",
     "print_line",
+    "print_losses",
     "print_records",
+    "print_report",
     "print_table",
     "progress_spinner",
+    "report_json",
+    "step_with_progress",
     "warn",
 ]
+
+
+class Timings:
+    """Seconds by the name of the part, in the order they were measured."""
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = {}
+
+    @contextmanager
+    def measure(self, name: str) -> Iterator[None]:
+        """Adds the time spent inside to that part."""
+        start = time.perf_counter()
+        try:
+            yield
+        finally:
+            self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - start
+
 
 _DEFAULT_WIDTH = 160
 """Columns [characters] where nobody looks through a window."""
@@ -150,3 +197,224 @@ def _cell_text(cell: Cell) -> str:
     if cell is None:
         return "-"
     return f"{cell:.6g}" if isinstance(cell, float) else str(cell)
+
+
+_MIN_PROGRESS_S = 1.0
+"""Nobody needs a bar for less [s]."""
+
+
+def step_with_progress(simulation: Simulation, duration_s: float) -> float:
+    """Steps the stage and returns how long that took [s]."""
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+    columns = (TextColumn("simulating"), BarColumn(), TextColumn("{task.completed:.1f} of {task.total:.1f} s"))
+    start = time.perf_counter()
+    with Progress(*columns, TimeRemainingColumn(), console=console(stderr=True), transient=True) as bar:
+        task = bar.add_task("", total=duration_s, visible=False)
+
+        def progress(done_s: float) -> None:
+            waited_s = time.perf_counter() - start
+            bar.update(task, completed=done_s, visible=bar.console.is_terminal and waited_s > _MIN_PROGRESS_S)
+
+        simulation.step(duration_s, progress=progress)
+    return time.perf_counter() - start
+
+
+def assumptions_json(knowledge: KnowledgeBase, about: World | None = None) -> list[dict[str, object]]:
+    """The assumptions as they stand in JSON; about one map, or about all."""
+    import msgspec
+
+    return [msgspec.to_builtins(each) for each in knowledge.assumptions() if about is None or each.map == about.iri]
+
+
+def import_summary(world: World, knowledge: KnowledgeBase) -> dict[str, object]:
+    """What was assumed about a map, and how large the world is that came of it."""
+    import msgspec
+
+    from mindstage.scene.bounding_boxes import world_bounds
+
+    extent = world_bounds(world)
+    told = None if extent is None else {"size": extent.size} | msgspec.to_builtins(extent)
+    return {"assumptions": assumptions_json(knowledge, world), "extent": told}
+
+
+def print_import_summary(world: World, knowledge: KnowledgeBase, *, verbose: bool = False) -> None:
+    """The same as a line, and a table where anything but the usual was assumed."""
+    from mindstage.scene.bounding_boxes import world_bounds
+
+    extent = world_bounds(world)
+    if extent is not None:
+        size = " x ".join(f"{length:.3g}" for length in extent.size)
+        name = extent.tallest_class.replace("/", "#").rpartition("#")[2]
+        print_line(f"Extent: {size} m; the tallest is {name} {extent.tallest!r}, {extent.height_m:.3g} m high.")
+    assumptions = [each for each in knowledge.assumptions() if each.map == world.iri]
+    _print_assumptions(each for each in assumptions if verbose or not _is_default(each))
+
+
+def _is_default(assumption: Assumption) -> bool:
+    """Whether it is how a world itself has it, without anybody having said so."""
+    from mindstage.knowledge.dialects.conventions import SI
+
+    usual = getattr(SI, assumption.topic, None)
+    return usual is not None and usual.value == assumption.value and not assumption.overridden
+
+
+def _print_assumptions(assumptions: Iterable[Assumption]) -> None:
+    rows = [
+        (assumption.topic, assumption.value, "told" if assumption.overridden else "assumed", assumption.evidence)
+        for assumption in assumptions
+    ]
+    if rows:
+        print_table("How the map was taken", ("about", "value", "how", "evidence"), rows)
+
+
+def is_complete(report: SpawnReport, findings: Iterable[Finding]) -> bool:
+    """Whether all that the map describes is in the world: nothing left out while reading, nothing while spawning."""
+    from mindstage.knowledge import Severity
+
+    return report.ok and not any(finding.severity is Severity.ERROR for finding in findings)
+
+
+def report_json(report: SpawnReport) -> dict[str, object]:
+    """The report as it stands in JSON; `warnings` are what the engine assumed, each said in words."""
+    import msgspec
+
+    return {
+        "ok": report.ok,
+        "bodies": report.bodies,
+        "constraints": report.joints,
+        "attachments": report.attachments,
+        "failed_bodies": msgspec.to_builtins(report.failed_bodies),
+        "failed_constraints": msgspec.to_builtins(report.failed_joints),
+        "failed_attachments": msgspec.to_builtins(report.failed_attachments),
+        "warnings": msgspec.to_builtins(report.notes),
+    }
+
+
+def print_report(report: SpawnReport, *, title: str, verbose: bool) -> None:
+    """The report as tables; failures always one by one, on stderr."""
+    kinds = (
+        ("bodies", report.bodies, report.failed_bodies),
+        ("constraints", report.joints, report.failed_joints),
+        ("attachments", report.attachments, report.failed_attachments),
+    )
+    print_table(title, ("", "spawned", "failed"), [(kind, done, len(failed)) for kind, done, failed in kinds])
+    print_failures(report)
+    if report.notes and verbose:
+        rows = [(note.kind.value, ", ".join(note.ids), note.text) for note in report.notes]
+        print_table("What the map did not say", ("assumption", "about", "what"), rows)
+    elif report.notes:
+        counts = Counter(note.kind.value for note in report.notes)
+        print_table("What the map did not say (--verbose lists each)", ("assumption", "times"), counts.most_common())
+
+
+def print_failures(report: SpawnReport) -> None:
+    """What could not be spawned, one by one."""
+    kinds = ("bodies", report.failed_bodies), ("constraints", report.failed_joints)
+    for kind, failures in (*kinds, ("attachments", report.failed_attachments)):
+        for failure in failures:
+            warn(f"not spawned, of the {kind}: {failure.id}: {failure.reason}")
+
+
+_MAX_CHANGES = 20
+"""More changes than this are cut short in a table; JSON has them all."""
+_MAX_VALUE_LENGTH = 120
+"""A value of more characters than this is cut short, too."""
+
+
+def diff_json(diff: WorldDiff, delta: float) -> dict[str, object]:
+    """The difference as it stands in JSON."""
+    from mindstage.scene import MECHANICAL_KINDS
+
+    return diff.to_builtins(delta) | {"identical_mechanics": diff.identical(delta, kinds=MECHANICAL_KINDS)}
+
+
+def losses_json(diff: WorldDiff, lost: Sequence[Statement]) -> dict[str, object]:
+    """What is lost, of the world and of the statements of its map, each once."""
+    lines = [{"id": _local_name(each.id), "said": str(each)} for each in lost]
+    known = {(line["id"], line["said"]) for line in lines}
+    lines += [
+        {"id": each.id, "said": str(each)} for each in diff.lost if (_local_name(each.id), str(each)) not in known
+    ]
+    return {"lost_facts": len(lines), "lost": lines}
+
+
+def print_losses(lost: Sequence[Statement]) -> None:
+    """The statements of a map that did not come back, as a table."""
+    rows = [(_local_name(each.id), _value_text(_short_statement(str(each)))) for each in lost]
+    _print_truncated_table("Statements of the map that its file does not make", ("about", "what is said"), rows)
+    if lost:
+        print_line(f"{len(lost)} statements of the map are lost.")
+
+
+def print_diff(diff: WorldDiff, delta: float, *, about: World) -> None:
+    """The difference as tables, and a verdict in a sentence.
+
+    Args:
+        found: what differs.
+        delta: how much of it is forgiven.
+        about: one of the two, whose classes tell people what an id is.
+    """
+    classes: dict[str, str] = {body.id: re.split("[#/]", body.cls)[-1] for body in about.bodies}
+    for title, ids in (("Only in A", diff.only_in_a), ("Only in B", diff.only_in_b)):
+        _print_truncated_table(title, ("id", "class"), [(only, classes.get(only)) for only in ids])
+    numbers, largest = Counter(change.kind.value for change in diff.changed), diff.max_error
+    rows = [(kind, number, largest.get(kind)) for kind, number in numbers.most_common()]
+    _print_truncated_table("What differs", ("kind", "changes", "largest error"), rows)
+    told = [change for change in diff.exceeding(delta) if change.kind.value not in {"facts", "tags"}]
+    told.sort(key=lambda change: (change.error is None, -(change.error or 0.0), change.id))
+    _print_truncated_table(
+        f"Beyond delta {delta:g}",
+        ("id", "class", "what", "A", "B", "error"),
+        [
+            (
+                change.id,
+                classes.get(change.id),
+                change.field,
+                _value_text(change.a),
+                _value_text(change.b),
+                change.error,
+            )
+            for change in told
+        ],
+    )
+    for title, lines in (("Facts and tags only in A", diff.lost), ("Facts and tags only in B", diff.gained)):
+        _print_truncated_table(
+            title,
+            ("id", "what is said"),
+            [(_local_name(line.id), _value_text(_short_statement(str(line)))) for line in lines],
+        )
+    print_line(_summary(diff, delta))
+
+
+def _print_truncated_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[Cell]]) -> None:
+    """A table, unless it would be empty, that does not go on for ever."""
+    if rows:
+        more = f" (the first {_MAX_CHANGES} of {len(rows)}; --json has all)" if len(rows) > _MAX_CHANGES else ""
+        print_table(f"{title}{more}", columns, rows[:_MAX_CHANGES])
+
+
+def _local_name(iri: str) -> str:
+    return re.split("[#/]", iri.rstrip("#/"))[-1] if "://" in iri else iri
+
+
+def _short_statement(statement: str) -> str:
+    """A statement with the names of things cut down to their last part, as people say them."""
+    named = re.sub(
+        r"<([^<>]*)>", lambda iri: iri[1] if iri[1].startswith("package:") else _local_name(iri[1]), statement
+    )
+    return re.sub(r"\^\^\w+|\btype Restriction[;,. ]*", "", named)
+
+
+def _value_text(value: object) -> str:
+    text = ", ".join(map(str, value)) if isinstance(value, tuple) else str(value)
+    return text if len(text) <= _MAX_VALUE_LENGTH else f"{text[:_MAX_VALUE_LENGTH]}…"
+
+
+def _summary(diff: WorldDiff, delta: float) -> str:
+    from mindstage.scene import MECHANICAL_KINDS
+
+    if diff.identical(delta):
+        return f"Identical at delta {delta:g}."
+    alike = "are" if diff.identical(delta, kinds=MECHANICAL_KINDS) else "are not"
+    return f"Different at delta {delta:g}; poses, masses and limits {alike} identical."

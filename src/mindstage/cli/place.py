@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from mindstage.cli.engine import make_engine
-from mindstage.cli.numbers import ConventionOptions
 from mindstage.cli.options import (
     AsJson,
     AssetFolders,
     Bundled,
+    ConventionOptions,
     EngineName,
+    ExitCode,
     FrameNames,
     MapArguments,
     MapName,
@@ -26,18 +26,25 @@ from mindstage.cli.options import (
     UnitNames,
     Verbose,
 )
-from mindstage.cli.outcome import ExitCode
-from mindstage.cli.output import Cell, print_findings, print_json, print_line, print_table, progress_spinner, warn
-from mindstage.cli.page import print_and_serve
-from mindstage.cli.report import is_complete, print_failures, report_json
-from mindstage.cli.sources import findings_about, knowledge_base
-from mindstage.cli.staging import simulation_from_options
+from mindstage.cli.output import (
+    Cell,
+    is_complete,
+    print_failures,
+    print_findings,
+    print_json,
+    print_line,
+    print_table,
+    progress_spinner,
+    report_json,
+    warn,
+)
+from mindstage.cli.setup import findings_about, knowledge_base, make_engine, simulation_from_options
+from mindstage.cli.viewer import print_and_serve
 
 if TYPE_CHECKING:
     from mindstage.knowledge import KnowledgeBase
-    from mindstage.knowledge.items import PlacementItem
-    from mindstage.stage import Simulation
-    from mindstage.stage.furnishing import PlacementReport
+    from mindstage.simulation import Simulation
+    from mindstage.simulation.placement_list import PlacementItem, PlacementReport
 
 __all__ = ["furnish"]
 
@@ -89,7 +96,7 @@ def furnish(
     as_json: AsJson = False,
 ) -> ExitCode:
     """Put things where they belong, on a free spot on which they stay; exit 1 if one of them finds no place."""
-    from mindstage.stage.furnishing import place_items as furnish_stage
+    from mindstage.simulation.placement_list import place_items as furnish_stage
 
     running = make_engine(engine)  # first: a wrong name is told before a long map is read
     with progress_spinner("reading"):
@@ -126,7 +133,7 @@ def furnish(
 
 def _read_items(texts: str, knowledge: KnowledgeBase) -> tuple[PlacementItem, ...]:
     """What is meant: a file, or a class."""
-    from mindstage.knowledge.items import load_items, parse_item
+    from mindstage.simulation.placement_list import load_items, parse_item
 
     path = Path(texts)
     return load_items(path, knowledge) if path.suffix or path.exists() else (parse_item(texts, knowledge),)

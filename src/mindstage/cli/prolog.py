@@ -11,18 +11,15 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from mindstage import __version__
-from mindstage.cli.engine import make_engine
-from mindstage.cli.options import Bundled, EndpointUrl, EngineName, Ontologies, Port, StoreFolder, finite
-from mindstage.cli.outcome import ExitCode
+from mindstage.cli.options import Bundled, EndpointUrl, EngineName, ExitCode, Ontologies, Port, StoreFolder, finite
 from mindstage.cli.output import findings_json, print_findings, print_json, print_line, progress_spinner
-from mindstage.cli.page import open_viewer
-from mindstage.cli.sources import knowledge_base
-from mindstage.cli.staging import simulation_from_options
+from mindstage.cli.setup import knowledge_base, make_engine, simulation_from_options
+from mindstage.cli.viewer import open_viewer
 
 if TYPE_CHECKING:
     from mindstage.knowledge import Finding
     from mindstage.prolog import PrologConsole
-    from mindstage.stage import Simulation
+    from mindstage.simulation import Simulation
 
 __all__ = ["prolog"]
 

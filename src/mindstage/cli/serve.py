@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from mindstage.cli.engine import make_engine
 from mindstage.cli.options import (
     AsJson,
     AssetFolders,
     Bundled,
     EngineName,
+    ExitCode,
     MapName,
     Ontologies,
     PlainBoxes,
@@ -24,19 +24,26 @@ from mindstage.cli.options import (
     finite,
     options_given,
 )
-from mindstage.cli.outcome import ExitCode
-from mindstage.cli.output import findings_json, print_findings, print_json, print_line, progress_spinner, warn
-from mindstage.cli.page import open_viewer
-from mindstage.cli.report import is_complete, print_report, report_json
-from mindstage.cli.sources import findings_about, knowledge_base
-from mindstage.cli.staging import simulation_from_options
+from mindstage.cli.output import (
+    findings_json,
+    is_complete,
+    print_findings,
+    print_json,
+    print_line,
+    print_report,
+    progress_spinner,
+    report_json,
+    warn,
+)
+from mindstage.cli.setup import findings_about, knowledge_base, make_engine, simulation_from_options
+from mindstage.cli.viewer import open_viewer
 from mindstage.errors import InvalidArgumentError
 
 if TYPE_CHECKING:
     from mindstage.bridge import Node
     from mindstage.knowledge import KnowledgeBase
-    from mindstage.stage import Simulation
-    from mindstage.world import World
+    from mindstage.scene import World
+    from mindstage.simulation import Simulation
 
 __all__ = ["serve"]
 

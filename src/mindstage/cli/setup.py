@@ -1,22 +1,125 @@
-"""Sources: from what was typed to a knowledge base."""
+"""Sources: from what was typed to a knowledge base.
+
+Engine: from the name that was typed to an engine that runs.
+
+Staging: a simulation as a verb's options want it.
+"""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from mindstage.api import load_knowledge
-from mindstage.cli.numbers import DEFAULT_CONVENTIONS, ConventionOptions
-from mindstage.cli.outcome import close_at_end
-from mindstage.errors import InvalidArgumentError, MapRejectedError
+from mindstage.api import load_knowledge, make_simulation
+from mindstage.cli.options import DEFAULT_CONVENTIONS, ConventionOptions, close_at_end
+from mindstage.errors import (
+    EngineUnavailableError,
+    InvalidArgumentError,
+    MapRejectedError,
+    MindstageError,
+    SourceParseError,
+)
 
 if TYPE_CHECKING:
+    from mindstage.engines import Engine
     from mindstage.knowledge import Finding, KnowledgeBase, SparqlEndpoint
-    from mindstage.world import World
+    from mindstage.scene import World
+    from mindstage.simulation import Simulation
 
-__all__ = ["findings_about", "knowledge_base"]
+__all__ = [
+    "asset_folders",
+    "exclusive",
+    "findings_about",
+    "godot_program",
+    "is_remote_engine",
+    "knowledge_base",
+    "make_engine",
+    "simulation_from_options",
+]
+
+
+def make_engine(name: str) -> Engine:
+    """`mindstage.engines.make_engine` with the Godot that the environment's `GODOT` names; closed when the verb ends.
+
+    Raises:
+        EngineUnavailableError: there is no such engine, it cannot be loaded or started here, or reached.
+    """
+    from mindstage import engines
+
+    # Nothing is drawn with OpenGL here, and looking for it takes longer than all the rest of MuJoCo's loading.
+    os.environ.setdefault("MUJOCO_GL", "disable")
+    engine = engines.make_engine(name, godot=godot_program())
+    close_at_end(engine.close)
+    return engine
+
+
+def godot_program() -> str | None:
+    """The Godot program that the environment names."""
+    return os.environ.get("GODOT") or None
+
+
+def is_remote_engine(name: str) -> bool:
+    """Whether the name is the address of an engine that runs elsewhere, with a world that outlives the verb."""
+    from mindstage.engines import is_remote
+
+    return is_remote(name)
+
+
+@contextmanager
+def exclusive(simulation: Simulation) -> Iterator[None]:
+    """Makes sure that a far world is empty to begin with, and leaves it so; any other is so by itself.
+
+    Raises:
+        EngineUnavailableError: something stands there already.
+    """
+    if not is_remote_engine(simulation.engine_name):
+        yield
+        return
+    there = simulation.snapshot()
+    if there.bodies or there.lights or there.facts or there.resources:
+        cause = f"its world is not empty ({there.name or there.iri}, with {len(there.bodies)} bodies)"
+        remedy = "use a stage that has no map yet, as mindstage serve alone starts one"
+        raise EngineUnavailableError(simulation.engine_name, cause=cause, remedy=remedy)
+    try:
+        yield
+    except BaseException:
+        with suppress(MindstageError):  # what went wrong first is what is told
+            simulation.clear()
+        raise
+    simulation.clear()
+
+
+def simulation_from_options(
+    knowledge: KnowledgeBase, engine: Engine, *, assets: list[Path] | None = None, plain_boxes: bool = False
+) -> Simulation:
+    """`mindstage.api.simulation_from_options` for a verb's options.
+
+    Args:
+        knowledge: what is known.
+        engine: who runs it.
+        assets: folders of meshes, besides what the map itself names.
+        plain_boxes: whether every body is the primitive shape that the map says, and nothing better.
+
+    Raises:
+        SourceParseError: one of the folders is none.
+    """
+    folders = () if plain_boxes else asset_folders(assets)
+    return make_simulation(knowledge, engine, assets=folders, plain_shapes=plain_boxes)
+
+
+def asset_folders(folders: list[Path] | None) -> list[Path]:
+    """The folders of `--assets`.
+
+    Raises:
+        SourceParseError: one of them does not exist.
+    """
+    for folder in folders or ():
+        if not folder.is_dir():
+            raise SourceParseError(str(folder), cause="there is no such folder; --assets takes folders of mesh files")
+    return folders or []
 
 
 def knowledge_base(

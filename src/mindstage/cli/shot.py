@@ -1,6 +1,10 @@
 """`mindstage shot`: a picture of a map's world.
 
 The world stands still while it is taken, so that the same map gives the same picture.
+
+Opening: doors and drawers pulled open, one after the other, as a hand would.
+
+Pointing: what somebody means by a question, by ids or by a class, lit up on a stage.
 """
 
 from __future__ import annotations
@@ -8,19 +12,20 @@ from __future__ import annotations
 import math
 import re
 import shlex
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, TypedDict
 
 import typer
 
-from mindstage.cli.engine import exclusive, make_engine
-from mindstage.cli.opening import pull_open
+from mindstage.cli.ask import named_args
 from mindstage.cli.options import (
     AsJson,
     AssetFolders,
     Bundled,
     EngineName,
+    ExitCode,
     MapArguments,
     MapName,
     Ontologies,
@@ -28,21 +33,105 @@ from mindstage.cli.options import (
     Robots,
     finite,
 )
-from mindstage.cli.outcome import ExitCode
-from mindstage.cli.output import print_json, print_line, progress_spinner, warn
-from mindstage.cli.passing import step_with_progress
-from mindstage.cli.pointing import HighlightTarget
-from mindstage.cli.report import print_failures, report_json
-from mindstage.cli.sources import knowledge_base
-from mindstage.cli.staging import simulation_from_options
-from mindstage.errors import InvalidArgumentError
+from mindstage.cli.output import (
+    print_failures,
+    print_json,
+    print_line,
+    progress_spinner,
+    report_json,
+    step_with_progress,
+    warn,
+)
+from mindstage.cli.setup import exclusive, knowledge_base, make_engine, simulation_from_options
+from mindstage.errors import InvalidArgumentError, NameNotFoundError
 
 if TYPE_CHECKING:
-    from mindstage.stage import HighlightResult, Simulation
-    from mindstage.viewport import LabelMode, Screenshot
-    from mindstage.world import BodyId, Vector
+    from mindstage.scene import BodyId, Color, Vector, World
+    from mindstage.simulation import HighlightResult, Simulation
+    from mindstage.viewer import LabelMode, Screenshot
 
-__all__ = ["shot"]
+__all__ = ["HighlightTarget", "pull_open", "shot"]
+
+
+_MAX_PULL_M = 0.6
+_PULL_DURATION_S = 3.0
+_SETTLE_S = 0.5
+
+
+def pull_open(simulation: Simulation, world: World, ids: Iterable[str]) -> None:
+    """Pulls each by its handle, if it has one, and lets everything come to rest.
+
+    Raises:
+        BodyNotFoundError: one of them is not there.
+    """
+    from mindstage.scene import BodyId
+
+    wanted = [world.body(BodyId(id)).id for id in ids]
+    frames = {joint.child: joint.parent for joint in world.joints}
+    frames |= {joint.parent: joint.child for joint in world.joints if joint.parent in wanted}
+    for id in wanted:
+        front, frame = world.body(id).pose.position, world.body(frames.get(id, id)).pose.position
+        grip = next((hold.child for hold in world.attachments if hold.parent == id), id)
+        simulation.pull(grip, point=(0.0, 0.0, 0.0), target=_pull_target(world.body(grip).pose.position, front, frame))
+        simulation.step(_PULL_DURATION_S)
+        simulation.release(grip)
+    if wanted:
+        simulation.step(_SETTLE_S)
+
+
+def _pull_target(point: Vector, front: Vector, frame: Vector) -> Vector:
+    """Level, from the middle of a piece of furniture to its front, as far as a hand reaches."""
+    x, y = front[0] - frame[0], front[1] - frame[1]
+    if abs(x) < abs(y):
+        x = 0.0
+    else:
+        y = 0.0
+    scale = _MAX_PULL_M / max(abs(x) + abs(y), 1e-9)
+    return point[0] + scale * x, point[1] + scale * y, point[2]
+
+
+@dataclass(frozen=True, slots=True)
+class HighlightTarget:
+    """Something to be lit in a color."""
+
+    terms: tuple[str, ...]
+    """A question and what it is asked about, or else ids and names of classes."""
+    color: Color | None
+
+    def apply(self, simulation: Simulation) -> HighlightResult:
+        """Lights it up.
+
+        Raises:
+            NameNotFoundError: a word is neither a question, a body's id nor a class.
+            InvalidArgumentError: the question is not asked about that.
+        """
+        from mindstage.knowledge.queries import get_question, list_questions
+
+        first = self.terms[0].replace("-", "_")
+        if first in {question.name for question in list_questions()}:
+            question = get_question(first)
+            answers = simulation.ask(question, **named_args(question, list(self.terms[1:])))
+            return simulation.highlight(answers, self.color)
+        world = simulation.snapshot()
+        ids = dict.fromkeys(id for word in self.terms for id in _matching_bodies(simulation, world, word))
+        return simulation.highlight(ids, self.color, label=" ".join(self.terms))
+
+
+def _matching_bodies(simulation: Simulation, world: World, word: str) -> Iterator[BodyId]:
+    """The body of that id, or all of that class."""
+    from mindstage.knowledge.names import EntityType
+
+    ids = {body.id for body in world.bodies}
+    if word in ids:
+        yield from (id for id in ids if id == word)
+        return
+    knowledge = simulation.knowledge
+    try:
+        cls = knowledge.names.find(word, EntityType.CLASS)
+    except NameNotFoundError as error:
+        kind = "question, body or class"
+        raise NameNotFoundError(word, entity_type=kind, known=(*ids, *knowledge.names.short_names())) from error
+    yield from (body.id for body in world.bodies if knowledge.is_a(body.cls, cls))
 
 
 class _CameraOptions(TypedDict):
@@ -157,8 +246,8 @@ def shot(
     as_json: AsJson = False,
 ) -> ExitCode:
     """Take a picture of a map's world, without a screen or a GPU, by a browser that is installed here."""
-    from mindstage.viewport import Screenshot
-    from mindstage.viewport.browser import find_browser
+    from mindstage.viewer import Screenshot
+    from mindstage.viewer.screenshot import find_browser
 
     wish = Screenshot(
         size=_parse_size(size),
@@ -190,7 +279,7 @@ def shot(
 
 
 def _take_screenshot(simulation: Simulation, screenshot: Screenshot, output: Path) -> None:
-    from mindstage.viewport import Viewer
+    from mindstage.viewer import Viewer
 
     with progress_spinner("taking the picture"), Viewer(simulation, port=0) as viewport:
         picture = viewport.screenshot(screenshot)
@@ -218,7 +307,7 @@ def _camera_options(position: str | None, look_at: str | None, *, top: bool) -> 
     Raises:
         InvalidArgumentError: some of what was typed says nothing, or excludes other things.
     """
-    from mindstage.world import BodyId
+    from mindstage.scene import BodyId
 
     if top and (position or look_at):
         raise InvalidArgumentError(
@@ -234,13 +323,13 @@ def _camera_options(position: str | None, look_at: str | None, *, top: bool) -> 
 
 
 def _parse_id(text: str | None) -> BodyId | None:
-    from mindstage.world import BodyId
+    from mindstage.scene import BodyId
 
     return None if text is None else BodyId(text)
 
 
 def _parse_labels(text: str) -> LabelMode:
-    from mindstage.viewport import LabelMode
+    from mindstage.viewer import LabelMode
 
     try:
         return LabelMode(text)
@@ -278,7 +367,7 @@ def _highlight_targets(texts: Sequence[str], colors: Sequence[str]) -> list[High
         InvalidArgumentError: there are more colors than things, or nothing is said.
         InvalidColorError: a color is none.
     """
-    from mindstage.world.colors import parse_color
+    from mindstage.scene.colors import parse_color
 
     if len(colors) > len(texts):
         remedy = "give as many --highlight, in their order"

@@ -1,4 +1,7 @@
-"""Page: serves the viewport and keeps the world alive until somebody has seen enough."""
+"""Page: serves the viewport and keeps the world alive until somebody has seen enough.
+
+`mindstage demo`: the bundled kitchen, alive in the browser.
+"""
 
 from __future__ import annotations
 
@@ -6,16 +9,30 @@ import os
 import sys
 import time
 from collections.abc import Callable, Collection, Mapping
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
-from mindstage.cli.output import print_json, print_line, warn
+import typer
+
+from mindstage.cli.options import EngineName, ExitCode, PageHost, PageToken, Port, finite
+from mindstage.cli.output import print_findings, print_json, print_line, print_report, progress_spinner, warn
+from mindstage.cli.setup import knowledge_base, make_engine, simulation_from_options
 from mindstage.errors import InvalidArgumentError
 
 if TYPE_CHECKING:
-    from mindstage.stage import Simulation
-    from mindstage.viewport import Viewer
+    from mindstage.simulation import Simulation
+    from mindstage.viewer import Viewer
 
-__all__ = ["LOOPBACK", "check_token_given", "keep_alive", "open_page", "open_viewer", "print_and_serve", "show_page"]
+__all__ = [
+    "LOOPBACK",
+    "check_token_given",
+    "demo",
+    "keep_alive",
+    "open_page",
+    "open_viewer",
+    "print_and_serve",
+    "show_page",
+]
+
 
 LOOPBACK = "127.0.0.1"
 
@@ -39,7 +56,7 @@ def check_token_given(host: str, token: str | None) -> None:
         InvalidArgumentError: anybody could come to the page.
     """
     if host != LOOPBACK and not token:
-        from mindstage.bridge.access import is_loopback
+        from mindstage.bridge.server import is_loopback
 
         if not is_loopback(host):
             remedy = "give --token TOKEN too, or leave it out"
@@ -128,3 +145,40 @@ def keep_alive(simulation: Simulation, *, duration_s: float | None, quiet: bool 
         if fault and fault != told:
             warn(f"the world stands still: {fault}; reset it on the page")
         told = fault
+
+
+def demo(
+    *,
+    engine: EngineName = "mujoco",
+    port: Port = 8080,
+    host: PageHost = LOOPBACK,
+    token: PageToken = None,
+    open_browser: Annotated[
+        bool | None,
+        typer.Option("--open/--no-open", help="Whether to open the page; by default where there is a screen."),
+    ] = None,
+    seconds: Annotated[
+        float | None,
+        typer.Option(
+            "--for", metavar="SECONDS", min=0.0, callback=finite, envvar="MINDSTAGE_DEMO_SECONDS", help="End by itself."
+        ),
+    ] = None,
+) -> ExitCode:
+    """Show the bundled kitchen in the browser: pull its doors and drawers open."""
+    check_token_given(host, token)
+    with progress_spinner("furnishing the kitchen"):
+        knowledge = knowledge_base(["bundled:kitchen"], ontologies=None, bundled=True)
+        world = knowledge.world()
+        stage = simulation_from_options(knowledge, make_engine(engine))
+    with stage:
+        with progress_spinner("spawning"):
+            report = stage.spawn(world)
+        print_findings(knowledge.findings())
+        print_report(report, title=world.name, verbose=False)
+
+        def announce(url: str) -> None:
+            print_line(f"The kitchen is open at {url}")
+            open_page(url, wanted=open_browser)
+
+        show_page(stage, port=port, duration_s=seconds, announce=announce, host=host, token=token)
+    return ExitCode.OK

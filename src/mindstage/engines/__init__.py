@@ -6,7 +6,7 @@ import os
 from importlib import import_module
 from typing import TYPE_CHECKING
 
-from mindstage.engines.contract import (
+from mindstage.engines.base import (
     Capability,
     Engine,
     EngineStats,
@@ -22,8 +22,8 @@ from mindstage.errors import EngineUnavailableError
 
 if TYPE_CHECKING:
     from mindstage.engines.godot import GodotEngine
-    from mindstage.engines.mujoco import MujocoEngine
-    from mindstage.engines.remote import RemoteEngine
+    from mindstage.engines.mujoco.engine import MujocoEngine
+    from mindstage.engines.remote.engine import RemoteEngine
 
 __all__ = [
     "Capability",
@@ -75,7 +75,7 @@ def make_engine(name: str, *, godot: str | os.PathLike[str] | None = None, timeo
             return NullEngine()
         case "mujoco":
             try:
-                from mindstage.engines.mujoco import MujocoEngine
+                from mindstage.engines.mujoco.engine import MujocoEngine
 
                 return MujocoEngine()
             except ImportError as error:
@@ -88,7 +88,7 @@ def make_engine(name: str, *, godot: str | os.PathLike[str] | None = None, timeo
             program, window = None if godot is None else os.fspath(godot), name != "godot"
             return GodotEngine(program, window=window, timeout_s=20.0 if timeout_s is None else timeout_s)
         case _ if is_remote(name):
-            from mindstage.engines.remote import RemoteEngine
+            from mindstage.engines.remote.engine import RemoteEngine
 
             return RemoteEngine.connect(name, timeout_s=10.0 if timeout_s is None else timeout_s)
         case _:

@@ -23,13 +23,12 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from mindstage.engines.contract import SpawnNote, SpawnNoteKind
-from mindstage.engines.hollow import WallPanel, hollow_box
-from mindstage.engines.parts import CollisionShapeBatch
-from mindstage.world import BodyId
-from mindstage.world.boxes import Indices, OrientedBoxes, contains, overlapping_pairs, penetration_depths
-from mindstage.world.geometry import Array
-from mindstage.world.shells import find_enclosing_bodies
+from mindstage.engines.base import SpawnNote, SpawnNoteKind
+from mindstage.engines.collision_shapes import CollisionShapeBatch, WallPanel, hollow_box
+from mindstage.scene import BodyId
+from mindstage.scene.bounding_boxes import Indices, OrientedBoxes, contains, overlapping_pairs, penetration_depths
+from mindstage.scene.spatial import find_enclosing_bodies
+from mindstage.scene.transforms import Array
 
 __all__ = [
     "JOINT_TOUCH_TOLERANCE_M",

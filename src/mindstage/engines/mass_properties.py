@@ -10,13 +10,17 @@ from math import isfinite
 import numpy as np
 from numpy.typing import NDArray
 
-from mindstage.engines.contract import SpawnNote, SpawnNoteKind
-from mindstage.engines.inventory import EntityRegistry
-from mindstage.engines.parts import CollisionShapeBatch
-from mindstage.engines.solids import CompiledGeometry, compile_geometry, fallback_collision_shape
-from mindstage.world import BodyGeometry, BodyId, GeometryMap, PrimitiveType, Vector
-from mindstage.world.boxes import OrientedBoxes
-from mindstage.world.geometry import Array, quat_rotate
+from mindstage.engines.base import SpawnNote, SpawnNoteKind
+from mindstage.engines.collision_shapes import (
+    CollisionShapeBatch,
+    CompiledGeometry,
+    compile_geometry,
+    fallback_collision_shape,
+)
+from mindstage.engines.registry import EntityRegistry
+from mindstage.scene import BodyGeometry, BodyId, GeometryMap, PrimitiveType, Vector
+from mindstage.scene.bounding_boxes import OrientedBoxes
+from mindstage.scene.transforms import Array, quat_rotate
 
 __all__ = ["ASSUMED_SIZE_M", "MassProperties"]
 

@@ -10,11 +10,11 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
-from mindstage.engines.contract import Capability, EngineStats, PoseArray, SavedState, SpawnReport
-from mindstage.engines.inventory import EntityRegistry
+from mindstage.engines.base import Capability, EngineStats, PoseArray, SavedState, SpawnReport
+from mindstage.engines.registry import EntityRegistry
 from mindstage.errors import EngineClosedError
-from mindstage.world import NO_GEOMETRY, BodyId, BodyPhysics, Color, GeometryMap, Material, Pose, Vector, World
-from mindstage.world.geometry import normalized_pose_array, pose_array, pose_from_array, pose_inverse, pose_multiply
+from mindstage.scene import NO_GEOMETRY, BodyId, BodyPhysics, Color, GeometryMap, Material, Pose, Vector, World
+from mindstage.scene.transforms import normalized_pose_array, pose_array, pose_from_array, pose_inverse, pose_multiply
 
 __all__ = ["NullEngine"]
 

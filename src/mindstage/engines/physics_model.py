@@ -2,6 +2,14 @@
 
 Which bodies hang together, what each is made of, what it weighs where nobody said so, and who may collide with whom.
 The engine tells where things stand; nothing here moves anything.
+
+Plan: all that an engine needs to run a world in the way that was decided, as values.
+
+Two plans of one planner, compared, say what an edit changed; a far engine is sent just that.
+
+Traveling: where constraints have let their bodies go, and where they would let them go, from poses alone.
+
+For engines that do not say so themselves.
 """
 
 from __future__ import annotations
@@ -11,17 +19,149 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from mindstage.engines.collision import CollisionFilter, CollisionFilterInput, compute_collision_filter
-from mindstage.engines.contract import SpawnNote, SpawnReport
-from mindstage.engines.forest import KinematicForest, build_kinematic_forest
-from mindstage.engines.inventory import AddResult, EntityRegistry
-from mindstage.engines.matter import MassProperties
-from mindstage.engines.plan import PhysicsModel, build_physics_model
-from mindstage.engines.solids import fallback_collision_shape, wall_collision_shapes
-from mindstage.world import NO_GEOMETRY, BodyId, BodyPhysics, CollisionShape, GeometryMap, Joint, World
-from mindstage.world.geometry import Array, normalize, pose_array, pose_inverse, pose_multiply
+from mindstage.engines.base import SpawnNote, SpawnReport
+from mindstage.engines.collision_filter import CollisionFilter, CollisionFilterInput, compute_collision_filter
+from mindstage.engines.collision_shapes import fallback_collision_shape, wall_collision_shapes
+from mindstage.engines.kinematic_tree import (
+    JointAxis,
+    KinematicForest,
+    TreeJoint,
+    build_kinematic_forest,
+    is_ball,
+    joint_coordinates,
+    movable_axes,
+    pose_from_joint_coordinates,
+)
+from mindstage.engines.mass_properties import MassProperties
+from mindstage.engines.registry import AddResult, EntityRegistry
+from mindstage.errors import PoseUnreachableError
+from mindstage.scene import (
+    IDENTITY,
+    NO_GEOMETRY,
+    BodyId,
+    BodyPhysics,
+    CollisionShape,
+    GeometryMap,
+    Joint,
+    Mobility,
+    Pose,
+    Vector,
+    World,
+)
+from mindstage.scene.transforms import (
+    Array,
+    normalize,
+    normalized_pose_array,
+    pose_array,
+    pose_from_array,
+    pose_inverse,
+    pose_multiply,
+    quat_angle,
+)
 
-__all__ = ["PhysicsModelBuilder"]
+__all__ = [
+    "BodyModel",
+    "JointModel",
+    "PhysicsModel",
+    "PhysicsModelBuilder",
+    "build_physics_model",
+    "check_joint_limits",
+    "joint_positions_from_poses",
+]
+
+
+@dataclass(frozen=True, slots=True)
+class BodyModel:
+    """One body."""
+
+    size: Vector
+    """In force: an assumed one where the map has none."""
+    root: BodyId
+    """The body that its rigid assembly hangs on; itself where nothing holds it."""
+    pose_in_root: Pose
+    """Where it is in the frame of that body."""
+    mobility: Mobility
+    """Of the assembly."""
+    gravity: bool
+    mass_kg: float
+    """Given or estimated; 0 where nobody knows and nobody needs to."""
+    non_colliding: bool
+    """Whether it collides with nothing."""
+    collision_shapes: tuple[CollisionShape, ...]
+    """What of it can be touched, in its own frame."""
+    friction: float | None = None
+    restitution: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class JointModel:
+    """One constraint between two assemblies of which at least one is simulated."""
+
+    joint: Joint
+    parent: BodyId
+    """The end nearer to what does not move; it need not be what the map calls the parent."""
+    child: BodyId
+    parent_from_joint: Pose
+    """The joint's frame as that parent sees it; what moves moves from there."""
+    child_from_joint: Pose
+    closes_loop: bool
+    """Whether it closes a loop of constraints."""
+
+
+@dataclass(frozen=True, slots=True)
+class PhysicsModel:
+    """Everything in one engine."""
+
+    bodies: Mapping[BodyId, BodyModel]
+    excluded_pairs: frozenset[tuple[BodyId, BodyId]]
+    """Pairs that never collide, the lower id first; two of one assembly never do either and are not in it."""
+    joints: Mapping[BodyId, JointModel]
+    """By constraint; without those that are not taken, because they join what cannot move against each other."""
+
+
+def build_physics_model(builder: PhysicsModelBuilder) -> PhysicsModel:
+    """What a planner decided."""
+    forest, masses = builder.forest, builder.masses()
+    holds: dict[BodyId, Pose] = {}
+    for assembly in forest.groups.values():
+        for id in assembly.bodies:  # parents come before children
+            holder = forest.rigid_parents.get(id)
+            above = IDENTITY if holder is None else holds[holder]
+            holds[id] = (
+                IDENTITY
+                if holder is None
+                else pose_from_array(pose_multiply(normalized_pose_array(above), builder.attachment_poses[id]))
+            )
+    bodies = {id: _body_model(builder, forest, id, holds[id], masses[id]) for id in builder.registry.bodies}
+    branches = [(branch, False) for branch in forest.tree_joints.values()]
+    branches += [(branch, True) for branch in forest.loop_joints]
+    joints = {branch.joint.id: _joint_model(builder, branch, loop) for branch, loop in branches}
+    return PhysicsModel(bodies, frozenset(builder.excluded_pairs()), joints)
+
+
+def _body_model(
+    builder: PhysicsModelBuilder, forest: KinematicForest, id: BodyId, pose_in_root: Pose, mass_kg: float
+) -> BodyModel:
+    assembly = forest.groups[forest.root_of[id]]
+    form = builder.geometry.get(id)
+    return BodyModel(
+        size=builder.mass_properties.size(id),
+        root=assembly.root,
+        pose_in_root=pose_in_root,
+        mobility=assembly.mobility,
+        gravity=builder.registry.bodies[id].physics.gravity is not False,
+        mass_kg=mass_kg,
+        non_colliding=id in builder.collision_filter.non_colliding,
+        collision_shapes=builder.collision_shapes(id)[0],
+        friction=form.friction if form else None,
+        restitution=form.restitution if form else None,
+    )
+
+
+def _joint_model(builder: PhysicsModelBuilder, tree_joint: TreeJoint, closes_loop: bool) -> JointModel:
+    of_parent, of_child = tree_joint.order_ends(builder.joint_frames[tree_joint.joint.id])
+    frames = pose_from_array(of_parent), pose_from_array(of_child)
+    return JointModel(tree_joint.joint, tree_joint.parent, tree_joint.child, *frames, closes_loop=closes_loop)
 
 
 class PhysicsModelBuilder:
@@ -298,3 +438,76 @@ class _CollisionState:
 
 def _sorted_pair(a: BodyId, b: BodyId) -> tuple[BodyId, BodyId]:
     return (a, b) if a < b else (b, a)
+
+
+_REACH_TOLERANCE_M, _REACH_TOLERANCE_RAD = 1e-6, 1e-6
+
+
+def joint_positions_from_poses(
+    builder: PhysicsModelBuilder, poses: Mapping[BodyId, Array]
+) -> dict[BodyId, tuple[float, ...]]:
+    """How far each constraint that can move has moved: see `Engine.joint_positions`.
+
+    Args:
+        planner: who hangs on whom.
+        where: all poses.
+    """
+    places = {}
+    for branch in builder.forest.tree_joints.values():
+        constraint = branch.joint
+        if axes := movable_axes(constraint, is_reversed=branch.is_reversed):
+            of_parent, of_child = builder.joint_frames[constraint.id]
+            fixed = pose_multiply(poses[constraint.parent], of_parent)
+            moving = pose_multiply(poses[constraint.child], of_child)
+            places[constraint.id] = tuple(joint_coordinates(pose_multiply(pose_inverse(fixed), moving), axes).tolist())
+    return places
+
+
+def check_joint_limits(
+    builder: PhysicsModelBuilder, id: BodyId, target: Array, poses: Mapping[BodyId, Array], *, tolerance: float = 0.0
+) -> None:
+    """Makes sure that the constraint which holds a body lets it get somewhere.
+
+    Args:
+        planner: who hangs on whom.
+        id: a body that hangs on a constraint, the top of its assembly.
+        target: where it is to be.
+        where: all poses now.
+        slack: how far off the engine's own poses may be [m, rad].
+
+    Raises:
+        PoseUnreachableError: it does not.
+    """
+    branch = builder.forest.tree_joints[id]
+    axes = movable_axes(branch.joint, is_reversed=branch.is_reversed)
+    if not axes:
+        raise PoseUnreachableError(id, reason=f"the constraint {branch.joint.id!r} locks it")
+    of_parent, of_child = branch.order_ends(builder.joint_frames[branch.joint.id])
+    fixed = pose_multiply(poses[branch.parent], of_parent)
+    wanted = pose_multiply(target, pose_multiply(pose_inverse(poses[id]), poses[branch.child]))
+    asked = pose_multiply(pose_inverse(fixed), pose_multiply(wanted, of_child))
+    place = joint_coordinates(asked, axes)
+    for axis in axes:
+        _check_axis_limit(id, branch, axis, float(place[axis.index]), tolerance)
+    allowed = np.zeros(6)
+    for axis in axes:
+        allowed[axis.index] = place[axis.index]
+    relative = pose_from_joint_coordinates(allowed.tolist())
+    if is_ball(axes):
+        relative[3:] = asked[3:]
+    reached = pose_multiply(pose_multiply(fixed, relative), pose_inverse(of_child))
+    off_m = float(np.linalg.norm(reached[:3] - wanted[:3]))
+    if (
+        off_m > _REACH_TOLERANCE_M + tolerance
+        or float(quat_angle(reached[3:], wanted[3:])) > _REACH_TOLERANCE_RAD + tolerance
+    ):
+        reason = f"{branch.joint.id!r} does not lead there; the nearest it allows is {off_m:.3g} m off"
+        raise PoseUnreachableError(id, reason=reason)
+
+
+def _check_axis_limit(id: BodyId, tree_joint: TreeJoint, axis: JointAxis, position: float, tolerance: float) -> None:
+    beyond = position - axis.middle
+    if axis.limit is not None and abs(beyond) > axis.limit + _REACH_TOLERANCE_M + tolerance:
+        end = axis.middle + np.copysign(axis.limit, beyond)
+        asked_for = f"{position:.4g} {'m' if axis.is_prismatic else 'rad'}"
+        raise PoseUnreachableError(id, reason=f"{tree_joint.joint.id!r} ends at {end:g}, asked for was {asked_for}")

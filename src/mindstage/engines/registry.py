@@ -12,21 +12,9 @@ from math import isfinite
 
 import msgspec
 
-from mindstage.engines.contract import SpawnFailure, SpawnNote, SpawnReport
+from mindstage.engines.base import SpawnFailure, SpawnNote, SpawnReport
 from mindstage.errors import AttachmentError, BodyExistsError, BodyNotFoundError, PoseUnreachableError
-from mindstage.world import (
-    Attachment,
-    Body,
-    BodyId,
-    BodyPhysics,
-    Color,
-    Iri,
-    Joint,
-    Light,
-    Material,
-    Pose,
-    World,
-)
+from mindstage.scene import Attachment, Body, BodyId, BodyPhysics, Color, Iri, Joint, Light, Material, Pose, World
 
 __all__ = ["AddResult", "EntityRegistry", "pose_error"]
 

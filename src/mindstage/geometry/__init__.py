@@ -1,10 +1,9 @@
 """Shapes: what bodies are made of where no mesh file says it, built from few parameters to the exact size."""
 
-from mindstage.shapes.building import build_geometry, template_by_name
-from mindstage.shapes.design import ShapeTemplate
-from mindstage.shapes.fitting import FittedGeometry, fit_geometry
-from mindstage.shapes.kinds import SHAPE_TEMPLATES
-from mindstage.shapes.sides import BodySide, Cutout
+from mindstage.geometry.fit import FittedGeometry, fit_geometry
+from mindstage.geometry.procedural import SHAPE_TEMPLATES
+from mindstage.geometry.procedural.build import build_geometry, template_by_name
+from mindstage.geometry.procedural.builder import BodySide, Cutout, ShapeTemplate
 
 __all__ = [
     "SHAPE_TEMPLATES",

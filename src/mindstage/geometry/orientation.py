@@ -12,10 +12,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mindstage.shapes.fitting.setting import JointView, Neighborhood, SceneContext
-from mindstage.shapes.sides import BodySide
-from mindstage.world.geometry import Array, normalize, quat_rotate
-from mindstage.world.travel import axis_ranges, joint_reach
+from mindstage.geometry.fit_context import JointView, Neighborhood, SceneContext
+from mindstage.geometry.procedural.builder import BodySide
+from mindstage.scene.kinematics import axis_ranges, joint_reach
+from mindstage.scene.transforms import Array, normalize, quat_rotate
 
 __all__ = ["CABINET_SHAPES", "CLOSING_SHAPES", "FRONTED_SHAPES", "HANDLE_SHAPES", "Orientation", "OrientationSolver"]
 

@@ -1,17 +1,21 @@
 """Knowledge: semantic maps and ontologies go in, worlds and answers come out, and worlds go back into maps."""
 
-from mindstage.knowledge.analysis import MapStatistics
-from mindstage.knowledge.base import KnowledgeBase
-from mindstage.knowledge.bundled import bundled_kitchen, bundled_ontology
-from mindstage.knowledge.findings import Finding, Severity
-from mindstage.knowledge.reading.assumptions import Assumption
-from mindstage.knowledge.reading.conventions import Handedness, LengthUnit, QuaternionOrder, UnitConventions
-from mindstage.knowledge.reading.losses import lost_statements
-from mindstage.knowledge.reading.origin import SourceMapView
-from mindstage.knowledge.stores.endpoint import SparqlEndpoint
-from mindstage.knowledge.stores.sparql import RdfTerm, SparqlResult
-from mindstage.knowledge.told_file import AssertionFile
-from mindstage.knowledge.writers.mapwriter import MapDialect, MapFormat, save_map, write_map
+from mindstage.knowledge.assertion_file import AssertionFile
+from mindstage.knowledge.dialects.conventions import (
+    Assumption,
+    Handedness,
+    LengthUnit,
+    QuaternionOrder,
+    UnitConventions,
+)
+from mindstage.knowledge.endpoint import SparqlEndpoint
+from mindstage.knowledge.graph_diff import SourceMapView, lost_statements
+from mindstage.knowledge.io.files import bundled_kitchen, bundled_ontology
+from mindstage.knowledge.io.write import MapDialect, MapFormat, save_map, write_map
+from mindstage.knowledge.knowledge_base import KnowledgeBase
+from mindstage.knowledge.map_statistics import MapStatistics
+from mindstage.knowledge.rdf import Finding, Severity
+from mindstage.knowledge.store import RdfTerm, SparqlResult
 
 __all__ = [
     "AssertionFile",

@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
-from mindstage.knowledge.names import local_name
-from mindstage.knowledge.questions.question import AnswerRow, Answers
-from mindstage.knowledge.questions.things import JointSummary
-from mindstage.knowledge.reasoning import EntityType
-from mindstage.world import AxisMotion, Iri, IriRef, Literal, Pose, PropertyAssertion, Tag
+from mindstage.knowledge.names import EntityType
+from mindstage.knowledge.queries.individuals import JointSummary
+from mindstage.knowledge.questions import AnswerRow, Answers
+from mindstage.knowledge.rdf import local_name
+from mindstage.scene import AxisMotion, Iri, IriRef, Literal, Pose, PropertyAssertion, Tag
 
 if TYPE_CHECKING:
-    from mindstage.knowledge.base import KnowledgeBase
+    from mindstage.knowledge.knowledge_base import KnowledgeBase
 
 __all__ = ["answers_to_builtins", "cell_text", "subject_column"]
 

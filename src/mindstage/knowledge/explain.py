@@ -4,25 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 
-from mindstage.knowledge.names import local_name
-from mindstage.knowledge.questions.question import MissingKnowledge
-from mindstage.knowledge.reasoning import (
+from mindstage.knowledge.owl import (
     ComplementOf,
     Expression,
-    InferenceRule,
     IntersectionOf,
-    Justification,
     LiteralValue,
     NamedClass,
-    ObjectTriple,
     OneOf,
-    Reasoner,
     Restriction,
     RestrictionType,
     UnionOf,
 )
+from mindstage.knowledge.questions import MissingKnowledge
+from mindstage.knowledge.rdf import local_name
+from mindstage.knowledge.reasoner import InferenceRule, Justification, Reasoner
+from mindstage.knowledge.reasoner_properties import ObjectTriple
 from mindstage.knowledge.vocabulary import DESCRIBED_IN_MAP, SEMANTIC_MAP, THING, TYPE
-from mindstage.world import Iri
+from mindstage.scene import Iri
 
 __all__ = [
     "expression_text",

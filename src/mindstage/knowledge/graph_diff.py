@@ -3,26 +3,62 @@
 Two graphs are held against each other as worlds are, one level below: by what they state. Numbers count by their
 value, things without a name by what is said about them. What a writer names itself (poses, limits) is taken as part of
 the thing that it belongs to.
+
+Origins: what a map was before it became a world, for those who hold the two against each other.
 """
 
 from __future__ import annotations
 
 from collections.abc import Container, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 
-from mindstage.knowledge.bulk import gc_paused
-from mindstage.knowledge.graph import Graph, merge_graphs
-from mindstage.knowledge.names import is_part_name
-from mindstage.knowledge.reading.census import types_of
-from mindstage.knowledge.reading.conversion import original_property
-from mindstage.knowledge.reading.origin import SourceMapView
-from mindstage.knowledge.reading.restating import POSE_6D, without_restatements
+from mindstage.knowledge.dialects import detect_dialect
+from mindstage.knowledge.dialects.membership import types_of
+from mindstage.knowledge.dialects.soma_nodes import POSE_6D, without_restatements
+from mindstage.knowledge.dialects.source_map import SourceMap
+from mindstage.knowledge.dialects.unit_conversion import (
+    original_conventions,
+    original_property,
+    restore_declarations,
+    restore_facts,
+)
+from mindstage.knowledge.rdf import Graph, gc_paused, is_part_name, merge_graphs
+from mindstage.knowledge.rdf_mapping import properties as words
+from mindstage.knowledge.rdf_mapping.nested import NESTED_RESOURCES
+from mindstage.knowledge.rdf_mapping.properties import PropertyCodec
 from mindstage.knowledge.vocabulary import CHILD, PARENT
-from mindstage.knowledge.wording import words
-from mindstage.knowledge.wording.parts import NESTED_RESOURCES
-from mindstage.knowledge.wording.words import PropertyCodec
-from mindstage.world import BlankNode, Iri, IriRef, NamedResource, PropertyAssertion, Statement, World, diff
+from mindstage.scene import BlankNode, Iri, IriRef, NamedResource, PropertyAssertion, Statement, World, diff
 
-__all__ = ["canonical_statement", "lost_statements"]
+__all__ = ["SourceMapView", "canonical_statement", "lost_statements"]
+
+
+@dataclass(frozen=True, slots=True)
+class SourceMapView:
+    """One map as its sources tell it."""
+
+    source_map: SourceMap
+    """All that the reader of its dialect has at hand."""
+
+    def before_conversion(self) -> SourceMapView | None:
+        """The map as it was before its numbers were converted; None where it does not say that they were."""
+        graph, map = self.source_map.graph, self.source_map.map
+        conventions = original_conventions(graph.get(map, ()))
+        if conventions is None:
+            return None
+        before = {subject: restore_facts(facts, conventions) for subject, facts in graph.items()}
+        before[map] = restore_declarations(before[map], conventions)
+        return SourceMapView(replace(self.source_map, graph=before))
+
+    @property
+    def map(self) -> Iri:
+        """Which one it is."""
+        return self.source_map.map
+
+    @property
+    def dialect(self) -> str:
+        """What kind of map it is."""
+        return detect_dialect(without_restatements(self.source_map)).name
+
 
 _ORIGINAL_ROLES = {original_property(role): role for role in (PARENT, CHILD)}
 _NESTED_BY_PROPERTY = {part.property: part for part in NESTED_RESOURCES}

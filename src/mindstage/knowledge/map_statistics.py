@@ -6,11 +6,11 @@ from collections.abc import Iterator, Sequence, Set
 
 import msgspec
 
-from mindstage.knowledge.graph import Graph
-from mindstage.knowledge.reading.census import types_of
+from mindstage.knowledge.dialects.membership import types_of
+from mindstage.knowledge.rdf import Graph
 from mindstage.knowledge.taxonomy import ClassHierarchy
 from mindstage.knowledge.vocabulary import CHILD, CONSTRAINT, OWL, PARENT, RDFS
-from mindstage.world import Iri, IriRef, PropertyAssertion
+from mindstage.scene import Iri, IriRef, PropertyAssertion
 
 __all__ = ["MapStatistics", "is_constraint", "map_statistics"]
 

@@ -9,12 +9,10 @@ from functools import cached_property
 import pyoxigraph as ox
 
 from mindstage.errors import AmbiguousNameError, NameNotFoundError
-from mindstage.knowledge.names import local_name
-from mindstage.knowledge.reading.other_words import DUL, SOMA
-from mindstage.knowledge.reasoning.index import Reasoner
-from mindstage.knowledge.stores.triplestore import QuadSource
-from mindstage.knowledge.vocabulary import KNOWROB, MS, OWL, RDF, RDFS, TYPE, XSD
-from mindstage.world import Iri
+from mindstage.knowledge.rdf import QuadSource, local_name
+from mindstage.knowledge.reasoner import Reasoner
+from mindstage.knowledge.vocabulary import DUL, KNOWROB, MS, OWL, RDF, RDFS, SOMA, TYPE, XSD
+from mindstage.scene import Iri
 
 __all__ = ["PREFIXES", "EntityType", "NameIndex", "compact_iri", "expand_prefix"]
 

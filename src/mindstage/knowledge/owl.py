@@ -9,7 +9,7 @@ import msgspec
 import pyoxigraph as ox
 
 from mindstage.knowledge.vocabulary import HAS_VALUE, ON_PROPERTY, OWL, RDF
-from mindstage.world import Iri, Literal
+from mindstage.scene import Iri, Literal
 
 __all__ = [
     "EXPRESSION_PROPERTIES",

@@ -14,6 +14,17 @@ what is answered. Every argument may be left out. What it knows beyond that hang
 
 One that looks at how things are just now has a last argument `*, present: StateAccess` (see `current_state`), which it is handed
 and which nobody who asks sees; so has what tells what it lacks.
+
+Moment: a place as it was told, and as it is now.
+
+A question that looks at the present asks for it by its last argument, which no surface sees:
+
+    @question
+    def where_is(kb: KnowledgeBase, thing: IndividualName | None = None, *, present: Present) -> Iterator[Where]: ...
+
+Asked of a knowledge base alone, everything is where its map tells. Asked of a stage, it is where the engine has it.
+
+Remembering: what was answered since anything has changed, for who asks again.
 """
 
 from __future__ import annotations
@@ -24,6 +35,7 @@ from dataclasses import dataclass
 from enum import Enum
 from functools import cached_property
 from operator import attrgetter
+from threading import Lock
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Generic, TypeVar, get_args, get_type_hints, overload
 from weakref import ref
@@ -31,16 +43,17 @@ from weakref import ref
 import msgspec
 
 from mindstage.errors import AmbiguousNameError, InvalidArgumentError, NameNotFoundError, QuestionNotFoundError
-from mindstage.knowledge.moment import StateAccess
-from mindstage.knowledge.names import local_name
-from mindstage.knowledge.reasoning import EntityType
-from mindstage.world import Iri
-from mindstage.world.display import counted, html_table
+from mindstage.knowledge.names import EntityType
+from mindstage.knowledge.rdf import local_name
+from mindstage.scene import BodyId, Iri, World
+from mindstage.scene.display import counted, html_table
 
 if TYPE_CHECKING:
-    from mindstage.knowledge.base import KnowledgeBase
+    from mindstage.knowledge.knowledge_base import KnowledgeBase
 
 __all__ = [
+    "MAP_SOURCE",
+    "AnswerCache",
     "AnswerRow",
     "Answers",
     "ClassName",
@@ -50,11 +63,112 @@ __all__ = [
     "PropertyName",
     "Question",
     "QuestionArgument",
+    "StateAccess",
     "ValueName",
+    "WorldState",
     "get_question",
     "list_questions",
     "question",
 ]
+
+
+MAP_SOURCE = "map"
+"""Who tells of a place that no engine runs."""
+
+
+class WorldState(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """A place at one moment."""
+
+    world: World
+    """Everything as it is."""
+    spawned: tuple[World, ...]
+    """The same as it was spawned, map by map."""
+    joint_positions: Mapping[BodyId, tuple[float, ...]] | None = None
+    """How far each constraint has moved since: x, y, z [m], twist, swing2, swing1 [rad]; None where nobody knows."""
+    source: str = MAP_SOURCE
+    """Who says so: the engine's name, or "map"."""
+
+    def map_of_body(self) -> dict[BodyId, Iri]:
+        """The map that each body came from."""
+        told = {body.id: world.iri for world in reversed(self.spawned) for body in world.bodies}
+        return {body.id: told.get(body.id, self.world.iri) for body in self.world.bodies}
+
+
+class StateAccess:
+    """What a question sees of the present: made for one asking, and looked up only if it is wanted."""
+
+    def __init__(self, kb: KnowledgeBase, fetch_state: Callable[[], WorldState] | None = None) -> None:
+        """Nothing is looked at yet.
+
+        Args:
+            kb: tells of the maps that no engine runs.
+            take: asks the engine how things are, at most once; None without an engine.
+        """
+        self._kb = kb
+        self._fetch_state = fetch_state
+
+    def fetch(self) -> None:
+        """Looks now, and not when somebody first wants to know."""
+        self._engine_state  # noqa: B018 - kept from now on
+
+    def states(self, map: Iri | None = None) -> tuple[WorldState, ...]:
+        """The place that the engine runs, and each map that is not spawned in it; or only where one map is."""
+        running = self._engine_state
+        spawned = {world.iri for world in running.spawned} if running else set()
+        here = [running] if running and (map is None or map in spawned) else []
+        elsewhere = (each for each in self._kb.maps() if each not in spawned and map in {None, each})
+        return (*here, *(self._map_state(each) for each in elsewhere))
+
+    def find_individual(self, name: str) -> Iri | None:
+        """Something that stands in the engine, by its IRI or its body's id: a program may have spawned it."""
+        bodies = self._engine_state.world.bodies if self._engine_state else ()
+        return next((body.iri for body in bodies if name in (body.iri, body.id)), None)
+
+    @cached_property
+    def _engine_state(self) -> WorldState | None:
+        return self._fetch_state() if self._fetch_state else None
+
+    def _map_state(self, map: Iri) -> WorldState:
+        world = self._kb.world(map)
+        return WorldState(world=world, spawned=(world,))
+
+
+CacheKey = tuple[object, ...]
+
+
+class AnswerCache:
+    """The last answers, up to so many rows."""
+
+    def __init__(self, max_rows: int = 50_000) -> None:
+        """Remembers nothing yet.
+
+        Args:
+            most_rows: how many rows are kept at most; an answer without rows counts as one.
+        """
+        self._max_rows = max_rows
+        self._row_count = 0
+        self._lock = Lock()
+        self._answers: dict[CacheKey, Answers[Any]] = {}
+
+    def get(self, key: CacheKey) -> Answers[Any] | None:
+        """What was answered, if it is still known.
+
+        Raises:
+            TypeError: something in the key cannot be remembered, such as a list.
+        """
+        return self._answers.get(key)
+
+    def put(self, key: CacheKey, answers: Answers[Any]) -> None:
+        """Remembers an answer, and forgets the oldest ones if there is no room for it."""
+        size = max(1, len(answers))
+        with self._lock:
+            if size > self._max_rows or key in self._answers:
+                return
+            while self._row_count + size > self._max_rows:
+                self._row_count -= max(1, len(self._answers.pop(next(iter(self._answers)))))
+            self._answers[key] = answers
+            self._row_count += size
+
 
 ClassName = Annotated[Iri, EntityType.CLASS]
 IndividualName = Annotated[Iri, EntityType.INDIVIDUAL]
@@ -130,7 +244,7 @@ class AnswerRow(msgspec.Struct, frozen=True, kw_only=True, dict=True):
         return self._origin().members(self.subject)
 
     def __repr__(self) -> str:
-        from mindstage.knowledge.questions.telling import cell_text
+        from mindstage.knowledge.answer_format import cell_text
 
         fields = ((name, getattr(self, name)) for name in self.__struct_fields__)
         return f"{type(self).__name__}({', '.join(f'{name}={cell_text(value)}' for name, value in fields)})"
@@ -232,7 +346,7 @@ class Answers(Sequence[R]):
 
     def _repr_html_(self) -> str:
         """A table for notebooks."""
-        from mindstage.knowledge.questions.telling import cell_text
+        from mindstage.knowledge.answer_format import cell_text
 
         columns = self.question.row.__struct_fields__
         rows = [[cell_text(getattr(row, column)) for column in columns] for row in self._rows]

@@ -5,53 +5,457 @@ concerns; the statements about individuals stay in the store, where they are loo
 
 Two names are two things here: that they are the same (owl:sameAs, and what follows from properties that have one value
 only) is found by `KnowledgeBase.derive`.
+
+Individuals: who is of which class and in which map, as told.
+
+Membership: the classes that individuals are of although nobody says so.
+
+A definition makes members of all that falls under it, a type without a name says what it consists of, and what nobody
+gave a type gets one by the domain or range of a property that it has.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from enum import StrEnum
 from functools import cached_property
+from typing import Any
 
 import msgspec
 import pyoxigraph as ox
 
-from mindstage.knowledge.reading.other_words import dul, soma
-from mindstage.knowledge.reasoning.axioms import CLASS_AXIOM_PROPERTIES, ClassAxioms, ClassRestriction
-from mindstage.knowledge.reasoning.chains import PropertyExpression
-from mindstage.knowledge.reasoning.derivation import InferredTriples
-from mindstage.knowledge.reasoning.expressions import (
+from mindstage.knowledge.owl import (
     EXPRESSION_PROPERTIES,
     ComplementOf,
     Expression,
     IntersectionOf,
+    LiteralValue,
     NamedClass,
+    OneOf,
+    Restriction,
+    RestrictionType,
     UnionOf,
     node_label,
 )
-from mindstage.knowledge.reasoning.individuals import PROPERTY_TYPE_IRIS, IndividualIndex
-from mindstage.knowledge.reasoning.membership import InferenceRule, InstanceChecker, Justification
-from mindstage.knowledge.reasoning.properties import (
+from mindstage.knowledge.owl_rl import InferredTriples
+from mindstage.knowledge.rdf import QuadSource
+from mindstage.knowledge.rdf_mapping.nested import NESTED_RESOURCES
+from mindstage.knowledge.reasoner_classes import (
+    CLASS_AXIOM_PROPERTIES,
+    ClassAxioms,
+    ClassRestriction,
+    SufficientCondition,
+)
+from mindstage.knowledge.reasoner_properties import (
     PROPERTY_AXIOM_PROPERTIES,
     PROPERTY_TYPES,
     InferenceStep,
     ObjectTriple,
+    PropertyExpression,
     PropertyHierarchy,
+    node_from_label,
 )
-from mindstage.knowledge.stores.triplestore import QuadSource
 from mindstage.knowledge.taxonomy import TransitiveClosure
 from mindstage.knowledge.vocabulary import (
     CHILD,
     CONSTRAINT,
     DESCRIBED_IN_MAP,
+    OWL,
     OWL_CLASS,
     PARENT,
+    RDF,
+    RDFS,
+    SEMANTIC_MAP,
     TYPE,
     XSD,
+    dul,
     knowrob,
+    soma,
+    xsd,
 )
-from mindstage.world import Iri
+from mindstage.scene import Iri
 
-__all__ = ["PartOfStep", "Reasoner"]
+__all__ = [
+    "PROPERTY_TYPE_IRIS",
+    "IndividualIndex",
+    "InferenceRule",
+    "InstanceChecker",
+    "Justification",
+    "PartOfStep",
+    "Reasoner",
+]
+
+
+_PROPERTY_TYPE_NAMES = "Object Datatype Annotation Functional InverseFunctional Transitive Symmetric"
+PROPERTY_TYPE_IRIS = (Iri(RDF + "Property"), *(Iri(f"{OWL}{kind}Property") for kind in _PROPERTY_TYPE_NAMES.split()))
+_DECLARATION_TYPES = frozenset({OWL_CLASS, *PROPERTY_TYPE_IRIS})
+_PART_CLASSES = frozenset(part.cls for part in NESTED_RESOURCES)
+
+QuadsByPredicate = Callable[[str], Iterable[ox.Quad]]
+
+
+class IndividualIndex:
+    """Types and maps of individuals."""
+
+    def __init__(self, asserted: QuadsByPredicate) -> None:
+        """Reads all that is told."""
+        self.types: dict[Iri, tuple[Iri, ...]] = {}
+        """By individual, sorted; what only ontologies are made of is left out."""
+        self.anonymous_types: dict[Iri, dict[ox.BlankNode, None]] = {}
+        """Types without a name, by individual."""
+        self.members: dict[Iri, dict[Iri, None]] = {}
+        """By class, as told."""
+        self.declared: dict[Iri, dict[Iri, None]] = {kind: {} for kind in _DECLARATION_TYPES}
+        """Classes and properties, by what they are said to be."""
+        self.members_by_map: dict[Iri, dict[Iri, None]] = {}
+        """By map; the poses and limits of individuals are not counted as individuals."""
+        self.maps_of: dict[Iri, tuple[Iri, ...]] = {}
+        self.untyped: dict[Iri, None] = {}
+        """Residents of which nobody says what they are."""
+        self.members_by_map_and_class: dict[tuple[Iri, Iri], dict[Iri, None]] = {}
+        """By map and class, as told."""
+        self._nested_resources: dict[Iri, tuple[Iri, ...]] = {}
+        """The maps of what is a part of another individual and nothing else."""
+        self.add(asserted)
+
+    def add(self, asserted: QuadsByPredicate) -> None:
+        """Adds more."""
+        touched: dict[Iri, None] = {}
+        for quad in asserted(TYPE):
+            self._add_type(quad.subject, quad.object, touched)
+        described: dict[Iri, list[object]] = {}
+        for quad in asserted(DESCRIBED_IN_MAP):
+            if individual := node_label(quad.subject):
+                described.setdefault(individual, []).append(quad.object)
+        for individual in touched:  # who was in a map before may be of another class there now
+            if individual in self.maps_of or individual in self._nested_resources:
+                described.setdefault(individual, [])
+        for individual, maps in described.items():
+            before = (*self.maps_of.get(individual, ()), *self._nested_resources.get(individual, ()))
+            self._set_maps(individual, {*before, *_map_names(individual, maps)})
+
+    def update(self, individual: Iri, types: Iterable[object], maps: Iterable[object]) -> None:
+        """Forgets an individual and takes in what is told of it now."""
+        self._set_maps(individual, ())
+        for cls in self.types.pop(individual, ()):
+            self._remove_from_class(cls, individual)
+        self.anonymous_types.pop(individual, None)
+        for declared in self.declared.values():
+            declared.pop(individual, None)
+        node = ox.BlankNode(individual[2:]) if individual.startswith("_:") else ox.NamedNode(individual)
+        for told in types:
+            self._add_type(node, told, {})
+        self._set_maps(individual, set(_map_names(individual, maps)))
+
+    def _add_type(self, subject: object, cls: object, touched: dict[Iri, None]) -> None:
+        individual = node_label(subject)
+        if individual is None:
+            return
+        if isinstance(cls, ox.BlankNode):
+            self.anonymous_types.setdefault(individual, {})[cls] = None
+        elif isinstance(cls, ox.NamedNode):
+            name = Iri(cls.value)
+            if name in _DECLARATION_TYPES:
+                self.declared[name][individual] = None
+            elif not name.startswith((OWL, RDFS, RDF)):
+                self._add_to_class(name, individual)
+                touched[individual] = None
+
+    def _add_to_class(self, cls: Iri, individual: Iri) -> None:
+        known = self.types.get(individual, ())
+        if cls not in known:
+            self.types[individual] = tuple(sorted((*known, cls))) if known else (cls,)
+            self.members.setdefault(cls, {})[individual] = None
+            if cls == SEMANTIC_MAP:
+                self.members_by_map.setdefault(individual, {})
+
+    def _remove_from_class(self, cls: Iri, individual: Iri) -> None:
+        _discard_from_group(self.members, cls, individual)
+        if cls == SEMANTIC_MAP and not self.members_by_map[individual]:
+            del self.members_by_map[individual]
+
+    def _set_maps(self, individual: Iri, maps: Iterable[Iri]) -> None:
+        """Makes these the maps of an individual, with the classes that it now has."""
+        types = self.types.get(individual, ())
+        for map in self.maps_of.pop(individual, ()):
+            self.members_by_map[map].pop(individual)
+            if not self.members_by_map[map] and map not in self.members.get(SEMANTIC_MAP, ()):
+                del self.members_by_map[map]
+            for cls in types:
+                _discard_from_group(self.members_by_map_and_class, (map, cls), individual)
+        self.untyped.pop(individual, None)
+        self._nested_resources.pop(individual, None)
+        if maps and types and _PART_CLASSES.issuperset(types):
+            self._nested_resources[individual] = tuple(sorted(maps))
+        elif maps:
+            self._add_to_maps(individual, types, tuple(sorted(maps)))
+
+    def _add_to_maps(self, individual: Iri, types: tuple[Iri, ...], maps: tuple[Iri, ...]) -> None:
+        self.maps_of[individual] = maps
+        if not types:
+            self.untyped[individual] = None
+        for map in maps:
+            self.members_by_map.setdefault(map, {})[individual] = None
+            for cls in types:
+                self.members_by_map_and_class.setdefault((map, cls), {})[individual] = None
+
+
+def _map_names(individual: Iri, maps: Iterable[object]) -> Iterator[Iri]:
+    return (name for map in maps if (name := node_label(map)) and name != individual)
+
+
+def _discard_from_group(groups: dict[Any, dict[Any, None]], key: object, item: object) -> None:
+    """Takes an item from a group, and the group with its last one."""
+    group = groups.get(key, {})
+    group.pop(item, None)
+    if not group:
+        groups.pop(key, None)
+
+
+ProofStatements = tuple[ObjectTriple, ...]
+_NO_JUSTIFICATIONS: Mapping[Iri, Justification] = {}
+
+
+class InferenceRule(StrEnum):
+    """How somebody became a member."""
+
+    DOMAIN = "domain"
+    RANGE = "range"
+    DEFINITION = "definition"
+    TYPE = "type"
+    OWL_RL = "OWL 2 RL"
+
+
+class Justification(msgspec.Struct, frozen=True):
+    """Why an individual is of a class that nobody says it is of."""
+
+    cls: Iri
+    rule: InferenceRule
+    statements: ProofStatements
+    property: Iri | None = None
+    """Whose domain or range the class is."""
+    expression: Expression | None = None
+    """What the individual falls under, or is said to be."""
+
+
+class InstanceChecker:
+    """What follows for individuals from one state of an index."""
+
+    def __init__(self, reasoner: Reasoner, store: QuadSource, inferred: InferredTriples) -> None:
+        """Works out what definitions make of the individuals that they may be about, until nothing more follows."""
+        self._reasoner = reasoner
+        self._store = store
+        self._inferred = inferred
+        self._by_definition: dict[Iri, dict[Iri, Justification]] = {}
+        self._by_domain_range: dict[Iri, dict[Iri, Justification]] = {}
+        self._inferred_members: dict[Iri, dict[Iri, None]] = {}
+        for individual in reasoner.individuals.anonymous_types:
+            for expression in self._anonymous_types(individual):
+                for cls in _conjunct_classes(expression):
+                    self._add_member(individual, Justification(cls, InferenceRule.TYPE, (), expression=expression))
+        while any(
+            self._apply_condition(condition) for condition in sorted(reasoner.axioms.sufficient_conditions, key=repr)
+        ):
+            pass
+        for individual in reasoner.individuals.untyped:
+            for cls in self.justifications(individual):
+                self._inferred_members.setdefault(cls, {})[individual] = None
+
+    def members(self, cls: Iri) -> Iterable[Iri]:
+        """Individuals that became members of this very class."""
+        members = self._inferred_members.get(cls, ())
+        if not self._inferred:
+            return members
+        quads = self._inferred.quads_for_pattern(None, ox.NamedNode(TYPE), ox.NamedNode(cls))
+        return dict.fromkeys((*members, *(name for quad in quads if (name := node_label(quad.subject)))))
+
+    def justifications(self, individual: Iri) -> Mapping[Iri, Justification]:
+        """The classes that an individual became a member of, and why."""
+        grounds = self._by_definition.get(individual, _NO_JUSTIFICATIONS)
+        if individual not in self._reasoner.types and individual not in self._reasoner.individuals.anonymous_types:
+            if individual not in self._by_domain_range:
+                self._by_domain_range[individual] = {
+                    ground.cls: ground for ground in self._domain_range_justifications(individual)
+                }
+            grounds = {**self._by_domain_range[individual], **grounds}
+        return {**self._owl_rl_justifications(individual, grounds), **grounds} if self._inferred else grounds
+
+    def _owl_rl_justifications(self, individual: Iri, known: Iterable[Iri]) -> dict[Iri, Justification]:
+        """Classes that were derived, as far as they do not follow anyway."""
+        above = self._reasoner.classes.above
+        implied = {cls for each in (*self._reasoner.types.get(individual, ()), *known) for cls in above(each)}
+        quads = self._inferred.quads_for_pattern(node_from_label(individual), ox.NamedNode(TYPE), None)
+        names = {Iri(quad.object.value) for quad in quads if isinstance(quad.object, ox.NamedNode)}
+        new = {name for name in names - implied if not name.startswith((OWL, RDFS, RDF))}
+        special = {cls for cls in new if not any(cls != other and cls in above(other) for other in new)}
+        return {cls: Justification(cls, InferenceRule.OWL_RL, ()) for cls in sorted(special or new)}
+
+    def is_affected_by(self, quads: Sequence[ox.Quad]) -> bool:
+        """Whether other classes may follow for somebody after such statements have come or gone.
+
+        Those about classes, properties and types always matter, and are not looked at here.
+        """
+        if self._definition_properties is None:
+            return True
+        names = (name for quad in quads for name in (node_label(quad.subject), node_label(quad.object)))
+        return any(Iri(quad.predicate.value) in self._definition_properties for quad in quads) or any(
+            name in self._by_domain_range for name in names
+        )
+
+    @cached_property
+    def _definition_properties(self) -> frozenset[Iri] | None:
+        """The properties that some definition is about; None where chains lead from any of them to any other."""
+        properties = self._reasoner.properties
+        wanted = {
+            each
+            for condition in self._reasoner.axioms.sufficient_conditions
+            for each in _decisive_properties(condition.expression)
+        }
+        if wanted and properties.has_chains:
+            return None
+        return frozenset(line for property in wanted for line in properties.implying_properties(property))
+
+    # -- domains and ranges --------------------------------------------------------------------------------------------
+
+    def _domain_range_justifications(self, individual: Iri) -> Iterator[Justification]:
+        node = node_from_label(individual)
+        properties = self._reasoner.properties
+        told = [(quad, True) for quad in self._store.quads_for_pattern(node, None, None)]
+        told += [(quad, False) for quad in self._store.quads_for_pattern(None, None, node)]
+        found: dict[Iri, Justification] = {}
+        for quad, is_subject in sorted(told, key=lambda each: (str(each[0].predicate), str(each[0]))):
+            one, other = node_label(quad.subject), node_label(quad.object)
+            property = Iri(quad.predicate.value)
+            text = getattr(quad.object, "value", str(quad.object))
+            for bound in properties.domains_ranges(property, as_subject=is_subject):
+                rule = InferenceRule.DOMAIN if bound.is_domain else InferenceRule.RANGE
+                proof = (ObjectTriple(one or individual, property, other or Iri(text)),)
+                found.setdefault(bound.cls, Justification(bound.cls, rule, proof, property=bound.property))
+        yield from found.values()
+
+    # -- definitions ---------------------------------------------------------------------------------------------------
+
+    def _anonymous_types(self, individual: Iri) -> Iterator[Expression]:
+        """The types of an individual that have no name."""
+        reader = self._reasoner.axioms.parser
+        return (reader.parse(node) for node in self._reasoner.individuals.anonymous_types.get(individual, ()))
+
+    def _add_member(self, individual: Iri, justification: Justification) -> None:
+        self._by_definition.setdefault(individual, {})[justification.cls] = justification
+        self._inferred_members.setdefault(justification.cls, {})[individual] = None
+
+    def _apply_condition(self, condition: SufficientCondition) -> bool:
+        """Finds new members of one class; whether there were any."""
+        expression, found = condition.expression, False
+        for individual in sorted(set(self._candidates(expression))):
+            if not self._is_instance(individual, condition.cls):
+                proof = self._proof(individual, expression)
+                if proof is not None:
+                    self._add_member(
+                        individual, Justification(condition.cls, InferenceRule.DEFINITION, proof, expression=expression)
+                    )
+                    found = True
+        return found
+
+    def _candidates(self, expression: Expression | None) -> Iterator[Iri]:
+        """All individuals that may fall under an expression, and some that do not."""
+        match expression:
+            case NamedClass(iri):
+                for below in self._reasoner.classes.below(iri):
+                    yield from self._reasoner.individuals.members.get(below, ())
+                    yield from self._inferred_members.get(below, ())
+            case IntersectionOf(members):
+                yield from self._candidates(min(members, key=_search_cost, default=None))
+            case UnionOf(members):
+                for member in members:
+                    yield from self._candidates(member)
+            case OneOf(members):
+                yield from (member.iri for member in members if isinstance(member, NamedClass))
+            case Restriction(property=property, inverse=inverse):
+                if _is_provable(expression):
+                    yield from self._reasoner.properties.candidate_subjects(property, backwards=inverse)
+                for individual in self._reasoner.individuals.anonymous_types:
+                    if expression in self._anonymous_types(individual):
+                        yield individual
+
+    def _is_instance(self, individual: Iri, cls: Iri) -> bool:
+        classes = self._reasoner.classes
+        told = (*self._reasoner.types.get(individual, ()), *self.justifications(individual))
+        return any(cls in classes.above(each) for each in told)
+
+    def _proof(self, individual: Iri, expression: Expression | None) -> ProofStatements | None:
+        """The statements that bring an individual under an expression; None where they do not."""
+        match expression:
+            case NamedClass(iri):
+                return () if self._is_instance(individual, iri) else None
+            case IntersectionOf(members):
+                proofs = [self._proof(individual, member) for member in members]
+                return None if None in proofs else tuple(line for proof in proofs for line in proof or ())
+            case UnionOf(members):
+                proofs = [self._proof(individual, member) for member in members]
+                return next((proof for proof in proofs if proof is not None), None)
+            case OneOf(members):
+                return () if NamedClass(individual) in members else None
+            case Restriction():
+                return (
+                    ()
+                    if expression in self._anonymous_types(individual)
+                    else self._restriction_proof(individual, expression)
+                )
+        return None
+
+    def _restriction_proof(self, individual: Iri, restriction: Restriction) -> ProofStatements | None:
+        """The statements by which an individual surely has such a value."""
+        if not _is_provable(restriction):
+            return None
+        reached = self._reasoner.properties.values_with_paths(
+            restriction.property, individual, backwards=restriction.inverse
+        )
+        return next((way for value, way in reached if self._satisfies(individual, restriction, value)), None)
+
+    def _satisfies(self, individual: Iri, restriction: Restriction, value: NamedClass | LiteralValue) -> bool:
+        filler = restriction.filler
+        if restriction.restriction_type is RestrictionType.HAS_SELF:
+            return value == NamedClass(individual)
+        if restriction.restriction_type is RestrictionType.HAS_VALUE or filler is None:
+            return filler in {None, value}
+        if isinstance(value, LiteralValue):
+            return filler == NamedClass(value.literal.datatype or xsd("string"))
+        return self._proof(value.iri, filler) is not None
+
+
+def _is_provable(restriction: Restriction) -> bool:
+    """Whether statements can show it: nobody says that there are no more of them, or that two names mean two things."""
+    if restriction.restriction_type is RestrictionType.MIN_CARDINALITY:
+        return restriction.cardinality == 1
+    return restriction.restriction_type in {RestrictionType.SOME, RestrictionType.HAS_VALUE, RestrictionType.HAS_SELF}
+
+
+def _decisive_properties(expression: Expression | None) -> Iterator[Iri]:
+    """The properties that decide whether something falls under an expression."""
+    match expression:
+        case IntersectionOf(members) | UnionOf(members):
+            for member in members:
+                yield from _decisive_properties(member)
+        case Restriction(property=property, filler=filler) if _is_provable(expression):
+            yield property
+            yield from _decisive_properties(filler)
+
+
+def _conjunct_classes(expression: Expression) -> Iterator[Iri]:
+    """The named classes that something surely is of when it falls under an expression."""
+    match expression:
+        case NamedClass(iri):
+            yield iri
+        case IntersectionOf(members):
+            for member in members:
+                yield from _conjunct_classes(member)
+
+
+def _search_cost(expression: Expression) -> int:
+    """Where to look first: a name leads to its members alone."""
+    return 0 if isinstance(expression, NamedClass | OneOf) else 1
+
 
 _PART_PROPERTIES = (
     CHILD,

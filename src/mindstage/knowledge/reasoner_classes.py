@@ -12,7 +12,7 @@ from typing import Any
 import msgspec
 import pyoxigraph as ox
 
-from mindstage.knowledge.reasoning.expressions import (
+from mindstage.knowledge.owl import (
     EXPRESSION_PROPERTIES,
     ClassExpressionParser,
     ComplementOf,
@@ -27,7 +27,7 @@ from mindstage.knowledge.reasoning.expressions import (
 )
 from mindstage.knowledge.taxonomy import TransitiveClosure
 from mindstage.knowledge.vocabulary import EQUIVALENT_CLASS, OWL, SUBCLASS_OF
-from mindstage.world import Iri
+from mindstage.scene import Iri
 
 __all__ = ["CLASS_AXIOM_PROPERTIES", "ClassAxioms", "ClassRestriction", "SufficientCondition"]
 

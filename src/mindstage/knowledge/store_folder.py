@@ -24,12 +24,10 @@ from msgspec.structs import replace
 
 from mindstage.errors import StoreError
 from mindstage.files import atomic_write
-from mindstage.knowledge.findings import Finding
-from mindstage.knowledge.reading.assumptions import Assumption
-from mindstage.knowledge.reading.conventions import UnitConventions
-from mindstage.knowledge.sources.files import SourceFile
-from mindstage.knowledge.sources.source import Source
-from mindstage.knowledge.stores.localstore import OxigraphStore
+from mindstage.knowledge.dialects.conventions import Assumption, UnitConventions
+from mindstage.knowledge.io.files import Source, SourceFile
+from mindstage.knowledge.rdf import Finding
+from mindstage.knowledge.store import OxigraphStore
 
 __all__ = ["FORMAT_VERSION", "SourceRecord", "StoreDirectory", "StoreManifest"]
 

@@ -10,7 +10,7 @@ from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
 from itertools import groupby
 from typing import Generic, TypeVar
 
-from mindstage.world import Iri
+from mindstage.scene import Iri
 
 __all__ = ["ClassHierarchy", "TransitiveClosure"]
 

@@ -12,12 +12,11 @@ from dataclasses import dataclass
 import pyoxigraph as ox
 
 from mindstage.errors import InvalidArgumentError, NameNotFoundError
-from mindstage.knowledge.names import local_name
-from mindstage.knowledge.reasoning import EntityType, LiteralValue, NameIndex, Reasoner, Restriction, RestrictionType
-from mindstage.knowledge.reasoning.derivation import INFERRED_GRAPH
-from mindstage.knowledge.reasoning.expressions import ClassExpressionParser
-from mindstage.knowledge.reasoning.namebook import expand_prefix
-from mindstage.knowledge.stores.triplestore import TripleStore
+from mindstage.knowledge.names import EntityType, NameIndex, expand_prefix
+from mindstage.knowledge.owl import ClassExpressionParser, LiteralValue, Restriction, RestrictionType
+from mindstage.knowledge.owl_rl import INFERRED_GRAPH
+from mindstage.knowledge.rdf import TripleStore, local_name
+from mindstage.knowledge.reasoner import Reasoner
 from mindstage.knowledge.vocabulary import (
     HAS_VALUE,
     NAMED_INDIVIDUAL,
@@ -28,7 +27,7 @@ from mindstage.knowledge.vocabulary import (
     SUBCLASS_OF,
     TYPE,
 )
-from mindstage.world import Iri
+from mindstage.scene import Iri
 
 __all__ = ["RUNTIME_GRAPH", "AssertableValue", "AssertionStore", "parse_value"]
 

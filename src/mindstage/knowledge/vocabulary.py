@@ -23,27 +23,43 @@
 | `ms:untold` | all three | names a property whose statements here are facts only and give no field its value |
 
 A label is `rdfs:label`, and so is the name of a map where it is not the local name of the map's IRI.
+
+Other words: names that dialects other than the first use for places, parts and joints.
+
+`knowrob_iri:` names are KnowRob 1's (2009 to 2016), `soma:` and `dul:` those of KnowRob 2, which has `urdf:` from robots'
+descriptions.
 """
 
 from __future__ import annotations
 
-from mindstage.world import Iri, LightType
+from mindstage.scene import Iri, LightType
 
 __all__ = [
     "ANGULAR_CONSTRAINT",
+    "BASE_LINK_NAME",
     "CHILD",
+    "CONNECTIONS",
     "CONSTRAINT",
     "DATATYPE_PROPERTY",
     "DESCRIBED_IN_MAP",
     "DIALECT",
+    "DUL",
+    "END_LINK_NAME",
     "EQUIVALENT_CLASS",
+    "EVENT_OCCURS_AT",
     "FRAME",
     "HAS_ANGULAR",
+    "HAS_COLOR",
+    "HAS_JOINT",
     "HAS_LINEAR",
+    "HAS_LOCALIZATION",
     "HAS_POSE",
+    "HAS_SHAPE",
     "HAS_VALUE",
+    "HINGED_TO",
     "IMPORTS",
     "JOINT_CLASSES",
+    "JOINT_VALUES",
     "KNOWROB",
     "LABEL",
     "LIGHT_CLASSES",
@@ -52,33 +68,47 @@ __all__ = [
     "MATERIAL",
     "MS",
     "NAMED_INDIVIDUAL",
+    "OBJECT_ACTED_ON",
     "OBJECT_PROPERTY",
     "ONTOLOGY",
     "ON_PROPERTY",
+    "ORIENTATION",
     "OWL",
     "OWL_CLASS",
     "PARENT",
     "POSE",
+    "POSE_PROPERTIES",
+    "PRISMATICALLY_CONNECTED_TO",
     "QUATERNION_ORDER",
     "RDF",
     "RDFS",
     "RESTATES",
     "REVOLUTE_JOINT",
     "SEMANTIC_MAP",
+    "SOMA",
+    "START_TIME",
     "SUBCLASS_OF",
     "TAGS_DATA",
     "TAGS_JSON",
     "THING",
+    "TO_PARTS",
+    "TO_WHOLES",
     "TYPE",
     "UNITS",
     "UNTOLD",
+    "URDF",
+    "URDF_LINK",
     "URDF_TEXT",
     "VERSION_IRI",
     "XSD",
+    "dul",
     "knowrob",
     "ms",
+    "soma",
+    "urdf",
     "xsd",
 ]
+
 
 RDF = "http://www.w3.org/1999/02/22-rdf-syntax-ns#"
 RDFS = "http://www.w3.org/2000/01/rdf-schema#"
@@ -149,3 +179,55 @@ LIGHT_CLASSES = {
     LightType.SPOT: ms("SpotLight"),
     LightType.DIRECTIONAL: ms("DirectionalLight"),
 }
+
+
+DUL = "http://www.ontologydesignpatterns.org/ont/dul/DUL.owl#"
+SOMA = "http://www.ease-crc.org/ont/SOMA.owl#"
+URDF = "http://knowrob.org/kb/urdf.owl#"
+
+
+def dul(name: str) -> Iri:
+    """A name of the foundational ontology."""
+    return Iri(DUL + name)
+
+
+def soma(name: str) -> Iri:
+    """A name of the socio-physical model of activities."""
+    return Iri(SOMA + name)
+
+
+def urdf(name: str) -> Iri:
+    """A name for what stands in robots' descriptions."""
+    return Iri(URDF + name)
+
+
+ORIENTATION = knowrob("orientation")
+"""Straight from an object to a matrix, before there were perceptions."""
+OBJECT_ACTED_ON = knowrob("objectActedOn")
+EVENT_OCCURS_AT = knowrob("eventOccursAt")
+START_TIME = knowrob("startTime")
+JOINT_VALUES = (knowrob("minJointValue"), knowrob("maxJointValue"))
+
+HINGED_TO, PRISMATICALLY_CONNECTED_TO = knowrob("hingedTo"), knowrob("prismaticallyConnectedTo")
+_RIGID = (knowrob("rigidlyFixedParts"), knowrob("connectedTo-Rigidly"), knowrob("connectedToRigidly"))
+CONNECTIONS = (*_RIGID, HINGED_TO, PRISMATICALLY_CONNECTED_TO)
+"""What two things that hang together say of each other, whichever of them says it."""
+
+TO_PARTS = (
+    *(knowrob("properPhysicalParts"), knowrob("physicalParts"), knowrob("parts")),
+    *(dul("hasPart"), dul("hasProperPart"), dul("hasComponent"), soma("hasPhysicalComponent")),
+)
+TO_WHOLES = (
+    *(knowrob("properPhysicalPartOf"), knowrob("physicalPartOf"), knowrob("partOf")),
+    *(dul("isPartOf"), dul("isProperPartOf"), dul("isComponentOf"), soma("isPhysicalComponentOf")),
+)
+
+HAS_LOCALIZATION = soma("hasLocalization")
+HAS_SHAPE = soma("hasShape")
+HAS_COLOR = soma("hasColor")
+HAS_JOINT = urdf("hasJoint")
+BASE_LINK_NAME, END_LINK_NAME = urdf("hasBaseLinkName"), urdf("hasEndLinkName")
+URDF_LINK = urdf("Link")
+
+POSE_PROPERTIES = (ORIENTATION, OBJECT_ACTED_ON, HAS_LOCALIZATION, BASE_LINK_NAME, END_LINK_NAME)
+"""Who says one of these of something, or is said to have been perceived, has a place."""

@@ -13,13 +13,9 @@ from pathlib import Path
 from typing import Any
 
 from mindstage.errors import PrologGoalError, PrologTimeoutError, PrologUnavailableError, SourceParseError
-from mindstage.prolog.asking import QuestionPredicates
-from mindstage.prolog.library import SwiProlog, load_library
-from mindstage.prolog.place import WorldPredicates
-from mindstage.prolog.requests import Handler, answer
-from mindstage.prolog.statements import RdfPredicates
-from mindstage.prolog.terms import Atom, Compound, Unbound, Value, read_term, write_term
-from mindstage.stage import Simulation
+from mindstage.prolog.predicates import Handler, QuestionPredicates, RdfPredicates, WorldPredicates, answer
+from mindstage.prolog.swipl import Atom, Compound, SwiProlog, Unbound, Value, load_library, read_term, write_term
+from mindstage.simulation import Simulation
 
 __all__ = ["PrologConsole", "Solution"]
 

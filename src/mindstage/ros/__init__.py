@@ -1,7 +1,7 @@
 """ROS: the face of a stage for a robot's programs, over the bridge."""
 
 from mindstage.msgs import RosVersion
-from mindstage.ros.broadcast import PublishRates
-from mindstage.ros.face import RosInterface
+from mindstage.ros.interface import RosInterface
+from mindstage.ros.publishers import PublishRates
 
 __all__ = ["PublishRates", "RosInterface", "RosVersion"]

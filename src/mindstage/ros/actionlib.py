@@ -9,7 +9,7 @@ from collections.abc import Callable
 from typing import Any
 
 from mindstage.bridge import GoalResult, GoalStatus, Node, ServerGoalHandle
-from mindstage.bridge.subscription import MessageSender
+from mindstage.bridge.node import MessageSender
 from mindstage.errors import MindstageError
 from mindstage.msgs import (
     Action,
@@ -24,8 +24,7 @@ from mindstage.msgs import (
     type_name,
 )
 from mindstage.msgs import actionlib_msgs as wire
-from mindstage.ros.diagnostics import DiagnosticsPublisher
-from mindstage.ros.outlet import Publisher
+from mindstage.ros.diagnostics import DiagnosticsPublisher, Publisher
 
 __all__ = ["ActionlibServer"]
 

@@ -1,38 +1,63 @@
 """RosFace: a stage as a robot's programs see it: services, topics and actions under a namespace.
 
 It stands at a hub of ours, or at somebody else's rosbridge by way of a client; the programs cannot tell.
+
+Guests: which programs are connected over rosbridge, as a stage's own people see it.
 """
 
 from __future__ import annotations
 
 import logging
+from collections import Counter
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
-from mindstage.bridge import LocalNode, Node, Subscription
+from mindstage.bridge import GraphInfo, LocalNode, Node, RosbridgeClient, Subscription
 from mindstage.errors import MindstageError
 from mindstage.msgs import Message, RosVersion, decode, diagnostic_msgs, mindstage_msgs, type_name, visualization_msgs
-from mindstage.ros.action_topics import ActionlibServer
-from mindstage.ros.asking import QuestionServices
-from mindstage.ros.broadcast import PublishRates, StatePublisher
-from mindstage.ros.diagnostics import DiagnosticsPublisher
-from mindstage.ros.far_engine import EngineServices
-from mindstage.ros.guests import connected_clients
-from mindstage.ros.highlights import HighlightSubscriber
-from mindstage.ros.offer import ActionSpec, ServiceSpec
-from mindstage.ros.outcomes import service_handler
-from mindstage.ros.outlet import Publisher
-from mindstage.ros.reaching import action_handler
-from mindstage.ros.resources import ResourceLoader
+from mindstage.ros.actionlib import ActionlibServer
+from mindstage.ros.diagnostics import DiagnosticsPublisher, Publisher
+from mindstage.ros.engine_services import EngineServices
+from mindstage.ros.publishers import HighlightSubscriber, PublishRates, StatePublisher
+from mindstage.ros.queries import QuestionServices
 from mindstage.ros.rosapi import RosapiServices
-from mindstage.ros.sight import StateReader
-from mindstage.ros.simulation import EntityServices, SimulationControlServices, SpawnServices, WorldServices
+from mindstage.ros.service import ActionSpec, ServiceSpec, action_handler, service_handler
+from mindstage.ros.simulation_interfaces import EntityServices, ResourceLoader, SpawnServices
+from mindstage.ros.simulation_interfaces_control import SimulationControlServices, WorldServices
+from mindstage.ros.state import StateReader
 from mindstage.ros.unreal_vis import UnrealVisServices
 from mindstage.ros.world_control import WorldControlServices
-from mindstage.stage import Simulation
+from mindstage.simulation import ConnectedClient, Simulation
 
-__all__ = ["RosInterface"]
+__all__ = ["RosInterface", "connected_clients"]
+
+
+_TRANSPORT = "ROS"
+
+
+def connected_clients(node: Node) -> tuple[ConnectedClient, ...]:
+    """Who is connected to a hub of ours, or the rosbridge that we are connected to."""
+    if isinstance(node, RosbridgeClient):
+        return (ConnectedClient(name=node.url, transport=_TRANSPORT, activity=node.state.value),)
+    if not isinstance(node, LocalNode) or node.closed:
+        return ()
+    try:
+        return tuple(_hub_clients(node.graph_info(), node.name))
+    except MindstageError:  # it is being closed, or has better things to do
+        return ()
+
+
+def _hub_clients(graph: GraphInfo, own_name: str) -> Iterator[ConnectedClient]:
+    hears = Counter(name for topic in graph.topics for name in topic.subscribers)
+    says = Counter(name for topic in graph.topics for name in topic.publishers)
+    offers = Counter(each.provider for each in (*graph.services, *graph.actions))
+    for peer in graph.peers:
+        if peer != own_name:
+            parts = ((hears[peer], "topics heard"), (says[peer], "told"), (offers[peer], "services offered"))
+            does = ", ".join(f"{count} {what}" for count, what in parts if count)
+            yield ConnectedClient(name=peer, transport=_TRANSPORT, activity=does or "calls only")
+
 
 M = TypeVar("M", bound=Message)
 

@@ -1,6 +1,12 @@
 """Broadcast: what the face tells unasked: time, poses, joints, forms, lights, and how the engine is.
 
 Nothing is made that nobody hears. What does not change is told once a second, for those who came late.
+
+Highlights: a message lights bodies up, whether or not anyone listens, and tells why.
+
+Pictures: a frame as the messages by which robots know a place: transforms, joint states, markers.
+
+There are many of them every second, so those with many parts are written as JSON objects at once.
 """
 
 from __future__ import annotations
@@ -8,34 +14,170 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
+from typing import Any
 
 import msgspec
 import numpy as np
 
 from mindstage.bridge import Node
+from mindstage.bridge.conversions import color_from_message, color_message
 from mindstage.engines import Capability
-from mindstage.errors import MindstageError, SimulationTimeoutError
+from mindstage.errors import EngineError, MindstageError, SimulationTimeoutError
 from mindstage.msgs import (
     RosVersion,
     builtin_interfaces,
     diagnostic_msgs,
+    encode,
     mindstage_msgs,
     rosgraph_msgs,
     sensor_msgs,
+    std_msgs,
     tf2_msgs,
     visualization_msgs,
 )
-from mindstage.ros.diagnostics import health_status
-from mindstage.ros.highlights import highlight_groups
-from mindstage.ros.outlet import Publisher
-from mindstage.ros.pictures import joint_state_message, tf_message, world_marker_array
-from mindstage.ros.sight import StateReader
-from mindstage.stage import StateSnapshot
+from mindstage.ros.diagnostics import DiagnosticsPublisher, Publisher, health_status
+from mindstage.ros.state import StateReader
+from mindstage.scene import AxisMotion, Body, BodyId, Color, Joint, PrimitiveType
+from mindstage.simulation import Simulation, StateSnapshot
 
-__all__ = ["PublishRates", "StatePublisher"]
+__all__ = [
+    "HighlightSubscriber",
+    "PublishRates",
+    "StatePublisher",
+    "highlight_groups",
+    "joint_state_message",
+    "tf_message",
+    "world_marker_array",
+]
+
+
+class HighlightSubscriber:
+    """Shows on a stage what messages want lit."""
+
+    def __init__(self, simulation: Simulation, diagnostics: DiagnosticsPublisher) -> None:
+        self._simulation = simulation
+        self._diagnostics = diagnostics
+
+    def on_highlight(self, message: mindstage_msgs.LitBodies) -> None:
+        """Lights up what has a body; what has none is told on the diagnostics."""
+        color = color_from_message(message.color) if message.color.a > 0.0 else None
+        shown = self._simulation.highlight(message.ids, color, label=message.label, missing_ok=True)
+        self._diagnostics.report_failures("highlight", [(each.id, each.reason) for each in shown.unhighlighted])
+
+
+def highlight_groups(frame: StateSnapshot) -> mindstage_msgs.LitGroups:
+    """All that is lit in a frame."""
+    groups = (
+        mindstage_msgs.LitBodies(ids=group.ids, color=color_message(group.color), label=group.label)
+        for group in frame.highlight_groups
+    )
+    return mindstage_msgs.LitGroups(groups=tuple(groups))
+
+
+_WORLD_FRAME = "world"
+_NAMESPACE = "mindstage"
+_DEFAULT_SIZE_M = 0.05
+_GRAY: Color = (0.7, 0.7, 0.7)
+_AXES = ("x", "y", "z", "twist", "swing2", "swing1")
+_MARKER_TYPES = {
+    PrimitiveType.SPHERE: visualization_msgs.MarkerType.SPHERE,
+    PrimitiveType.CYLINDER: visualization_msgs.MarkerType.CYLINDER,
+}
+
+EncodedMessage = dict[str, Any]
+
+
+def tf_message(frame: StateSnapshot, *, ros: RosVersion) -> EncodedMessage:
+    """Where every body is in the world, as a `tf2_msgs/TFMessage`.
+
+    Raises:
+        EngineError: the engine tells of places that are no numbers.
+    """
+    header = encode(_header(frame), ros=ros)
+    return {
+        "transforms": [
+            {
+                "header": header,
+                "child_frame_id": id,
+                "transform": {
+                    "translation": {"x": x, "y": y, "z": z},
+                    "rotation": {"x": i, "y": j, "z": k, "w": w},
+                },
+            }
+            for id, (x, y, z, w, i, j, k) in zip(frame.ids, _header_stamp(frame), strict=True)
+        ]
+    }
+
+
+def joint_state_message(
+    frame: StateSnapshot, joints: Iterable[Joint], positions: Mapping[BodyId, tuple[float, ...]]
+) -> sensor_msgs.JointState:
+    """How far every constraint has moved since it was spawned; one that moves in several ways has several names."""
+    names: list[str] = []
+    numbers: list[float] = []
+    for constraint in joints:
+        if constraint.id not in positions:
+            continue
+        axes = [at for at, axis in enumerate(_AXES) if _axis_motion(constraint, axis) is not AxisMotion.LOCKED]
+        for at in axes:
+            names.append(constraint.id if len(axes) == 1 else f"{constraint.id}/{_AXES[at]}")
+            numbers.append(positions[constraint.id][at])
+    return sensor_msgs.JointState(header=_header(frame), name=tuple(names), position=tuple(numbers))
+
+
+def world_marker_array(frame: StateSnapshot, bodies: Iterable[Body], *, ros: RosVersion) -> EncodedMessage:
+    """Every body as a form, as a `visualization_msgs/MarkerArray` that replaces the one before."""
+    described = {body.id: body for body in bodies}
+    header = _header(frame)
+    blank = encode(visualization_msgs.Marker(header=header, ns=_NAMESPACE), ros=ros)
+    markers: list[EncodedMessage] = [{**blank, "action": int(visualization_msgs.MarkerAction.DELETEALL)}]
+    for number, (id, (x, y, z, w, i, j, k)) in enumerate(zip(frame.ids, _header_stamp(frame), strict=True)):
+        body = described.get(id)
+        width, depth, height = body.size if body and body.size else (_DEFAULT_SIZE_M,) * 3
+        red, green, blue = frame.highlights.get(id) or _color(body)
+        form = (
+            _MARKER_TYPES.get(body.shape.type, visualization_msgs.MarkerType.CUBE)
+            if body and body.shape
+            else visualization_msgs.MarkerType.CUBE
+        )
+        pose = {"position": {"x": x, "y": y, "z": z}, "orientation": {"x": i, "y": j, "z": k, "w": w}}
+        markers.append(
+            {
+                **blank,
+                "id": number,
+                "type": int(form),
+                "pose": pose,
+                "scale": {"x": width, "y": depth, "z": height},
+                "color": {"r": red, "g": green, "b": blue, "a": 1.0},
+                "text": id,
+            }
+        )
+    return {"markers": markers}
+
+
+def _header(frame: StateSnapshot) -> std_msgs.Header:
+    return std_msgs.Header(stamp=builtin_interfaces.Time.at(frame.time_s), frame_id=_WORLD_FRAME)
+
+
+def _header_stamp(frame: StateSnapshot) -> list[list[float]]:
+    if not np.isfinite(frame.poses).all():
+        raise EngineError("the engine tells of places that are no numbers")
+    rows: list[list[float]] = frame.poses.tolist()
+    return rows
+
+
+def _axis_motion(joint: Joint, axis: str) -> AxisMotion:
+    motion: AxisMotion = getattr(joint.linear if axis in {"x", "y", "z"} else joint.angular, axis)
+    return motion
+
+
+def _color(body: Body | None) -> Color:
+    colors = (material.color for material in body.materials if material.color) if body else ()
+    return next(iter(colors), _GRAY)
+
 
 _IDLE_PUBLISH_INTERVAL_S = 1.0
 _PING_INTERVAL_S = 2.0

@@ -10,10 +10,10 @@ from collections.abc import Callable, Iterator
 import msgspec
 
 from mindstage.errors import MessageValidationError
-from mindstage.knowledge.questions import answers_to_builtins, list_questions
+from mindstage.knowledge.queries import answers_to_builtins, list_questions
 from mindstage.msgs import mindstage_msgs as wire
-from mindstage.ros.offer import ServiceSpec
-from mindstage.stage import Simulation
+from mindstage.ros.service import ServiceSpec
+from mindstage.simulation import Simulation
 
 __all__ = ["QuestionServices"]
 

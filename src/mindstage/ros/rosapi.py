@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 from mindstage.bridge import GraphInfo, LocalNode, TopicInfo
-from mindstage.bridge.names import resolve_name, same_type
+from mindstage.bridge.broker import resolve_name, same_type
 from mindstage.errors import TypeNotFoundError
 from mindstage.msgs import (
     Message,
@@ -20,8 +20,8 @@ from mindstage.msgs import (
     type_definitions,
 )
 from mindstage.msgs import rosapi as wire
-from mindstage.ros.offer import ServiceSpec
-from mindstage.stage import Simulation
+from mindstage.ros.service import ServiceSpec
+from mindstage.simulation import Simulation
 
 __all__ = ["RosapiServices"]
 

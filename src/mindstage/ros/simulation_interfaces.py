@@ -1,26 +1,480 @@
-"""Spawning: new entities after the pattern of what the maps know, of files, or of a text; and what this face can do."""
+"""Spawning: new entities after the pattern of what the maps know, of files, or of a text; and what this face can do.
+
+Resources: the worlds and things that can be asked for by name, and those that come as text.
+
+A name is that of a known map, or of a file in the folder that whoever serves has opened; no name leads out of it.
+
+Entity filters of simulation_interfaces: by name, category, tags and bounds; all conditions must hold.
+
+Names are matched by RE2, in time linear in the name whatever the pattern is, with its POSIX syntax: `.`,
+`[a-z[:digit:]]`, `^`, `$`, `*`, `+`, `?`, `{2,5}`, `|`, groups, and `\` before a literal. It differs from POSIX
+extended expressions as RE2 documents: a backslash escapes inside brackets too, an interval that is not one (`a{x`) is
+literal, intervals go up to 1000, and the classes are those of ASCII.
+
+Entities: which there are, where they are and what they are.
+
+An entity is a body, and its name is the body's id.
+
+Templates: a world, or a part of one, as the pattern for something new with another name in another place.
+"""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+import re
+from collections.abc import Callable, Iterable, Iterator
+from enum import Enum, auto
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
-from mindstage.bridge.description import pose_from_message
-from mindstage.errors import BodyNotFoundError
-from mindstage.knowledge.names import local_name
-from mindstage.msgs import modul_spawner_msgs
+import numpy as np
+import re2
+from msgspec.structs import replace
+from numpy.typing import NDArray
+
+from mindstage.bridge.conversions import pose_array_messages, pose_from_message, vector_from_message
+from mindstage.errors import BodyNotFoundError, KnowledgeError, PoseUnreachableError
+from mindstage.knowledge import KnowledgeBase
+from mindstage.knowledge.rdf import local_name
+from mindstage.msgs import builtin_interfaces, geometry_msgs, modul_spawner_msgs, simulation_interfaces, std_msgs
 from mindstage.msgs import simulation_interfaces as wire
 from mindstage.ros.diagnostics import DiagnosticsPublisher
-from mindstage.ros.names import free_id, map_iri
-from mindstage.ros.offer import ServiceSpec
-from mindstage.ros.resources import FORMATS, ResourceError, ResourceErrorType, ResourceLoader
-from mindstage.ros.results import OK, ResultError
-from mindstage.ros.sight import StateReader
-from mindstage.ros.simulation.entities import bounds_of
-from mindstage.ros.templates import clone_at, root_body, subtree
-from mindstage.world import Body, Pose, World
+from mindstage.ros.service import OK, ResultError, ServiceSpec, failed, unsupported
+from mindstage.ros.state import StateReader, free_id, iri_namespace, map_iri
+from mindstage.scene import Attachment, Body, BodyId, Iri, Joint, Mobility, Pose, World
+from mindstage.scene.bounding_boxes import OrientedBoxes
+from mindstage.scene.transforms import (
+    Array,
+    normalize,
+    normalized_pose_array,
+    pose_from_array,
+    pose_inverse,
+    pose_multiply,
+)
 
-__all__ = ["SpawnServices"]
+__all__ = [
+    "FORMATS",
+    "WORLD_FRAME",
+    "EntityServices",
+    "ResourceError",
+    "ResourceErrorType",
+    "ResourceLoader",
+    "SpawnServices",
+    "bounds_of",
+    "category_of",
+    "clone_at",
+    "filter_entities",
+    "has_tags",
+    "name_matcher",
+    "root_body",
+    "subtree",
+    "tags_of",
+]
+
+
+FORMATS = {".owl": "owl", ".rdf": "rdf", ".ttl": "ttl", ".urdf": "urdf"}
+"""What can be read, by the end of a file's name."""
+_MAX_FILES = 1000
+
+
+class ResourceErrorType(Enum):
+    """Why a resource cannot be had."""
+
+    NOT_FOUND = auto()
+    UNSUPPORTED_FORMAT = auto()
+    PARSE_ERROR = auto()
+
+
+class ResourceError(Exception):
+    """A resource cannot be had."""
+
+    def __init__(self, type: ResourceErrorType, text: str) -> None:
+        self.type = type
+        super().__init__(text)
+
+
+class ResourceLoader:
+    """Finds and reads."""
+
+    def __init__(self, knowledge: KnowledgeBase, folder: Path | None) -> None:
+        """Nothing is read yet.
+
+        Args:
+            knowledge: whose maps are known.
+            folder: what may be read beside them; None is nothing.
+        """
+        self.knowledge = knowledge
+        self._folder = folder.resolve() if folder else None
+
+    def files(self) -> Iterator[str]:
+        """The names of all files that can be read, below the folder."""
+        if self._folder is None:
+            return
+        found = (
+            path
+            for path in sorted(self._folder.rglob("*"))
+            if path.suffix.lower() in FORMATS and self._is_inside_folder(path)
+        )
+        for _, path in zip(range(_MAX_FILES), found, strict=False):
+            yield path.relative_to(self._folder).as_posix()
+
+    def known_bodies(self) -> Iterator[Body]:
+        """What stands in the known maps, each of which can be spawned once more."""
+        for map in self.knowledge.maps():
+            yield from self.knowledge.world(map).bodies
+
+    def find_body(self, name: str) -> tuple[World, Body] | None:
+        """The body of that IRI or id, and the world of its map; None where no map has it."""
+        for map in self.knowledge.maps():
+            world = self.knowledge.world(map)
+            for body in world.bodies:
+                if name in {body.iri, body.id}:
+                    return world, body
+        return None
+
+    def load_world(self, uri: str, text: str = "") -> World:
+        """The world that a name or a text means; a name goes before.
+
+        Raises:
+            ResourceError: it cannot be had.
+        """
+        if uri:
+            maps = self.knowledge.maps()
+            if uri in maps or uri in map(local_name, maps):
+                return self._read(self.knowledge, uri)
+            return self._read_file(self._path(uri))
+        if not text.strip():
+            raise ResourceError(ResourceErrorType.NOT_FOUND, "neither an address nor a text is given")
+        if "xacro" in text:
+            raise ResourceError(
+                ResourceErrorType.UNSUPPORTED_FORMAT,
+                "a text that came from elsewhere may not have xacro read other files",
+            )
+        with TemporaryDirectory(prefix="mindstage-") as folder:
+            path = Path(folder, f"resource{_guess_suffix(text)}")
+            path.write_text(text, encoding="utf-8")
+            return self._read_file(path, follow_imports=False)
+
+    def _path(self, uri: str) -> Path:
+        name = uri.removeprefix("file://")
+        known = ", ".join([*map(local_name, self.knowledge.maps()), *self.files()][:10]) or "nothing"
+        if self._folder is None:
+            raise ResourceError(
+                ResourceErrorType.NOT_FOUND, f"no map {uri!r} is known, and no folder is open; there is {known}"
+            )
+        path = (self._folder / name).resolve()
+        if not self._is_inside_folder(path):
+            raise ResourceError(ResourceErrorType.NOT_FOUND, f"nothing is called {uri!r} here; there is {known}")
+        if path.suffix.lower() not in FORMATS:
+            raise ResourceError(
+                ResourceErrorType.UNSUPPORTED_FORMAT, f"{path.name} ends like none of {', '.join(FORMATS)}"
+            )
+        return path
+
+    def _is_inside_folder(self, path: Path) -> bool:
+        """Whether it is a file that lies in the folder, and is no link out of it."""
+        return self._folder is not None and path.is_file() and path.resolve().is_relative_to(self._folder)
+
+    def _read_file(self, path: Path, *, follow_imports: bool = True) -> World:
+        with KnowledgeBase() as knowledge:
+            try:
+                knowledge.load(path, follow_imports=follow_imports)
+            except KnowledgeError as error:
+                raise ResourceError(ResourceErrorType.PARSE_ERROR, str(error)) from error
+            return self._read(knowledge, None)
+
+    @staticmethod
+    def _read(knowledge: KnowledgeBase, map: str | None) -> World:
+        try:
+            return knowledge.world(map)
+        except KnowledgeError as error:
+            raise ResourceError(ResourceErrorType.PARSE_ERROR, str(error)) from error
+
+
+def _guess_suffix(text: str) -> str:
+    """How the name of a file with that text would end."""
+    if re.search(r"<robot[\s>]", text[:10_000]):
+        return ".urdf"
+    return ".owl" if text.lstrip().startswith("<") and "<rdf:RDF" in text else ".ttl"
+
+
+_MAX_PATTERN = 4096
+"""Characters of a pattern."""
+_MAX_PROGRAM = 1 << 20
+"""Bytes of a compiled pattern and of its automaton."""
+_COLLATING = re.compile(r"\[[^\]]*\[[.=]")
+"""Collating symbols and equivalence classes, which RE2 reads as plain characters."""
+
+
+def filter_entities(state_reader: StateReader, filters: simulation_interfaces.EntityFilters) -> tuple[BodyId, ...]:
+    """The entities that pass, in the order of the frame.
+
+    Raises:
+        ResultError: the name's pattern is none, or the bounds are of a kind that cannot be compared.
+    """
+    ids: tuple[BodyId, ...] = state_reader.state().ids
+    if filters.filter:
+        matches = name_matcher(filters.filter)
+        ids = tuple(id for id in ids if matches(id))
+    categories = {each.category for each in filters.categories}
+    if categories or filters.tags.tags:
+        bodies = {body.id: body for body in state_reader.world().bodies}
+        ids = tuple(id for id in ids if id in bodies and not (categories and category_of(bodies[id]) not in categories))
+        ids = tuple(id for id in ids if has_tags(tags_of(bodies[id]), filters.tags))
+    return (
+        _overlapping_bounds(state_reader, ids, filters.bounds)
+        if filters.bounds.type is not simulation_interfaces.BoundsType.TYPE_EMPTY
+        else ids
+    )
+
+
+def name_matcher(pattern: str) -> Callable[[str], bool]:
+    """Compiles a POSIX extended regular expression; the result returns whether it is found anywhere in a text.
+
+    Raises:
+        ResultError: it is not such an expression, or it is too large.
+    """
+    options = re2.Options()
+    options.posix_syntax = options.one_line = options.dot_nl = options.never_capture = True
+    options.log_errors = False
+    options.max_mem = _MAX_PROGRAM
+    try:
+        if len(pattern) > _MAX_PATTERN:
+            raise re2.error(f"longer than {_MAX_PATTERN} characters")
+        if _COLLATING.search(pattern):
+            raise re2.error("collating symbols are not supported")
+        compiled = re2.compile(pattern, options)
+    except (re2.error, UnicodeEncodeError) as error:
+        cause = error.args[0].decode(errors="replace") if isinstance(error.args[0], bytes) else str(error)
+        raise failed(f"{pattern[:100]!r} is not an extended regular expression: {cause[:200]}") from error
+    return lambda text: compiled.search(text) is not None
+
+
+def category_of(body: Body) -> simulation_interfaces.Category:
+    """What kind of thing a body is: whether it moves by itself is all that is known for sure."""
+    match body.physics.mobility:
+        case Mobility.DYNAMIC:
+            return simulation_interfaces.Category.CATEGORY_DYNAMIC_OBJECT
+        case Mobility.KINEMATIC:
+            return simulation_interfaces.Category.CATEGORY_OBJECT
+    return simulation_interfaces.Category.CATEGORY_STATIC_OBJECT
+
+
+def tags_of(body: Body) -> tuple[str, ...]:
+    """A body's class in short, and its tags as `type/key=value`."""
+    return (local_name(body.cls), *(f"{tag.type}/{tag.key}={tag.value}" for tag in body.tags))
+
+
+def has_tags(tags: tuple[str, ...], wanted: simulation_interfaces.TagsFilter) -> bool:
+    """Whether tags are what a filter wants; without any, everything is."""
+    if not wanted.tags:
+        return True
+    found = [tag in tags for tag in wanted.tags]
+    return all(found) if wanted.filter_mode is simulation_interfaces.FilterMode.FILTER_MODE_ALL else any(found)
+
+
+def _overlapping_bounds(
+    state_reader: StateReader, ids: tuple[BodyId, ...], bounds: simulation_interfaces.Bounds
+) -> tuple[BodyId, ...]:
+    """Those whose upright box meets the bounds."""
+    if not ids:
+        return ids
+    frame = state_reader.state()
+    rows = state_reader.row_by_id(frame)
+    bodies = {body.id: body for body in state_reader.world().bodies}
+    ids = tuple(id for id in ids if id in bodies and id in rows)
+    poses = frame.poses[[rows[id] for id in ids]].reshape(-1, 7).copy()
+    poses[:, 3:] = normalize(poses[:, 3:])
+    sizes = np.array([bodies[id].size or (0.0, 0.0, 0.0) for id in ids], dtype=np.float64).reshape(-1, 3)
+    low, high = OrientedBoxes.from_poses(poses, sizes).bounds()
+    meets = _bounds_overlap(bounds, low, high)
+    return tuple(id for id, kept in zip(ids, meets, strict=True) if kept)
+
+
+def _bounds_overlap(bounds: simulation_interfaces.Bounds, low: Array, high: Array) -> NDArray[np.bool_]:
+    points = np.array([vector_from_message(point) for point in bounds.points], dtype=np.float64).reshape(-1, 3)
+    match bounds.type:
+        case simulation_interfaces.BoundsType.TYPE_BOX | simulation_interfaces.BoundsType.TYPE_SPHERE if (
+            len(points) != 2
+        ):
+            raise failed(f"a {bounds.type.name} has two points, not {len(points)}")
+        case simulation_interfaces.BoundsType.TYPE_BOX:
+            inside = np.all((low <= points.max(axis=0)) & (high >= points.min(axis=0)), axis=1)
+        case simulation_interfaces.BoundsType.TYPE_SPHERE:
+            nearest = np.clip(points[0], low, high)
+            inside = np.linalg.norm(nearest - points[0], axis=1) <= points[1, 0]
+        case _:
+            raise unsupported("entities can be chosen by a box or a sphere, not by a convex hull")
+    return np.asarray(inside)
+
+
+WORLD_FRAME = "world"
+"""What the world's frame is called in replies."""
+
+
+class EntityServices:
+    """Tells of bodies and moves them."""
+
+    def __init__(self, state_reader: StateReader) -> None:
+        self._state_reader = state_reader
+        self._simulation = state_reader.simulation
+
+    def services(self) -> Iterator[ServiceSpec]:
+        """All services."""
+        yield ServiceSpec(wire.GetEntities, self.get_entities)
+        yield ServiceSpec(wire.GetEntitiesStates, self.get_states)
+        yield ServiceSpec(wire.GetEntityState, self.get_state, quick=True)
+        yield ServiceSpec(wire.SetEntityState, self.set_state)
+        yield ServiceSpec(wire.GetEntityInfo, self.get_info)
+        yield ServiceSpec(wire.SetEntityInfo, self.set_info)
+        yield ServiceSpec(wire.GetEntityBounds, self.get_bounds)
+        yield ServiceSpec(wire.DeleteEntity, self.delete)
+
+    def get_entities(self, request: wire.GetEntities.Request) -> wire.GetEntities.Response:
+        """The names of those that pass the filters."""
+        return wire.GetEntities.Response(result=OK, entities=filter_entities(self._state_reader, request.filters))
+
+    def get_states(self, request: wire.GetEntitiesStates.Request) -> wire.GetEntitiesStates.Response:
+        """The same with where they are."""
+        ids = filter_entities(self._state_reader, request.filters)
+        frame = self._state_reader.state()
+        rows = self._state_reader.row_by_id(frame)
+        there = tuple(id for id in ids if id in rows)
+        poses = pose_array_messages(frame.poses[[rows[id] for id in there]].reshape(-1, 7))
+        header = self._header()
+        states = tuple(wire.EntityState(header=header, pose=pose) for pose in poses)
+        return wire.GetEntitiesStates.Response(result=OK, entities=there, states=states)
+
+    def get_state(self, request: wire.GetEntityState.Request) -> wire.GetEntityState.Response:
+        """Where one is. Engines do not tell how fast a body is, so twist and acceleration are zero."""
+        (pose,) = pose_array_messages(self._state_reader.pose(request.entity)[None])
+        return wire.GetEntityState.Response(result=OK, state=wire.EntityState(header=self._header(), pose=pose))
+
+    def set_state(self, request: wire.SetEntityState.Request) -> wire.SetEntityState.Response:
+        """Puts one somewhere else, at rest; the pose may be told in the frame of another one."""
+        self._state_reader.require([request.entity])
+        if request.set_twist or request.set_acceleration:
+            raise unsupported("only the pose of an entity can be set, not how it moves")
+        if request.set_pose:
+            state, id = request.state, BodyId(request.entity)
+            try:
+                pose = self._state_reader.to_world_frame(pose_from_message(state.pose), state.header.frame_id)
+                self._simulation.run_on_engine(lambda engine: engine.set_pose(id, pose), label="set pose")
+            except (BodyNotFoundError, PoseUnreachableError) as error:
+                raise ResultError(wire.SetEntityStateCode.INVALID_POSE, str(error)) from error
+        return wire.SetEntityState.Response(result=OK)
+
+    def get_info(self, request: wire.GetEntityInfo.Request) -> wire.GetEntityInfo.Response:
+        """What one is: its label or else its class; among the tags, its class is the first."""
+        body = self._state_reader.body(request.entity)
+        info = wire.EntityInfo(
+            category=wire.EntityCategory(category=category_of(body)),
+            description=body.label or local_name(body.cls),
+            tags=tags_of(body),
+        )
+        return wire.GetEntityInfo.Response(result=OK, info=info)
+
+    def set_info(self, request: wire.SetEntityInfo.Request) -> wire.SetEntityInfo.Response:
+        """Refuses: what a thing is stands in its map."""
+        self._state_reader.require([request.entity])
+        raise unsupported("what an entity is comes from its map; tell the knowledge base more instead")
+
+    def get_bounds(self, request: wire.GetEntityBounds.Request) -> wire.GetEntityBounds.Response:
+        """How much room one takes, seen from itself; empty where nobody told its size."""
+        return wire.GetEntityBounds.Response(result=OK, bounds=bounds_of(self._state_reader.body(request.entity).size))
+
+    def delete(self, request: wire.DeleteEntity.Request) -> wire.DeleteEntity.Response:
+        """Takes one away."""
+        id = BodyId(request.entity)
+        self._simulation.run_on_engine(lambda engine: engine.delete((id,)), label="delete", edits=True)
+        return wire.DeleteEntity.Response(result=OK)
+
+    def _header(self) -> std_msgs.Header:
+        return std_msgs.Header(stamp=builtin_interfaces.Time.at(self._simulation.state.time_s), frame_id=WORLD_FRAME)
+
+
+def bounds_of(size: tuple[float, float, float] | None) -> wire.Bounds:
+    """The box around a body, in its own frame: the upper and the lower corner."""
+    if size is None:
+        return wire.Bounds()
+    x, y, z = (extent / 2 for extent in size)
+    return wire.Bounds(
+        type=wire.BoundsType.TYPE_BOX,
+        points=(geometry_msgs.Vector3(x=x, y=y, z=z), geometry_msgs.Vector3(x=-x, y=-y, z=-z)),
+    )
+
+
+def root_body(world: World) -> Body | None:
+    """The body that all others of a description hang on: the first one that hangs on nothing; None of none."""
+    held = {hold.child for hold in world.attachments} | {joint.child for joint in world.joints}
+    roots = [body for body in world.bodies if body.id not in held] or list(world.bodies)
+    return roots[0] if roots else None
+
+
+def subtree(world: World, id: BodyId) -> World:
+    """A body with all that hangs on it."""
+    kept = {id}
+    while more := {hold.child for hold in world.attachments if hold.parent in kept} - kept:
+        kept |= more
+    return replace(
+        world,
+        bodies=tuple(body for body in world.bodies if body.id in kept),
+        joints=(),
+        attachments=tuple(hold for hold in world.attachments if hold.parent in kept and hold.child in kept),
+        lights=(),
+        facts=(),
+        resources=(),
+    )
+
+
+def clone_at(template: World, root: Body, *, name: str, pose: Pose | None, map: str) -> World:
+    """A new thing like another one.
+
+    Args:
+        template: the thing and its parts.
+        root: what its name and pose are those of.
+        name: of the root; the parts are called `name/part`.
+        pose: where the root is to be; None leaves everything where the template has it.
+        map: the IRI of the map whose the new individuals are.
+    """
+
+    def renamed(id: BodyId) -> BodyId:
+        return BodyId(name if id == root.id else f"{name}/{id}")
+
+    move = _pose_transform(root.pose, pose)
+    space = iri_namespace(map)
+    return World(
+        iri=Iri(map),
+        bodies=tuple(_clone_body(body, renamed(body.id), space, move) for body in template.bodies),
+        joints=tuple(_clone_joint(joint, renamed, space, move) for joint in template.joints),
+        attachments=_attachments(template.attachments, renamed),
+    )
+
+
+def _pose_transform(before: Pose, after: Pose | None) -> Callable[[Pose], Pose]:
+    if after is None:
+        return lambda pose: pose
+    after_from_before: Array = pose_multiply(normalized_pose_array(after), pose_inverse(normalized_pose_array(before)))
+    return lambda pose: (
+        after if pose == before else pose_from_array(pose_multiply(after_from_before, normalized_pose_array(pose)))
+    )
+
+
+def _clone_body(body: Body, id: BodyId, namespace: str, transform: Callable[[Pose], Pose]) -> Body:
+    return replace(body, id=id, iri=Iri(namespace + id), pose=transform(body.pose))
+
+
+def _clone_joint(
+    joint: Joint, new_ids: Callable[[BodyId], BodyId], namespace: str, transform: Callable[[Pose], Pose]
+) -> Joint:
+    id = new_ids(joint.id)
+    ends = {"parent": new_ids(joint.parent), "child": new_ids(joint.child)}
+    return replace(joint, id=id, iri=Iri(namespace + id), pose=transform(joint.pose), **ends)
+
+
+def _attachments(attachments: Iterable[Attachment], new_ids: Callable[[BodyId], BodyId]) -> tuple[Attachment, ...]:
+    return tuple(Attachment(parent=new_ids(hold.parent), child=new_ids(hold.child)) for hold in attachments)
+
 
 _TIMEOUT_S = 120.0
 _UNSUPPORTED_FEATURES = {

@@ -2,20 +2,39 @@
 
 Poses come from the frame that the stage has published last, which is never older than the last call that ended; so a
 thousand questions in a second cost the running world nothing.
+
+Names: ids and IRIs for what came over the wire without one.
 """
 
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterable
+from collections.abc import Container, Iterable
+from itertools import count
 
 from mindstage.engines import PoseArray
 from mindstage.errors import BodyNotFoundError
-from mindstage.stage import Simulation, StateSnapshot
-from mindstage.world import Body, BodyId, Pose, World
-from mindstage.world.geometry import normalized_pose_array, pose_from_array, pose_multiply
+from mindstage.scene import Body, BodyId, Iri, Pose, World
+from mindstage.scene.transforms import normalized_pose_array, pose_from_array, pose_multiply
+from mindstage.simulation import Simulation, StateSnapshot
 
-__all__ = ["WORLD_FRAMES", "StateReader"]
+__all__ = ["WORLD_FRAMES", "StateReader", "free_id", "iri_namespace", "map_iri"]
+
+
+def map_iri(name: str) -> Iri:
+    """The IRI of a map that nobody gave one."""
+    return Iri(f"http://mindstage.org/maps/{name}.owl#map")
+
+
+def iri_namespace(map: str) -> str:
+    """What the IRIs of a map's things begin with."""
+    return map.rpartition("#")[0] + "#" if "#" in map else f"{map}#"
+
+
+def free_id(stem: str, taken: Container[str]) -> BodyId:
+    """An id that nobody has yet."""
+    return next(BodyId(id) for number in count(1) if (id := f"{stem}_{number}") not in taken)
+
 
 WORLD_FRAMES = frozenset({"", "map", "world"})
 """Names under which the world's own frame is meant; the first that has letters is the one that is told."""

@@ -10,17 +10,16 @@ from collections.abc import Iterator
 import numpy as np
 from msgspec.structs import replace
 
-from mindstage.bridge.description import color_from_message, point_from_message, pose_from_message, vector_from_message
+from mindstage.bridge.conversions import color_from_message, point_from_message, pose_from_message, vector_from_message
 from mindstage.errors import BodyNotFoundError, WorldError
 from mindstage.msgs import std_msgs, visualization_msgs
 from mindstage.msgs import unreal_vis_msgs as wire
 from mindstage.ros.diagnostics import DiagnosticsPublisher
-from mindstage.ros.names import free_id
-from mindstage.ros.offer import ServiceSpec
-from mindstage.ros.sight import StateReader
-from mindstage.stage import Marker, MarkerType
-from mindstage.world import Color, Pose, Vector
-from mindstage.world.geometry import Array, normalized_pose_array, pose_multiply
+from mindstage.ros.service import ServiceSpec
+from mindstage.ros.state import StateReader, free_id
+from mindstage.scene import Color, Pose, Vector
+from mindstage.scene.transforms import Array, normalized_pose_array, pose_multiply
+from mindstage.simulation import Marker, MarkerType
 
 __all__ = ["UnrealVisServices", "marker_from_message"]
 

@@ -1,10 +1,8 @@
 """World: the description that passes every border, its frames, and the comparison of two."""
 
-from mindstage.world.comparison_facts import Statement
-from mindstage.world.comparison_fields import MECHANICAL_KINDS, ChangeKind, FieldChange
-from mindstage.world.difference import WorldDiff, diff
-from mindstage.world.facts import BlankNode, FactValue, Iri, IriRef, Literal, NamedResource, PropertyAssertion
-from mindstage.world.forms import (
+from mindstage.scene.blank_node_matching import Statement
+from mindstage.scene.diff import MECHANICAL_KINDS, ChangeKind, FieldChange, WorldDiff, diff
+from mindstage.scene.geometry import (
     NO_GEOMETRY,
     AttachedLight,
     BodyGeometry,
@@ -16,24 +14,31 @@ from mindstage.world.forms import (
     SupportSurface,
     VisualMesh,
 )
-from mindstage.world.values import (
+from mindstage.scene.model import (
     IDENTITY,
     AngularLimits,
     Attachment,
     AxisMotion,
+    BlankNode,
     Body,
     BodyId,
     BodyPhysics,
     Color,
+    FactValue,
+    Iri,
+    IriRef,
     Joint,
     Light,
     LightType,
     LinearLimits,
+    Literal,
     Material,
     Mobility,
+    NamedResource,
     Pose,
     PrimitiveShape,
     PrimitiveType,
+    PropertyAssertion,
     Quaternion,
     SoftLimit,
     Tag,

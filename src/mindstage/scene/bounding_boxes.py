@@ -2,20 +2,44 @@
 
 Candidates come from a sweep along the axis on which the boxes are spread most, so that the cost follows the number of
 boxes and of real neighbors, not its square; the depth is exact (separating axes), and all of it is vectorized.
+
+Extent: how far a world reaches, and what stands tallest in it.
+
+It is the quickest way to see that a map was misread: a kitchen is not 400 m wide, and a fridge is not 2 cm high.
+
+Footprints: what oriented boxes cover of the ground, exactly, however they are tilted.
+
+The shadow of a box is a convex polygon of up to six corners. Here it always has six, counter-clockwise, some of which
+coincide where the box stands upright, so that many of them fit into one array n x 6 x 2 [m].
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from mindstage.world.geometry import Array, cross, rotation_matrix
-from mindstage.world.values import Vector
+from mindstage.scene.model import BodyId, Iri, Vector, World
+from mindstage.scene.transforms import Array, cross, normalize, pose_array, rotation_matrix
 
-__all__ = ["Indices", "OrientedBoxes", "contains", "face_coverage", "overlapping_pairs", "penetration_depths"]
+__all__ = [
+    "Bounds",
+    "Indices",
+    "OrientedBoxes",
+    "contains",
+    "face_coverage",
+    "footprints",
+    "overlapping_pairs",
+    "penetration_depths",
+    "polygon_areas",
+    "polygon_gaps",
+    "polygon_overlap_areas",
+    "world_bounds",
+]
+
 
 Indices = NDArray[np.intp]
 
@@ -139,3 +163,134 @@ def face_coverage(boxes: OrientedBoxes, cover: int, targets: Indices, *, toleran
     )
     shares = np.sort(both.clip(0.0) / np.maximum(2 * boxes.half_extents[targets], 1e-9), axis=1)
     return np.asarray(np.where(np.all(both >= -tolerance, axis=1), shares[:, 1] * shares[:, 2], 0.0))
+
+
+class Bounds(msgspec.Struct, frozen=True, kw_only=True):
+    """The upright box around all bodies."""
+
+    low: Vector
+    """The corner where x, y and z are least [m]."""
+    high: Vector
+    """The corner where they are greatest [m]."""
+    tallest: BodyId
+    tallest_class: Iri
+    height_m: float
+    """Of the tallest body, from its lowest to its highest point [m]."""
+
+    @property
+    def size(self) -> Vector:
+        """Along x, y and z [m]."""
+        (x, y, z), (left, back, bottom) = self.high, self.low
+        return x - left, y - back, z - bottom
+
+
+def world_bounds(world: World) -> Bounds | None:
+    """The extent of a world; None where it has no bodies. What has no size is a point."""
+    if not world.bodies:
+        return None
+    poses = pose_array(body.pose for body in world.bodies)
+    poses[:, 3:] = normalize(poses[:, 3:])
+    sizes = np.array([body.size or (0.0, 0.0, 0.0) for body in world.bodies])
+    low, high = OrientedBoxes.from_poses(poses, sizes).bounds()
+    heights = high[:, 2] - low[:, 2]
+    tallest = world.bodies[int(np.argmax(heights))]
+    left, back, bottom = low.min(axis=0).tolist()
+    right, front, top = high.max(axis=0).tolist()
+    return Bounds(
+        low=(left, back, bottom),
+        high=(right, front, top),
+        tallest=tallest.id,
+        tallest_class=tallest.cls,
+        height_m=float(heights.max()),
+    )
+
+
+_CORNERS = 6
+_MIN_EDGE_M = 1e-9
+"""An edge shorter than this comes from rounding; it has no direction to trust."""
+_POLYGON_CHUNK_SIZE = 1 << 14
+"""So many pairs are looked at in one go; it bounds the memory."""
+
+
+def footprints(boxes: OrientedBoxes) -> Array:
+    """The shadows of boxes on the ground: n x 6 x 2 corners, counter-clockwise."""
+    # A box is the sum of three segments, so its shadow is that of three flat ones: walk along them by their angle.
+    edges = np.swapaxes(boxes.rotation[:, :2, :] * boxes.half_extents[:, None, :], 1, 2)
+    edges = np.where(np.linalg.norm(edges, axis=2, keepdims=True) < _MIN_EDGE_M, 0.0, edges)
+    backwards = (edges[..., 1] < 0.0) | ((edges[..., 1] == 0.0) & (edges[..., 0] < 0.0))
+    edges = np.where(backwards[..., None], -edges, edges)
+    order = np.argsort(np.arctan2(edges[..., 1], edges[..., 0]), axis=1)
+    edges = np.take_along_axis(edges, order[..., None], axis=1)
+    round_it = np.concatenate([edges, -edges], axis=1) * 2
+    corners = np.cumsum(round_it, axis=1) - round_it - edges.sum(axis=1, keepdims=True)
+    return np.asarray(boxes.center[:, None, :2] + corners)
+
+
+def polygon_areas(polygons: Array) -> Array:
+    """The areas of convex polygons, n x k x 2 [m2]."""
+    corners = polygons - polygons[:, :1]
+    return np.asarray(_cross(corners, np.roll(corners, -1, axis=1)).sum(axis=1) / 2)
+
+
+def polygon_overlap_areas(polygons: Array, a: Indices, b: Indices) -> Array:
+    """How much of the ground both polygons of each pair cover [m2]."""
+    return _in_chunks(_overlap_area, polygons, a, b)
+
+
+def polygon_gaps(polygons: Array, a: Indices, b: Indices) -> Array:
+    """The shortest way between the edges of each pair of polygons that do not overlap [m]."""
+    return _in_chunks(_polygon_gap, polygons, a, b)
+
+
+def _overlap_area(one: Array, other: Array) -> Array:
+    clipped = one
+    for at in range(_CORNERS):
+        clipped = _clip(clipped, other[:, at], other[:, (at + 1) % _CORNERS])
+    return polygon_areas(clipped)
+
+
+def _clip(polygons: Array, start: Array, end: Array) -> Array:
+    """What of convex polygons lies to the left of a line each (Sutherland and Hodgman 1974).
+
+    Each side that crosses the line leaves a corner there. What comes out has one corner more; those to spare repeat
+    the first one, which changes no area.
+    """
+    count = polygons.shape[1]
+    height = _cross((end - start)[:, None], polygons - start[:, None])
+    after, height_after = np.roll(polygons, -1, axis=1), np.roll(height, -1, axis=1)
+    keeps = height >= 0.0
+    crosses = keeps != (height_after >= 0.0)
+    share = np.divide(height, height - height_after, out=np.zeros_like(height), where=crosses)
+    crossing = polygons + share[..., None] * (after - polygons)
+    corners = np.stack([polygons, crossing], axis=2).reshape(-1, 2 * count, 2)
+    wanted = np.stack([keeps, crosses], axis=2).reshape(-1, 2 * count)
+    order = np.argsort(~wanted, axis=1, kind="stable")[:, : count + 1]
+    corners = np.take_along_axis(corners, order[..., None], axis=1)
+    spare = ~np.take_along_axis(wanted, order, axis=1)
+    return np.asarray(np.where(spare[..., None], corners[:, :1], corners))
+
+
+def _polygon_gap(one: Array, other: Array) -> Array:
+    return np.minimum(_corner_to_edge_distance(one, other), _corner_to_edge_distance(other, one))
+
+
+def _corner_to_edge_distance(corners: Array, polygons: Array) -> Array:
+    """The shortest way from any corner to any side."""
+    sides = (np.roll(polygons, -1, axis=1) - polygons)[:, None]
+    away = corners[:, :, None] - polygons[:, None]
+    squared = np.sum(sides * sides, axis=-1)
+    share = np.divide(np.sum(away * sides, axis=-1), squared, out=np.zeros(away.shape[:-1]), where=squared > 0.0)
+    off = away - np.clip(share, 0.0, 1.0)[..., None] * sides
+    return np.asarray(np.sqrt(np.sum(off * off, axis=-1).min(axis=(1, 2))))
+
+
+def _in_chunks(function: Callable[[Array, Array], Array], polygons: Array, a: Indices, b: Indices) -> Array:
+    found: NDArray[np.float64] = np.zeros(len(a))
+    for start in range(0, len(a), _POLYGON_CHUNK_SIZE):
+        part = slice(start, start + _POLYGON_CHUNK_SIZE)
+        found[part] = function(polygons[a[part]], polygons[b[part]])
+    return found
+
+
+def _cross(a: Array, b: Array) -> Array:
+    return np.asarray(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])

@@ -9,8 +9,8 @@ from types import MappingProxyType
 import numpy as np
 
 from mindstage.errors import InvalidColorError
-from mindstage.world.geometry import Array
-from mindstage.world.values import Color
+from mindstage.scene.model import Color
+from mindstage.scene.transforms import Array
 
 __all__ = [
     "COLORS",

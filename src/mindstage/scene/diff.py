@@ -4,38 +4,484 @@
 that count repetitions; only materials keep their order, since a mesh names its surfaces by number. What a world holds
 twice under one id is compared in its order. Names that mean something only inside their own world may differ, what
 they stand for may not.
+
+Fields compared in columns: one field of many things at once, and how far its two values are apart.
+
+Numbers go through numpy, so that ten thousand bodies cost as many array operations as ten. NaN is equal to NaN and to
+nothing else: a world is equal to itself whatever it holds.
+
+Things of two worlds side by side: by id, and by what they are where an id was made on the fly.
+
+A thing whose IRI is a label (`_:…`) has no name of its own, so its id means nothing outside its world. Such things are
+paired by what they join, or by what they are, and among equals in the order of their poses. A pair that is not the
+best can only show differences that are none: every field of a pair is still compared.
+
+What two worlds say about the same things, and what only one of them says.
 """
 
 from __future__ import annotations
 
 from collections import Counter, defaultdict
-from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Container, Hashable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from enum import StrEnum
 from math import isfinite
-from typing import Any, TypeVar
+from operator import attrgetter
+from typing import Any, Generic, TypeVar
 
 import msgspec
+import numpy as np
 from msgspec.structs import replace
+from numpy.typing import NDArray
 
-from mindstage.world.comparison_facts import Statement, StatementCanonicalizer
-from mindstage.world.comparison_fields import (
-    BODY_FIELDS,
-    JOINT_FIELDS,
-    LIGHT_FIELDS,
-    MEASURED_KINDS,
-    WORLD_FIELDS,
-    ChangeKind,
-    FieldChange,
-    compare_columns,
-    compare_materials,
+from mindstage.scene.blank_node_matching import (
+    Statement,
+    StatementCanonicalizer,
+    is_blank_node,
+    match_blank_nodes,
+    multiset_difference,
+    part_name_pairs,
 )
-from mindstage.world.comparison_names import is_blank_node, match_blank_nodes, part_name_pairs
-from mindstage.world.comparison_pairs import MatchedPairs, pair_bodies, pair_joints, pair_lights
-from mindstage.world.comparison_statements import StatementDiff
-from mindstage.world.display import counted, html_table
-from mindstage.world.facts import PropertyAssertion
-from mindstage.world.values import Body, BodyId, Joint, Light, World
+from mindstage.scene.display import counted, html_table
+from mindstage.scene.model import Body, BodyId, Joint, Light, NamedResource, PropertyAssertion, Tag, World
+from mindstage.scene.transforms import quat_angle
 
-__all__ = ["WorldDiff", "diff"]
+__all__ = [
+    "BODY_FIELDS",
+    "JOINT_FIELDS",
+    "LIGHT_FIELDS",
+    "MEASURED_KINDS",
+    "MECHANICAL_KINDS",
+    "WORLD_FIELDS",
+    "ChangeKind",
+    "FieldChange",
+    "MatchedPairs",
+    "StatementDiff",
+    "WorldDiff",
+    "compare_column",
+    "compare_columns",
+    "compare_materials",
+    "diff",
+    "pair_bodies",
+    "pair_joints",
+    "pair_lights",
+]
+
+
+Array = NDArray[np.float64]
+
+
+class ChangeKind(StrEnum):
+    """What a change is about. Those in `MEASURED_KINDS` have an error, in the unit that is said here."""
+
+    TRANSLATION = "translation_m"
+    """The distance between two positions [m]."""
+    ROTATION = "rotation_rad"
+    """The smallest angle between two rotations [rad]: q and -q are one, and lengths do not count."""
+    SIZE = "size_m"
+    """The largest of the three extents' differences [m]."""
+    MASS = "mass_kg"
+    LIMIT = "limit"
+    """Of a constraint, or the middle between its limits: linear [m] or angular [rad]."""
+    STIFFNESS = "stiffness"
+    """[N/m] or [Nm/rad]."""
+    DAMPING = "damping"
+    """[Ns/m] or [Nms/rad]."""
+    COLOR = "colour"
+    """Of a material or a light: the largest of the three channels' differences, each 0 to 1."""
+    INTENSITY = "light"
+    """A light's intensity [cd or lx]."""
+    NAME = "name"
+    """IRI, label, name of the world."""
+    CLASS = "class"
+    """What a thing is: the class of a body, the kind of a light."""
+    APPEARANCE = "look"
+    """Mesh, shape, materials."""
+    PHYSICS = "physics"
+    """Mobility, gravity, overlap events."""
+    MOTION = "motion"
+    """What a constraint lets happen: its axes, soft or not, whether its two bodies collide."""
+    STRUCTURE = "structure"
+    """What a constraint joins, and what hangs on what."""
+    TAGS = "tags"
+    FACTS = "facts"
+
+
+MEASURED_KINDS = (
+    ChangeKind.TRANSLATION,
+    ChangeKind.ROTATION,
+    ChangeKind.SIZE,
+    ChangeKind.MASS,
+    ChangeKind.LIMIT,
+    ChangeKind.STIFFNESS,
+    ChangeKind.DAMPING,
+    ChangeKind.COLOR,
+    ChangeKind.INTENSITY,
+)
+"""The kinds whose changes have a number."""
+
+MECHANICAL_KINDS = frozenset({ChangeKind.TRANSLATION, ChangeKind.ROTATION, ChangeKind.MASS, ChangeKind.LIMIT})
+"""Where things are, what they weigh and how far they move, whatever else is said of them."""
+
+_POSE = {"pose.position": ChangeKind.TRANSLATION, "pose.quaternion": ChangeKind.ROTATION}
+
+WORLD_FIELDS: Mapping[str, ChangeKind] = {
+    "iri": ChangeKind.NAME,
+    "name": ChangeKind.NAME,
+    "format_version": ChangeKind.NAME,
+}
+
+BODY_FIELDS: Mapping[str, ChangeKind] = {
+    "iri": ChangeKind.NAME,
+    "cls": ChangeKind.CLASS,
+    "label": ChangeKind.NAME,
+    **_POSE,
+    "size": ChangeKind.SIZE,
+    "mesh": ChangeKind.APPEARANCE,
+    "shape": ChangeKind.APPEARANCE,
+    "physics.mobility": ChangeKind.PHYSICS,
+    "physics.gravity": ChangeKind.PHYSICS,
+    "physics.overlap_events": ChangeKind.PHYSICS,
+    "physics.mass_kg": ChangeKind.MASS,
+}
+
+JOINT_FIELDS: Mapping[str, ChangeKind] = {
+    "iri": ChangeKind.NAME,
+    "parent": ChangeKind.STRUCTURE,
+    "child": ChangeKind.STRUCTURE,
+    **_POSE,
+    **{f"linear.{axis}": ChangeKind.MOTION for axis in ("x", "y", "z")},
+    **{f"angular.{axis}": ChangeKind.MOTION for axis in ("swing1", "swing2", "twist")},
+    "linear.limit": ChangeKind.LIMIT,
+    **{f"linear.{axis}_middle": ChangeKind.LIMIT for axis in ("x", "y", "z")},
+    **{
+        f"angular.{axis}_{what}": ChangeKind.LIMIT
+        for axis in ("swing1", "swing2", "twist")
+        for what in ("limit", "middle")
+    },
+    **{
+        f"{soft}.{part}": kind
+        for soft in ("linear.soft", "angular.swing_soft", "angular.twist_soft")
+        for part, kind in (
+            ("enabled", ChangeKind.MOTION),
+            ("stiffness", ChangeKind.STIFFNESS),
+            ("damping", ChangeKind.DAMPING),
+        )
+    },
+    "disable_collision": ChangeKind.MOTION,
+}
+
+LIGHT_FIELDS: Mapping[str, ChangeKind] = {
+    "iri": ChangeKind.NAME,
+    "kind": ChangeKind.CLASS,
+    **_POSE,
+    "colour": ChangeKind.COLOR,
+    "intensity": ChangeKind.INTENSITY,
+}
+
+
+class FieldChange(msgspec.Struct, frozen=True, kw_only=True):
+    """One field that the two worlds do not agree on."""
+
+    id: str
+    """Of a body, a constraint, a light; the IRI of a resource or of the world itself."""
+    field: str
+    """Dotted, as the values have it: `pose.qpos_address`, `srgb_to_linear.limit`."""
+    kind: ChangeKind
+    a: Any
+    """What the first world has; None for nothing. For tags and facts: those that the second lacks."""
+    b: Any
+    """What the second world has; None for nothing. For tags and facts: those that the first lacks."""
+    error: float | None = None
+    """How far apart the two are, in the unit of the kind.
+
+    None where no number says it: for what is not measured, a value against none, NaN or infinity against a number.
+    """
+
+
+def compare_columns(
+    fields: Mapping[str, ChangeKind], ids: Sequence[str], a: Sequence[World | Body | Joint | Light], b: Sequence[Any]
+) -> Iterator[FieldChange]:
+    """The changes of all fields of things of one sort, a[i] against b[i]."""
+    for field, kind in fields.items():
+        get = attrgetter(field)
+        yield from compare_column(field, kind, ids, [get(item) for item in a], [get(item) for item in b])
+
+
+def compare_materials(ids: Sequence[str], a: Sequence[Body], b: Sequence[Body]) -> Iterator[FieldChange]:
+    """The changes of materials: their names, paths and order at once, then the color of each."""
+    names = [[tuple((m.name, m.path) for m in body.materials) for body in side] for side in (a, b)]
+    yield from compare_column("materials", ChangeKind.APPEARANCE, ids, *names)
+    rows = list(range(len(ids)))
+    slot = 0
+    while rows := [row for row in rows if min(len(a[row].materials), len(b[row].materials)) > slot]:
+        colors = [[side[row].materials[slot].color for row in rows] for side in (a, b)]
+        yield from compare_column(f"materials[{slot}].colour", ChangeKind.COLOR, [ids[row] for row in rows], *colors)
+        slot += 1
+
+
+def compare_column(
+    field: str, kind: ChangeKind, ids: Sequence[str], a: Sequence[Any], b: Sequence[Any]
+) -> Iterator[FieldChange]:
+    """The changes of one field."""
+    if kind not in MEASURED_KINDS:
+        for owner, x, y in zip(ids, a, b, strict=True):
+            if x != y:
+                yield FieldChange(id=owner, field=field, kind=kind, a=x, b=y)
+        return
+    errors = _measured_errors(kind, a, b)
+    for row in np.flatnonzero(errors != 0.0).tolist():
+        error = float(errors[row])
+        told = error if isfinite(error) else None
+        yield FieldChange(id=ids[row], field=field, kind=kind, a=a[row], b=b[row], error=told)
+
+
+def _measured_errors(kind: ChangeKind, a: Sequence[Any], b: Sequence[Any]) -> Array:
+    """How far each pair is apart; NaN or infinite where no number says it."""
+    width = (
+        4
+        if kind is ChangeKind.ROTATION
+        else 3
+        if kind in (ChangeKind.TRANSLATION, ChangeKind.SIZE, ChangeKind.COLOR)
+        else 1
+    )
+    x, y = _array(a, width), _array(b, width)
+    given_a, given_b = (np.array([value is not None for value in values], dtype=bool) for values in (a, b))
+    same = np.all((x == y) | (np.isnan(x) & np.isnan(y)), axis=1) & (given_a == given_b)
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        if kind is ChangeKind.ROTATION:
+            error = _rotation_angles(x, y)
+        elif kind is ChangeKind.TRANSLATION:
+            error = _row_norms(x - y)
+        else:
+            error = np.max(np.abs(x - y), axis=1, initial=0.0)
+    return np.where(same, 0.0, error)
+
+
+def _array(values: Sequence[Any], width: int) -> Array:
+    empty = (np.nan,) * width if width > 1 else np.nan
+    return np.array([empty if value is None else value for value in values], dtype=np.float64).reshape(-1, width)
+
+
+def _row_norms(vectors: Array) -> Array:
+    """Euclid's, without squaring numbers so small or large that their squares are none."""
+    longest = np.max(np.abs(vectors), axis=1, initial=0.0)
+    scale = np.where(longest > 0.0, longest, 1.0)
+    return np.asarray(longest * np.linalg.norm(vectors / scale[:, None], axis=1))
+
+
+def _rotation_angles(a: Array, b: Array) -> Array:
+    """NaN where one of the two is no rotation."""
+    near_one = []
+    for q in (a, b):
+        longest = np.max(np.abs(q), axis=1, initial=0.0)
+        _, exponent = np.frexp(longest)  # a power of two: to scale by it rounds nothing
+        near_one.append(np.where((longest > 0.0)[:, None], np.ldexp(q, -exponent[:, None]), np.nan))
+    return quat_angle(*near_one)
+
+
+Item = TypeVar("Item", Body, Joint, Light)
+
+
+@dataclass(slots=True)
+class MatchedPairs(Generic[Item]):
+    """a[i] and b[i] are the same thing in two worlds."""
+
+    a: list[Item] = field(default_factory=list)
+    b: list[Item] = field(default_factory=list)
+    only_in_a: list[Item] = field(default_factory=list)
+    only_in_b: list[Item] = field(default_factory=list)
+
+    def matched(self) -> Iterator[tuple[Item, Item]]:
+        """Pair by pair."""
+        return zip(self.a, self.b, strict=True)
+
+    @property
+    def ids(self) -> list[str]:
+        """What the pairs are called: as in a."""
+        return [item.id for item in self.a]
+
+
+def pair_bodies(a: Iterable[Body], b: Iterable[Body]) -> MatchedPairs[Body]:
+    """Nameless bodies are paired by class, label and mesh."""
+
+    def what(body: Body) -> Hashable:
+        return (None if is_blank_node(body.cls) else body.cls, body.label, body.mesh)
+
+    return _pair(a, b, what, what)
+
+
+def pair_lights(a: Iterable[Light], b: Iterable[Light]) -> MatchedPairs[Light]:
+    """Nameless lights are paired by kind."""
+    return _pair(a, b, lambda light: light.type, lambda light: light.type)
+
+
+def pair_joints(a: Iterable[Joint], b: Iterable[Joint], ids: Mapping[BodyId, BodyId]) -> MatchedPairs[Joint]:
+    """Nameless constraints are paired by the bodies that they join; `ids` says what a calls the bodies of b."""
+
+    def joined(constraint: Joint) -> Hashable:
+        return (constraint.parent, constraint.child)
+
+    def joined_in_b(constraint: Joint) -> Hashable:
+        return (ids.get(constraint.parent, constraint.parent), ids.get(constraint.child, constraint.child))
+
+    return _pair(a, b, joined, joined_in_b)
+
+
+def _pair(
+    a: Iterable[Item], b: Iterable[Item], key_a: Callable[[Item], Hashable], key_b: Callable[[Item], Hashable]
+) -> MatchedPairs[Item]:
+    named = _match(a, b, lambda item: item.id, lambda item: item.id)
+    nameless_a, rest_a = _split_nameless(named.only_in_a)
+    nameless_b, rest_b = _split_nameless(named.only_in_b)
+    nameless = _match(sorted(nameless_a, key=_pose_key), sorted(nameless_b, key=_pose_key), key_a, key_b)
+    return MatchedPairs(
+        named.a + nameless.a, named.b + nameless.b, rest_a + nameless.only_in_a, rest_b + nameless.only_in_b
+    )
+
+
+def _match(
+    a: Iterable[Item], b: Iterable[Item], key_a: Callable[[Item], Hashable], key_b: Callable[[Item], Hashable]
+) -> MatchedPairs[Item]:
+    """The first of a key with the first of that key, the second with the second."""
+    waiting: dict[Hashable, list[Item]] = defaultdict(list)
+    for item in b:
+        waiting[key_b(item)].append(item)
+    for items in waiting.values():
+        items.reverse()
+    pairs: MatchedPairs[Item] = MatchedPairs()
+    for item in a:
+        if others := waiting.get(key_a(item)):
+            pairs.a.append(item)
+            pairs.b.append(others.pop())
+        else:
+            pairs.only_in_a.append(item)
+    pairs.only_in_b.extend(item for items in waiting.values() for item in reversed(items))
+    return pairs
+
+
+def _split_nameless(items: Iterable[Item]) -> tuple[list[Item], list[Item]]:
+    nameless: list[Item] = []
+    named: list[Item] = []
+    for item in items:
+        (nameless if is_blank_node(item.iri) else named).append(item)
+    return nameless, named
+
+
+def _pose_key(item: Item) -> tuple[float, ...]:
+    return (*item.pose.position, *item.pose.quaternion)
+
+
+class StatementDiff:
+    """Collects, thing by thing, the statements that one world makes and the other does not."""
+
+    def __init__(self, names: Mapping[str, str], canonicalizer: StatementCanonicalizer) -> None:
+        """Takes what a calls the things that b calls otherwise, and the table to compare with."""
+        self._names, self._canonicalizer = names, canonicalizer
+        self.changes: list[FieldChange] = []
+        self._lost: list[Statement] = []
+        self._gained: list[Statement] = []
+
+    @property
+    def lost(self) -> tuple[Statement, ...]:
+        """What only a says."""
+        return tuple(sorted(self._lost, key=_statement_order))
+
+    @property
+    def gained(self) -> tuple[Statement, ...]:
+        """What only b says."""
+        return tuple(sorted(self._gained, key=_statement_order))
+
+    def tags(self, id: str, a: Sequence[Tag], b: Sequence[Tag]) -> None:
+        """Compares the tags of a thing that both have."""
+        if a != b:
+            self._record_change(id, ChangeKind.TAGS, _missing_tags(a, b), _missing_tags(b, a))
+
+    def facts(self, id: str, a: Sequence[PropertyAssertion], b: Sequence[PropertyAssertion]) -> None:
+        """Compares the facts of a thing that both have."""
+        if self._names or not _literally_equal(a, b):
+            mine = [self._canonicalizer.canonical_id(fact, {}) for fact in a]
+            theirs = [self._canonicalizer.canonical_id(fact, self._names) for fact in b]
+            self._record_change(
+                id, ChangeKind.FACTS, multiset_difference(a, mine, theirs), multiset_difference(b, theirs, mine)
+            )
+
+    def only_in_a(self, id: str, assertions: Iterable[PropertyAssertion | Tag]) -> None:
+        """Counts what is lost together with the thing that it is about."""
+        self._lost.extend(Statement(id, statement) for statement in assertions)
+
+    def only_in_b(self, id: str, assertions: Iterable[PropertyAssertion | Tag]) -> None:
+        """Counts what is gained together with the thing that it is about."""
+        self._gained.extend(Statement(id, statement) for statement in assertions)
+
+    def resources(self, a: Iterable[NamedResource], b: Iterable[NamedResource]) -> None:
+        """Compares what is said about anything else."""
+        mine, theirs = _facts_by_iri(a, {}), _facts_by_iri(b, self._names)
+        for iri in mine.keys() & theirs.keys():
+            self.facts(iri, mine[iri], theirs[iri])
+        for iri in mine.keys() - theirs.keys():
+            self.only_in_a(iri, mine[iri])
+            self.changes.append(
+                FieldChange(id=iri, field="resource", kind=ChangeKind.FACTS, a=_sorted(mine[iri]), b=None)
+            )
+        for iri in theirs.keys() - mine.keys():
+            self.only_in_b(iri, theirs[iri])
+            self.changes.append(
+                FieldChange(id=iri, field="resource", kind=ChangeKind.FACTS, a=None, b=_sorted(theirs[iri]))
+            )
+
+    def _record_change(
+        self,
+        id: str,
+        kind: ChangeKind,
+        lost: Sequence[PropertyAssertion | Tag],
+        gained: Sequence[PropertyAssertion | Tag],
+    ) -> None:
+        if lost or gained:
+            self.only_in_a(id, lost)
+            self.only_in_b(id, gained)
+            self.changes.append(FieldChange(id=id, field=kind.value, kind=kind, a=_sorted(lost), b=_sorted(gained)))
+
+
+def _facts_by_iri(
+    resources: Iterable[NamedResource], names: Mapping[str, str]
+) -> Mapping[str, list[PropertyAssertion]]:
+    facts: dict[str, list[PropertyAssertion]] = defaultdict(list)
+    for resource in resources:
+        facts[names.get(resource.iri, resource.iri)].extend(resource.facts)
+    return facts
+
+
+def _missing_tags(tags: Sequence[Tag], others: Sequence[Tag]) -> tuple[Tag, ...]:
+    return multiset_difference(tags, map(_tag_key, tags), map(_tag_key, others))
+
+
+def _tag_key(tag: Tag) -> Hashable:
+    return (tag.type, tag.key, tag.value)
+
+
+def _literally_equal(a: Sequence[PropertyAssertion], b: Sequence[PropertyAssertion]) -> bool:
+    """The fast way to know that nothing differs."""
+    try:
+        return a == b
+    except RecursionError:  # == follows lists in lists only so deep, Forms to any depth
+        return False
+
+
+def _sorted(assertions: Iterable[PropertyAssertion | Tag]) -> tuple[PropertyAssertion | Tag, ...]:
+    return tuple(sorted(assertions, key=_assertion_order))
+
+
+def _assertion_order(assertion: PropertyAssertion | Tag) -> tuple[str, ...]:
+    """As good an order as any, as long as it does not hang on that of the world."""
+    if isinstance(assertion, Tag):
+        return (assertion.type, assertion.key, assertion.value)
+    return (assertion.property, str(Statement("", assertion)))
+
+
+def _statement_order(statement: Statement) -> tuple[str, ...]:
+    return (statement.id, *_assertion_order(statement.assertion))
+
 
 _MOST_SHOWN = 10
 """A summary lists so many of each; all are in the fields."""

@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING, Any, Self
 from numpy import uint8, uint32
 from numpy.typing import NDArray
 
-from mindstage.world.geometry import Array
-from mindstage.world.values import IDENTITY, BodyId, Color, FrozenStruct, LightType, Pose, Vector
+from mindstage.scene.model import IDENTITY, BodyId, Color, FrozenStruct, LightType, Pose, Vector
+from mindstage.scene.transforms import Array
 
 __all__ = [
     "NO_GEOMETRY",

@@ -3,6 +3,11 @@
 Units are SI, frames are ROS's (right-handed, x forward, y left, z up), quaternions are w x y z. Every value is
 frozen and hashable, so worlds can be compared, sent, stored and used as keys. A field that is None was not told:
 nothing is made up here, and an engine that needs a value chooses one and reports it.
+
+Facts: what is known of a thing beyond the fields that a world has for it, kept word for word.
+
+This is the shape of an RDF statement without RDF's machinery: a property and a value, where a value is a name, a
+literal, or a thing that has no name and is known only by its own facts.
 """
 
 from __future__ import annotations
@@ -13,33 +18,83 @@ from typing import NewType
 import msgspec
 
 from mindstage.errors import BodyNotFoundError
-from mindstage.world.display import counted, html_table, short_name
-from mindstage.world.facts import Iri, NamedResource, PropertyAssertion
+from mindstage.scene.display import counted, html_table, short_name
 
 __all__ = [
     "IDENTITY",
     "AngularLimits",
     "Attachment",
     "AxisMotion",
+    "BlankNode",
     "Body",
     "BodyId",
     "BodyPhysics",
     "Color",
+    "FactValue",
+    "Iri",
+    "IriRef",
     "Joint",
     "Light",
     "LightType",
     "LinearLimits",
+    "Literal",
     "Material",
     "Mobility",
+    "NamedResource",
     "Pose",
     "PrimitiveShape",
     "PrimitiveType",
+    "PropertyAssertion",
     "Quaternion",
     "SoftLimit",
     "Tag",
     "Vector",
     "World",
 ]
+
+
+Iri = NewType("Iri", str)
+"""An absolute IRI; a name that starts with `_:` is a label which means something only inside one world."""
+
+
+class IriRef(msgspec.Struct, frozen=True, tag="iri", forbid_unknown_fields=True):
+    """A named thing."""
+
+    iri: Iri
+
+
+class Literal(msgspec.Struct, frozen=True, tag="literal", forbid_unknown_fields=True):
+    """A value with its text exactly as the source has it."""
+
+    text: str
+    datatype: Iri | None = None
+    """None for a plain string."""
+    language: str | None = None
+
+
+class BlankNode(msgspec.Struct, frozen=True, tag="anonymous", forbid_unknown_fields=True):
+    """A thing without a name; two of them are the same when their facts are."""
+
+    facts: tuple[PropertyAssertion, ...] = ()
+    """Sorted by property, then value, so that equal things are equal values."""
+
+
+FactValue = IriRef | Literal | BlankNode
+
+
+class PropertyAssertion(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """One statement about the thing that holds it."""
+
+    property: Iri
+    value: FactValue
+
+
+class NamedResource(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A named thing that is neither a body nor a constraint, and what is said about it."""
+
+    iri: Iri
+    facts: tuple[PropertyAssertion, ...] = ()
+
 
 BodyId = NewType("BodyId", str)
 """The local name of an individual, unique in its world; constraints and lights have ids of the same kind."""

@@ -1,15 +1,11 @@
 """Stage: one knowledge base and one engine, brought together in one loop."""
 
-from mindstage.engines.contract import EngineStats, SpawnNoteKind
-from mindstage.stage.company import ClientDirectory, ConnectedClient
-from mindstage.stage.editing import UndoHistory, UndoStack
-from mindstage.stage.frame import StateSnapshot
-from mindstage.stage.joint_motion import JointMotion, SimulationJoint
-from mindstage.stage.joints import JointAxisState, JointHandle
-from mindstage.stage.lights import HighlightGroup, HighlightResult, UnhighlightedItem
-from mindstage.stage.markers import Marker, MarkerType
-from mindstage.stage.removal import SpawnRecord
-from mindstage.stage.stage import Simulation
+from mindstage.engines.base import EngineStats, SpawnNoteKind
+from mindstage.simulation.highlights import HighlightGroup, HighlightResult, Marker, MarkerType, UnhighlightedItem
+from mindstage.simulation.interaction import JointAxisState, JointHandle
+from mindstage.simulation.joint_motion import JointMotion, SimulationJoint
+from mindstage.simulation.simulation import ClientDirectory, ConnectedClient, Simulation, StateSnapshot
+from mindstage.simulation.undo import SpawnRecord, UndoHistory, UndoStack
 
 __all__ = [
     "ClientDirectory",

@@ -14,13 +14,13 @@ from typing import Protocol, TypeVar
 import msgspec
 import numpy as np
 
-from mindstage.engines.contract import Capability, Engine
+from mindstage.engines.base import Capability, Engine
 from mindstage.errors import AmbiguousNameError, BodyNotFoundError, InvalidArgumentError, NameNotFoundError
-from mindstage.stage.frame import StateSnapshot
-from mindstage.stage.joints import JointAxisState, JointHandle, poses_in
-from mindstage.stage.removal import SpawnRecord
-from mindstage.world import BodyId, Vector, World
-from mindstage.world.geometry import Array, normalized_pose_array, pose_inverse, pose_multiply
+from mindstage.scene import BodyId, Vector, World
+from mindstage.scene.transforms import Array, normalized_pose_array, pose_inverse, pose_multiply
+from mindstage.simulation.interaction import JointAxisState, JointHandle, poses_in
+from mindstage.simulation.simulation import StateSnapshot
+from mindstage.simulation.undo import SpawnRecord
 
 __all__ = ["JointMotion", "SimulationJoint", "find_joint"]
 

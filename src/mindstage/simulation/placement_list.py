@@ -5,25 +5,35 @@
     :spoon a knowrob:Spoon ; ms:putInto :CutleryDrawer ; ms:typicalSize "0.2 0.04 0.02" .
 
 Whatever else is said of an item stays with it as facts.
+
+Furnishing: things from a list come to stand where the list says, or where such things are kept.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 
 import msgspec
 import pyoxigraph as ox
 
-from mindstage.errors import NameNotFoundError, SourceParseError
-from mindstage.knowledge.base import KnowledgeBase
-from mindstage.knowledge.graph import Graph, graph_from_quads
-from mindstage.knowledge.names import local_name
-from mindstage.knowledge.reasoning import EntityType
+from mindstage.errors import (
+    BodyNotFoundError,
+    KnowledgeError,
+    NameNotFoundError,
+    NoFreePlacementError,
+    SourceParseError,
+)
+from mindstage.knowledge.knowledge_base import KnowledgeBase
+from mindstage.knowledge.names import EntityType
+from mindstage.knowledge.rdf import Graph, graph_from_quads, local_name
 from mindstage.knowledge.vocabulary import LABEL, OWL, RDF, RDFS, TYPE, ms
-from mindstage.world import FactValue, Iri, IriRef, Literal, PropertyAssertion, Vector
+from mindstage.scene import Body, BodyId, FactValue, Iri, IriRef, Literal, PropertyAssertion, Vector
+from mindstage.simulation.placement import PlacementResult
+from mindstage.simulation.simulation import Simulation
 
-__all__ = ["PlacementItem", "load_items", "parse_item"]
+__all__ = ["PlacementItem", "PlacementReport", "UnplacedItem", "load_items", "parse_item", "place_items"]
+
 
 _ON, _INTO, _COUNT, _SIZE = ms("putOn"), ms("putInto"), ms("count"), ms("typicalSize")
 _MAX_COUNT = 1000
@@ -147,3 +157,89 @@ def _text(value: FactValue) -> str:
 
 def _error(path: Path, iri: Iri, cause: str) -> SourceParseError:
     return SourceParseError(str(path), cause=f"{local_name(iri)}: {cause}")
+
+
+class UnplacedItem(msgspec.Struct, frozen=True):
+    """An item for which there is no place."""
+
+    id: str
+    reason: str
+
+
+class PlacementReport(msgspec.Struct, frozen=True, rename={"placed": "put"}):
+    """What became of a list."""
+
+    placed: tuple[PlacementResult, ...]
+    unplaced: tuple[UnplacedItem, ...]
+
+
+def place_items(
+    simulation: Simulation, items: Iterable[PlacementItem], *, progress: Callable[[int], None] = lambda done: None
+) -> PlacementReport:
+    """Puts items into the running world, one after the other; what finds no place is left out, with the reason.
+
+    Args:
+        stage: a world is spawned in it.
+        items: what, and where to if that is told. Otherwise it is asked where such things are kept, and the most
+            special answer with room for it is taken.
+        progress: told after each thing how many have been looked after.
+    """
+    put, unplaced, done = list[PlacementResult](), list[UnplacedItem](), 0
+    for item in items:
+        for iri in item.iris:
+            result = _place_item(simulation, item, iri)
+            if isinstance(result, PlacementResult):
+                put.append(result)
+            else:
+                unplaced.append(result)
+            done += 1
+            progress(done)
+    return PlacementReport(tuple(put), tuple(unplaced))
+
+
+def _place_item(simulation: Simulation, item: PlacementItem, iri: Iri | None) -> PlacementResult | UnplacedItem:
+    id = None if iri is None else local_name(iri)
+    if id is not None and id in simulation.state.ids:
+        return UnplacedItem(id, "something of that id is there already")
+    try:
+        like = simulation.make_body(item.cls, id=id, size=item.size)
+        body = msgspec.structs.replace(like, iri=iri or like.iri, label=item.label, facts=item.facts)
+        wanted = list(_target_surfaces(simulation, item))
+    except KnowledgeError as error:
+        return UnplacedItem(id or local_name(item.cls), str(error))
+    reasons = []
+    for holder, inside in wanted:
+        try:
+            return simulation.place(body, into=holder) if inside else simulation.place(body, on=holder)
+        except (NoFreePlacementError, BodyNotFoundError) as error:
+            reasons.append(str(error))
+    name = local_name(item.cls)
+    nowhere = f"nobody told where it goes (ms:putOn, ms:putInto), and nothing here is known to keep {name}"
+    return UnplacedItem(body.id, "; ".join(reasons) or nowhere)
+
+
+def _target_surfaces(simulation: Simulation, item: PlacementItem) -> Iterator[tuple[BodyId, bool]]:
+    """Where an item may go, the best first: the holder's id, and whether into it."""
+    if item.support is not None:
+        holder = _find_body_id(simulation, item.support)
+        yield from ((holder, inside) for inside in (True, False) if item.is_inside in (inside, None))
+        return
+    kept = simulation.ask("storage_place_in_environment", item=item.cls)
+    for row in kept:
+        yield _find_body_id(simulation, row.individual), True
+    for row in kept:
+        yield _find_body_id(simulation, row.individual), False
+
+
+def _find_body_id(simulation: Simulation, name: str) -> BodyId:
+    """The body that an IRI or a name stands for.
+
+    Raises:
+        NameNotFoundError: nothing has that name.
+        AmbiguousNameError: several things have it.
+    """
+    if name in simulation.state.ids:
+        return BodyId(name)
+    iri = simulation.knowledge.names.find(name, EntityType.INDIVIDUAL)
+    bodies: Iterator[Body] = (body for world in simulation.worlds for body in world.bodies if body.iri == iri)
+    return next((body.id for body in bodies), BodyId(local_name(iri)))

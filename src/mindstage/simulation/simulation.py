@@ -3,47 +3,318 @@
 Everything that touches the engine goes through here and runs in the stage's own thread. Any thread may call; a call
 takes its turn, has a timeout, and raises what the engine raised. What many watch (poses, lights, time) is published
 as a `StateSnapshot` after each tick, which costs the watchers nothing and the world next to nothing.
+
+Company: who takes part in a stage's life from elsewhere, such as a robot's programs over ROS.
+
+Whoever lets others in introduces them once, by a function that says who is there; nothing has to be kept up to date.
+
+Embodiment: the forms of all that is on a stage, and what the report of a spawn says of them.
+
+Frame: what everybody sees of a stage, at one moment.
+
+Showing: what a stage answers, and what it shows of the answers.
 """
 
 from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Iterable
+from abc import ABC, abstractmethod
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import ExitStack, suppress
 from functools import partial
-from typing import TYPE_CHECKING, TypeVar
+from threading import Lock
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, TypeVar, overload
 
 import msgspec
+from msgspec.structs import replace
 
-from mindstage.engines.contract import Capability, Engine, SavedState, SpawnReport
+from mindstage.engines.base import (
+    Capability,
+    Engine,
+    EngineStats,
+    PoseArray,
+    SavedState,
+    SpawnFailure,
+    SpawnNote,
+    SpawnNoteKind,
+    SpawnReport,
+)
 from mindstage.errors import EngineClosedError, EngineError, InvalidArgumentError, SimulationError
 from mindstage.knowledge import KnowledgeBase
-from mindstage.knowledge.moment import WorldState
-from mindstage.knowledge.questions import AnswerRow
-from mindstage.stage.clock import RealTimeClock
-from mindstage.stage.company import ClientDirectory
-from mindstage.stage.editing import UndoStack
-from mindstage.stage.embodiment import GeometryProvider, with_geometry_notes
-from mindstage.stage.frame import StateSnapshot
-from mindstage.stage.grip import Perturbations
-from mindstage.stage.joint_motion import SimulationJoint, find_joint
-from mindstage.stage.lights import Highlights
-from mindstage.stage.loop import EngineThread
-from mindstage.stage.markers import MarkerStore
-from mindstage.stage.putting import PlacementResult, make_body, place_body
-from mindstage.stage.showing import Showing
-from mindstage.world import Body, BodyId, GeometryMap, Vector, World
-from mindstage.world.display import counted, short_name
+from mindstage.knowledge.queries import AnswerRow, Answers, Question, get_question
+from mindstage.knowledge.questions import StateAccess, WorldState
+from mindstage.scene import NO_GEOMETRY, Body, BodyGeometry, BodyId, Color, GeometryMap, GeometrySource, Vector, World
+from mindstage.scene.colors import color_from
+from mindstage.scene.display import counted, short_name
+from mindstage.simulation.engine_thread import EngineThread, RealTimeClock
+from mindstage.simulation.highlights import (
+    HighlightGroup,
+    HighlightResult,
+    Highlights,
+    Marker,
+    MarkerStore,
+    highlight_request,
+)
+from mindstage.simulation.interaction import Perturbations
+from mindstage.simulation.joint_motion import SimulationJoint, find_joint
+from mindstage.simulation.placement import PlacementResult, make_body, place_body
+from mindstage.simulation.undo import UndoStack
 
 if TYPE_CHECKING:
+    from mindstage.geometry.fit import FittedGeometry, MeshProvider
     from mindstage.saving import FileDialect, FileFormat
-    from mindstage.shapes.fitting import MeshProvider
 
-__all__ = ["Simulation", "StateSnapshot"]
+__all__ = [
+    "ClientDirectory",
+    "ConnectedClient",
+    "GeometryProvider",
+    "Showing",
+    "Simulation",
+    "StateSnapshot",
+    "with_geometry_notes",
+]
+
+
+class ConnectedClient(msgspec.Struct, frozen=True, kw_only=True):
+    """One who is connected."""
+
+    name: str
+    transport: str
+    """By which way, in a word or two: "ROS"."""
+    activity: str = ""
+    """What it does here, in a few words."""
+
+
+class ClientDirectory:
+    """All who are there; calls may come from any thread."""
+
+    def __init__(self) -> None:
+        self._sources: tuple[Callable[[], Iterable[ConnectedClient]], ...] = ()
+        self._edit_callbacks: tuple[Callable[[], None], ...] = ()
+
+    def add_client_source(self, source: Callable[[], Iterable[ConnectedClient]]) -> Callable[[], None]:
+        """Lets a function tell who is there, from any thread; returns what takes it away again."""
+        self._sources = (*self._sources, source)
+
+        def farewell() -> None:
+            self._sources = tuple(each for each in self._sources if each is not source)
+
+        return farewell
+
+    def clients(self) -> tuple[ConnectedClient, ...]:
+        """Who is there now."""
+        return tuple(guest for tell in self._sources for guest in tell())
+
+    def on_edit(self, callback: Callable[[], None]) -> Callable[[], None]:
+        """Calls a function after each edit, when the frame tells of it; returns what ends that.
+
+        It is called in the stage's thread, and must return at once.
+        """
+        self._edit_callbacks = (*self._edit_callbacks, callback)
+
+        def farewell() -> None:
+            self._edit_callbacks = tuple(each for each in self._edit_callbacks if each is not callback)
+
+        return farewell
+
+    def notify_edit(self) -> None:
+        """Tells all who watch that bodies, materials or lights came, went or changed."""
+        for react in self._edit_callbacks:
+            react()
+
+
+_SOURCE_TEXTS = {
+    GeometrySource.MESH: "from meshes",
+    GeometrySource.ONTOLOGY: "from what is known of their classes",
+    GeometrySource.CLASS_NAME: "guessed by the names of their classes",
+    GeometrySource.MAP: "plain, since nobody knows better",
+}
+
+
+class GeometryProvider:
+    """Works forms out, and keeps them as long as somebody may bring their bodies back."""
+
+    def __init__(self, knowledge: KnowledgeBase, *, shapes: bool, meshes: MeshProvider | None) -> None:
+        """Has none yet.
+
+        Args:
+            knowledge: who knows how classes are shaped.
+            shapes: whether it is asked; else a body without a mesh is its shape in its size.
+            meshes: who finds mesh files.
+        """
+        self._knowledge = knowledge
+        self._shapes, self._meshes = shapes, meshes
+        self._geometry: dict[BodyId, BodyGeometry] = {}
+        self._cached: tuple[tuple[BodyId, ...], GeometryMap] = ((), NO_GEOMETRY)
+        self._lock = Lock()
+
+    def set_knowledge(self, knowledge: KnowledgeBase) -> None:
+        """Asks somebody else from now on."""
+        self._knowledge = knowledge
+
+    def fit(self, world: World, *, geometry: GeometryMap | None = None) -> FittedGeometry:
+        """The forms of a world that is about to be spawned, unless they are given; a large one takes a while."""
+        from mindstage.geometry.fit import FitNote, FittedGeometry, fit_geometry
+
+        if geometry is not None:
+            return FittedGeometry(geometry)
+        if self._shapes:
+            return fit_geometry(world, self._knowledge, meshes=self._meshes)
+        if self._meshes is None:
+            return FittedGeometry(NO_GEOMETRY)
+        found = self._meshes.geometry_for(world.bodies)
+        return FittedGeometry(found.geometry, tuple(FitNote((), text) for text in found.notes))
+
+    def add(self, geometry: GeometryMap, *, failed: Iterable[SpawnFailure] = ()) -> None:
+        """Keeps the forms of what was spawned; what failed may be called like something that is there already."""
+        without = {failure.id for failure in failed}
+        with self._lock:
+            self._geometry = {**self._geometry, **{id: form for id, form in geometry.items() if id not in without}}
+            self._cached = ((), NO_GEOMETRY)
+
+    def for_world(self, world: World) -> GeometryMap:
+        """The forms with which a world was spawned."""
+        return {body.id: self._geometry[body.id] for body in world.bodies if body.id in self._geometry}
+
+    def clear(self) -> None:
+        """Forgets all of them."""
+        with self._lock:
+            self._geometry, self._cached = {}, ((), NO_GEOMETRY)
+
+    def for_ids(self, ids: tuple[BodyId, ...]) -> GeometryMap:
+        """The forms of bodies that are there; the same object for the same tuple."""
+        with self._lock:
+            known, forms = self._cached
+            if known is not ids:
+                forms = MappingProxyType({id: self._geometry[id] for id in ids if id in self._geometry})
+                self._cached = (ids, forms)
+            return forms
+
+
+def with_geometry_notes(report: SpawnReport, fitted: FittedGeometry, ids: Iterable[BodyId]) -> SpawnReport:
+    """The same report with what was decided about the forms of these bodies."""
+    there = set(ids) - {failure.id for failure in report.failed_bodies}
+    count = Counter(form.source for id, form in fitted.geometry.items() if id in there)
+    notes = [SpawnNote(SpawnNoteKind.SHAPE, remark.ids, remark.text) for remark in fitted.notes]
+    if count:
+        words = ", ".join(f"{count[source]} {text}" for source, text in _SOURCE_TEXTS.items() if count[source])
+        notes.insert(0, SpawnNote(SpawnNoteKind.SHAPE, (), f"forms: {words}"))
+    return replace(report, notes=(*report.notes, *notes)) if notes else report
+
+
+class StateSnapshot(msgspec.Struct, frozen=True, eq=False):
+    """The world at one moment; a new one replaces it, this one never changes."""
+
+    time_s: float
+    ids: tuple[BodyId, ...]
+    poses: PoseArray
+    """n x 7, in the order of `ids`."""
+    highlights: Mapping[BodyId, Color]
+    highlight_groups: tuple[HighlightGroup, ...]
+    """The same bodies in groups, with the reason why each is lit; the latest last."""
+    markers: tuple[Marker, ...]
+    """What programs want to be seen beside the bodies; the same object until it changes."""
+    revision: int
+    """Counts up when bodies, materials or lights came, went or changed, not when they moved."""
+    playing: bool
+    speed: float
+    real_time_factor: float
+    stats: EngineStats | None = None
+    """How busy the engine is; None where it cannot say."""
+    error: str = ""
+    """Why the world stands still although nobody paused it."""
+
 
 T = TypeVar("T")
 R = TypeVar("R", bound=AnswerRow)
+
+
+class Showing(ABC):
+    """The part of a stage that asks, lights up and marks."""
+
+    knowledge: KnowledgeBase
+    _highlights: Highlights
+    _markers: MarkerStore
+
+    @abstractmethod
+    def run_on_engine(
+        self, function: Callable[[Engine], T], *, label: str = "", timeout_s: float | None = None, edits: bool = False
+    ) -> T:
+        """Runs any function on the engine in the stage's thread."""
+
+    @abstractmethod
+    def current_state(self) -> WorldState:
+        """The place as it is now."""
+
+    # -- questions -----------------------------------------------------------------------------------------
+
+    @overload
+    def ask(self, question: Question[R], **args: object) -> Answers[R]: ...
+    @overload
+    def ask(self, question: str, **args: object) -> Answers[Any]: ...
+    def ask(self, question: Question[Any] | str, **args: object) -> Answers[Any]:
+        """All answers, for the place as it is now; see `KnowledgeBase.ask`.
+
+        The engine is only asked by questions that look at the present, and once by each.
+        """
+        asked = get_question(question) if isinstance(question, str) else question
+        return asked.ask(self.knowledge, args, present=StateAccess(self.knowledge, self.current_state))
+
+    def highlight(
+        self,
+        shown: str | AnswerRow | Answers[Any] | Iterable[str | AnswerRow],
+        color: Color | str | None,
+        *,
+        label: str = "",
+        replace: bool = False,
+        missing_ok: bool = False,
+    ) -> HighlightResult:
+        """Highlights bodies in a color, or removes their highlight.
+
+        Highlights add up; a body that is highlighted twice has the later color, and highlighting something again with
+        the same label replaces what was highlighted with it before. An IRI, or an answer, that has no body here is
+        listed in the result with the reason.
+
+        Args:
+            shown: a body's id or IRI, an answer, several of these, or all answers to a question. Of answers it is what
+                was asked for: the handle of a door that was given.
+            color: a name ("green"), "#rrggbb", or red, green and blue from 0 to 1; None or "none" removes the
+                highlight.
+            label: the reason, in one line; of `Answers` by default the question.
+            replace: whether all other highlights are removed first.
+            missing_ok: whether an id that is not there is listed in the result, as an IRI is, instead of raising.
+
+        Returns:
+            What is highlighted, and what has no body, with the reason.
+
+        Raises:
+            BodyNotFoundError: for the first id that is not there, unless `missing_ok`; nothing changes then.
+            InvalidColorError: the color is none.
+        """
+        wish = highlight_request(shown, label)
+        rgb = color_from(color)
+        light = partial(self._highlights.apply, request=wish, color=rgb, replace=replace, strict=not missing_ok)
+        return self.run_on_engine(light, label="highlight", edits=True)
+
+    def clear_highlights(self) -> None:
+        """Puts out everything that is lit."""
+        self.run_on_engine(
+            lambda engine: engine.highlight(tuple(engine.highlights()), None), label="put out", edits=True
+        )
+
+    def add_markers(self, markers: Iterable[Marker], *, lifetime_s: float | None = None) -> None:
+        """Shows markers, in the place of those of the same ids, for so long [s] or until they are taken away."""
+        shown = tuple(markers)
+        self.run_on_engine(lambda _: self._markers.add(shown, lifetime_s=lifetime_s), label="mark")
+
+    def remove_markers(self, ids: Iterable[str]) -> tuple[str, ...]:
+        """Takes markers away; gives the ids of those that were there."""
+        wanted = tuple(ids)
+        return self.run_on_engine(lambda _: self._markers.remove(wanted), label="unmark")
+
 
 _TICK_S = 1 / 60
 """How often a playing world is brought up to date; a drag feels smooth at this rate."""

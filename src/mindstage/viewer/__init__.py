@@ -1,7 +1,7 @@
 """Viewport: the page in a browser, to see a world and reach into it."""
 
-from mindstage.viewport.photograph import Screenshot
-from mindstage.viewport.sights import LabelMode
-from mindstage.viewport.viewport import Viewer
+from mindstage.viewer.camera import LabelMode
+from mindstage.viewer.screenshot import Screenshot
+from mindstage.viewer.viewer import Viewer
 
 __all__ = ["LabelMode", "Screenshot", "Viewer"]

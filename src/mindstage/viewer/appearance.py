@@ -3,6 +3,13 @@
 What a thing looks like is its form's matter. Here it is decided what would stand in the way: what encloses the whole
 place is drawn only as an outline, and a wall or a ceiling only from inside the room, which leaves the view from
 outside free.
+
+GLB: the skins of a form as one binary glTF file for the browser, which knows metal, roughness, glow and textures.
+
+The page's library works out normals by itself, smooth wherever triangles share a point. So points are shared here only
+where a skin has normals, and every flat face has points of its own.
+
+Palette: how a color changes when something is lit, and when it steps back behind what is.
 """
 
 from __future__ import annotations
@@ -12,14 +19,15 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from functools import lru_cache
 
+import msgspec
 import numpy as np
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
-from mindstage.knowledge.shaping import ShapeRule
-from mindstage.knowledge.shaping.words import name_tokens, singular_forms
-from mindstage.viewport.glb import mean_color
-from mindstage.world import (
+from mindstage.assets.gltf import GltfWriter
+from mindstage.knowledge.rdf import local_name
+from mindstage.knowledge.shape_rules import ShapeRule, name_tokens, singular_forms
+from mindstage.scene import (
     AttachedLight,
     Body,
     BodyGeometry,
@@ -34,12 +42,113 @@ from mindstage.world import (
     VisualMesh,
     World,
 )
-from mindstage.world.forms import NO_GEOMETRY, GeometryMap
-from mindstage.world.geometry import normalize, normalized_pose_array, pose_array, quat_rotate, rotation_matrix
-from mindstage.world.hulls import convex_hull
-from mindstage.world.meshes import box, cylinder, sphere
+from mindstage.scene.geometry import NO_GEOMETRY, GeometryMap, PbrMaterial, VisualMesh
+from mindstage.scene.mesh import TriangleMesh, box, convex_hull, cylinder, sphere
+from mindstage.scene.transforms import normalize, normalized_pose_array, pose_array, quat_rotate, rotation_matrix
 
-__all__ = ["ASSUMED_SIZE_M", "BodyAppearance", "VisiblePart", "compute_appearance", "find_outlines"]
+__all__ = [
+    "ASSUMED_SIZE_M",
+    "HIGHLIGHT_OPACITY",
+    "OCCLUDER_OPACITY",
+    "BodyAppearance",
+    "Paint",
+    "VisiblePart",
+    "compute_appearance",
+    "dimmed",
+    "find_outlines",
+    "highlighted",
+    "local_name",
+    "mean_color",
+    "merge_visuals",
+    "visuals_to_glb",
+]
+
+
+_MAX_METALNESS = 0.3
+"""So much of it is left in the page, where nothing is there to be mirrored: pure metal would be black."""
+
+
+def merge_visuals(visuals: Iterable[VisualMesh]) -> TriangleMesh:
+    """All triangles of several skins as one mesh; a single one keeps its place on its picture."""
+    meshes = [_mesh(skin) for skin in visuals]
+    if len(meshes) == 1:
+        return meshes[0]
+    starts = np.cumsum([0, *(len(mesh.points) for mesh in meshes)])
+    faces = [mesh.faces + np.uint32(start) for mesh, start in zip(meshes, starts, strict=False)]
+    vertices = [np.zeros((0, 3)), *(mesh.points for mesh in meshes)]
+    return TriangleMesh(np.concatenate(vertices), np.concatenate([np.zeros((0, 3), np.uint32), *faces]))
+
+
+def _mesh(visual: VisualMesh) -> TriangleMesh:
+    if visual.normals is not None:
+        uv = None if visual.uv is None else visual.uv.astype(np.float64)
+        return TriangleMesh(visual.points.astype(np.float64), visual.faces.astype(np.uint32), uv=uv)
+    corners = visual.faces.reshape(-1)
+    uv = None if visual.uv is None else visual.uv[corners].astype(np.float64)
+    faces = np.arange(corners.size, dtype=np.uint32).reshape(-1, 3)
+    return TriangleMesh(visual.points[corners].astype(np.float64), faces, uv=uv)
+
+
+def visuals_to_glb(visuals: Iterable[VisualMesh]) -> bytes:
+    """A binary glTF 2.0 file; its axes are the body's, since the page turns everything itself."""
+    groups: dict[tuple[PbrMaterial, int | None], list[VisualMesh]] = {}
+    for skin in visuals:
+        # One draw call for all that is made of one material.
+        groups.setdefault((skin.material, None if skin.image is None else id(skin)), []).append(skin)
+    pictured = any(skin.image is not None for group in groups.values() for skin in group)
+    joined = [_merge_by_material(surface, group, textured=pictured) for (surface, _), group in groups.items()]
+    file = GltfWriter("form")
+    primitives = [file.visual_primitive(skin) for skin in joined if skin.faces.size]
+    file.nodes.append({"mesh": file.mesh("form", lambda: primitives)} if primitives else {})
+    return file.data()
+
+
+def _merge_by_material(material: PbrMaterial, visuals: list[VisualMesh], *, textured: bool) -> VisualMesh:
+    """Skins of one material as one, of less metal than it is."""
+    mesh = merge_visuals(visuals)
+    uv = mesh.uv
+    if textured and uv is None:  # the page joins all into one mesh, for which they must have the same attributes
+        uv = np.zeros((len(mesh.points), 2))
+    shown = replace(material, metalness=_MAX_METALNESS * material.metalness)
+    return VisualMesh(mesh.points, mesh.faces, shown, uv=uv, image=visuals[0].image)
+
+
+def mean_color(visuals: Iterable[VisualMesh]) -> Color:
+    """Of a whole form, by the area that each color has."""
+    total, weight = np.zeros(3), 1e-12
+    for skin in visuals:
+        first, second, third = (skin.points[skin.faces[:, corner]] for corner in range(3))
+        area = float(np.linalg.norm(np.cross(second - first, third - first), axis=1).sum())
+        total, weight = total + area * np.array(skin.material.color), weight + area
+    red, green, blue = (total / weight).tolist()
+    return red, green, blue
+
+
+HIGHLIGHT_OPACITY = 0.85
+"""Of a lit body that is see-through otherwise: a highlight must be seen."""
+OCCLUDER_OPACITY = 0.25
+"""Of what stands before something lit: what is lit in a cupboard must be seen too."""
+_DIM_GRAY, _DIM_AMOUNT = 0.82, 0.72
+"""The gray that dimmed colors go towards, and how far."""
+
+
+class Paint(msgspec.Struct, frozen=True):
+    """A color, and how much of what is behind stays hidden."""
+
+    color: Color
+    opacity: float = 1.0
+
+
+def highlighted(paint: Paint, color: Color) -> Paint:
+    """The same surface with a highlight."""
+    return Paint(color, max(paint.opacity, HIGHLIGHT_OPACITY))
+
+
+def dimmed(paint: Paint, *, as_occluder: bool = False) -> Paint:
+    """The same surface stepping back behind what is lit; as a veil it also lets that be seen through it."""
+    red, green, blue = (part + (_DIM_GRAY - part) * _DIM_AMOUNT for part in paint.color)
+    return Paint((red, green, blue), min(paint.opacity, OCCLUDER_OPACITY) if as_occluder else paint.opacity)
+
 
 ASSUMED_SIZE_M: Vector = (0.1, 0.1, 0.1)
 """How large a body is drawn whose size nobody told [m]."""

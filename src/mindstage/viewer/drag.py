@@ -13,9 +13,9 @@ from enum import StrEnum
 import msgspec
 import numpy as np
 
-from mindstage.stage import Simulation, StateSnapshot
-from mindstage.world import AxisMotion, BodyId, Joint, Pose, Vector, World
-from mindstage.world.geometry import Array, normalize, quat_conjugate, quat_rotate
+from mindstage.scene import AxisMotion, BodyId, Joint, Pose, Vector, World
+from mindstage.scene.transforms import Array, normalize, quat_conjugate, quat_rotate
+from mindstage.simulation import Simulation, StateSnapshot
 
 __all__ = ["DragConstraint", "DragController", "DragForce", "DragMode", "drag_target"]
 

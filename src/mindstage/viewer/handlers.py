@@ -1,28 +1,508 @@
-"""Edit desk: what visitors change in the world, through the stage's editing, so that it can be undone."""
+"""Edit desk: what visitors change in the world, through the stage's editing, so that it can be undone.
+
+File desk: a world goes to the visitor as a map, and a visitor's map becomes the world.
+
+What comes from a page is a stranger's: it has a limit, no other file is read whatever it imports, and nothing in it is
+run. It is read before anything is cleared, so that a map that cannot be read changes nothing.
+
+World desk: what is there, how time runs, and what is known of what a visitor has selected.
+
+View desk: what a visitor wants to see, told by the page, done in the view that the page holds.
+
+Desks: everything that pages ask for, and are told, in one place.
+"""
 
 from __future__ import annotations
 
+import re
 import time
-from collections.abc import Callable
-from typing import Annotated, Literal
+import weakref
+from collections.abc import Callable, Container, Iterator, Mapping, Sequence
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Annotated, Any, Literal
+from urllib.parse import unquote, urlsplit
 
 import msgspec
+import viser
 
-from mindstage.errors import BodyNotFoundError, InvalidArgumentError
-from mindstage.knowledge.names import local_name
-from mindstage.knowledge.reasoning import EntityType
-from mindstage.stage import Simulation, StateSnapshot
-from mindstage.stage.edits import MoveBody
-from mindstage.stage.joints import poses_in
-from mindstage.stage.putting import make_body
-from mindstage.viewport.channel import RpcChannel
-from mindstage.viewport.visitor import ClientSession
-from mindstage.viewport.worlddesk import EmptyRequest, WorldHandler
-from mindstage.world import Body, BodyId, BodyPhysics, Iri, Material, Mobility, Pose, Quaternion, Vector, World
-from mindstage.world.colors import parse_color
-from mindstage.world.geometry import pose_from_array
+from mindstage.errors import BodyNotFoundError, InvalidArgumentError, MapNotFoundError, MindstageError
+from mindstage.knowledge import KnowledgeBase, MapDialect, MapFormat, SourceMapView, write_map
+from mindstage.knowledge.names import EntityType
+from mindstage.knowledge.rdf import local_name
+from mindstage.scene import Body, BodyId, BodyPhysics, Iri, Joint, Material, Mobility, Pose, Quaternion, Vector, World
+from mindstage.scene.colors import parse_color
+from mindstage.scene.transforms import pose_from_array
+from mindstage.simulation import JointHandle, Simulation, SpawnRecord, StateSnapshot
+from mindstage.simulation.interaction import poses_in
+from mindstage.simulation.placement import make_body
+from mindstage.simulation.undo import MoveBody
+from mindstage.viewer.ask import AskHandler
+from mindstage.viewer.camera import ClientViews, GizmoMode, LabelMode
+from mindstage.viewer.inspector import BodyDetails, StatusHandler, StorageHint, body_details, live_details, scene_tree
+from mindstage.viewer.server import ClientSession, RpcChannel, session_key_of
 
-__all__ = ["EditHandler"]
+__all__ = ["SELECTED", "ClockMessage", "EditHandler", "FileHandler", "Handlers", "ViewHandler", "WorldHandler"]
+
+
+_SUFFIXES = (".owl", ".rdf", ".xml", ".ttl", ".urdf")
+_MAX_TEXT_LENGTH = 20_000_000
+_TYPES = {MapFormat.RDF_XML: (".owl", "application/rdf+xml"), MapFormat.TURTLE: (".ttl", "text/turtle")}
+
+
+class SaveRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Asks for the world as a map."""
+
+    format: MapFormat = MapFormat.RDF_XML
+    dialect: MapDialect | None = None
+    """None is that of the map that was spawned, where there is one."""
+
+
+class LoadRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A map from a visitor's disk."""
+
+    name: Annotated[str, msgspec.Meta(max_length=300)]
+    text: Annotated[str, msgspec.Meta(max_length=_MAX_TEXT_LENGTH)]
+
+
+class FileHandler:
+    """Writes maps for visitors, and reads theirs."""
+
+    def __init__(self, simulation: Simulation, channel: RpcChannel) -> None:
+        """Offers what it does."""
+        self._simulation, self._channel = simulation, channel
+        self._loaded: KnowledgeBase | None = None
+        channel.register("save", SaveRequest, self._save, queue="files")
+        channel.register("load", LoadRequest, self._load, queue="files")
+
+    def _save(self, _: ClientSession, request: SaveRequest) -> dict[str, str]:
+        world = self._simulation.snapshot()
+        origin = self._origin(world) if request.dialect is None else None
+        dialect = request.dialect or MapDialect.SEMLOG
+        text = write_map(world, format=request.format, dialect=dialect, source_view=origin)
+        suffix, kind = _TYPES[request.format]
+        return {"name": f"{_safe_filename(world.name) or 'map'}{suffix}", "type": kind, "text": text}
+
+    def _origin(self, world: World) -> SourceMapView | None:
+        try:
+            return self._simulation.knowledge.source_view(world.iri)
+        except MapNotFoundError:
+            return None  # it was never a map: it is written in our own words
+
+    def _load(self, _: ClientSession, request: LoadRequest) -> dict[str, object]:
+        knowledge, world = self._read(request)
+        playing, speed = self._simulation.state.playing, self._simulation.state.speed
+        self._simulation.set_knowledge(knowledge)
+        before, self._loaded = self._loaded, knowledge
+        report = self._simulation.spawn(world)
+        if before is not None:
+            before.close()
+        if playing:
+            self._simulation.play(speed=speed)
+        failed = (*report.failed_bodies, *report.failed_joints, *report.failed_attachments)
+        return {
+            "name": world.name,
+            "bodies": report.bodies,
+            "joints": report.joints,
+            "failed": [{"id": each.id, "reason": each.reason} for each in failed[:50]],
+            "findings": len(knowledge.findings()),
+        }
+
+    def _read(self, request: LoadRequest) -> tuple[KnowledgeBase, World]:
+        """What a text says, beside what is known of classes.
+
+        Raises:
+            InvalidArgumentError: it is no map by its name, or wants other files to be read.
+            KnowledgeError: it cannot be read, or no map is in it.
+        """
+        suffix = Path(request.name).suffix.lower()
+        if suffix not in _SUFFIXES:
+            raise InvalidArgumentError(request.name, cause=f"a map ends in {', '.join(_SUFFIXES)}")
+        if "xacro" in request.text:
+            raise InvalidArgumentError(request.name, cause="xacro reads other files; expand it first")
+        knowledge = self._simulation.knowledge.ontologies_only()
+        folder = TemporaryDirectory(prefix="mindstage-")
+        # The text is read again when the map is written in its own words, so it stays as long as what is known of it.
+        weakref.finalize(knowledge, folder.cleanup)
+        try:
+            path = Path(folder.name, f"{_safe_filename(Path(request.name).stem) or 'map'}{suffix}")
+            path.write_text(request.text, encoding="utf-8")
+            knowledge.load(path, follow_imports=False)
+            world = knowledge.world()
+            for body in world.bodies:
+                if body.mesh and _is_outside_path(body.mesh):
+                    cause = f"the mesh of {body.id!r} is named by its place on a disk, and a page may read no disk"
+                    raise InvalidArgumentError(
+                        request.name, cause=cause, remedy="spawn such a map from the command line"
+                    )
+            return knowledge, world
+        except BaseException:
+            knowledge.close()
+            raise
+
+
+def _is_outside_path(name: str) -> bool:
+    """Whether a mesh's name is a path of its own, not one in a package or in a folder that somebody opened."""
+    parts = urlsplit(unquote(name).replace("\\", "/"))
+    return (
+        parts.scheme == "file"
+        or (parts.path.startswith("/") and parts.scheme != "package")
+        or ".." in parts.path.split("/")
+    )
+
+
+def _safe_filename(name: str) -> str:
+    """A file's name with nothing in it but letters and digits."""
+    return re.sub(r"[^A-Za-z0-9._-]+", "-", name).strip("-.")[:80]
+
+
+SELECTED = "selected"
+"""What a visitor has selected, in the visitor's `state`."""
+_MAX_STEP_S = 10.0
+_DETAILS_LIFETIME_S = 5.0
+_DETAILS_INTERVAL_S = 0.03
+_STORAGE_QUESTION = "storage_place_in_environment"
+_MAX_STORAGE_PLACES = 12
+
+
+class PlayRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Lets time pass."""
+
+    speed: Annotated[float, msgspec.Meta(gt=0.0, le=20.0)] = 1.0
+
+
+class StepRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Lets some time pass, and no more."""
+
+    duration_s: Annotated[float, msgspec.Meta(gt=0.0, le=_MAX_STEP_S)] = 0.1
+
+
+class EmptyRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What needs no more words."""
+
+
+class DetailsRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A body."""
+
+    id: BodyId
+
+
+class ClockMessage(msgspec.Struct, frozen=True, kw_only=True):
+    """How time runs."""
+
+    time_s: float
+    playing: bool
+    speed: float
+    real_time_factor: float
+    """Simulated seconds in a second."""
+    bodies: int
+    fault: str
+
+
+class WorldHandler:
+    """Tells all pages of the world, and does what their buttons of time say."""
+
+    def __init__(self, simulation: Simulation, channel: RpcChannel) -> None:
+        """Offers what it does.
+
+        Args:
+            stage: whose world it is.
+            channel: to the pages.
+        """
+        self._simulation, self._channel = simulation, channel
+        self._world: World | None = None
+        self._bodies: Mapping[BodyId, Body] = {}
+        self._joint_by_id: Mapping[BodyId, Sequence[Joint]] = {}
+        self._joints: dict[BodyId, JointHandle] = {}
+        self._spawn_record = SpawnRecord({}, {})
+        self._revisions = 0
+        channel.register("play", PlayRequest, lambda _, wish: simulation.play(speed=wish.speed))
+        channel.register("pause", EmptyRequest, lambda _, wish: simulation.pause())
+        channel.register("step", StepRequest, self._step)
+        channel.register("reset", EmptyRequest, lambda _, wish: simulation.editing.reset())
+        channel.register("details", DetailsRequest, self._details, queue="details")
+
+    # -- for the thread that follows the world -------------------------------------------------------------------------
+
+    def on_rebuild(self, world: World, *, enclosing: Container[BodyId]) -> None:
+        """Something came, went or changed."""
+        constraints: dict[BodyId, list[Joint]] = {}
+        for joint in world.joints:
+            for end in (joint.parent, joint.child):
+                constraints.setdefault(end, []).append(joint)
+        self._bodies = {body.id: body for body in world.bodies}
+        self._joint_by_id, self._joints = constraints, {}
+        self._spawn_record = SpawnRecord.from_worlds(self._simulation.worlds)
+        self._world = world
+        self._channel.publish("scene_tree", scene_tree(world, engine=self._simulation.engine_name, enclosing=enclosing))
+        # The outline is the same where only a mass has changed; whoever reads the details has to look again.
+        self._revisions += 1
+        self._channel.publish("details_changed", self._revisions)
+
+    def publish(self, frame: StateSnapshot) -> None:
+        """Tells what changes all the time; called some times in a second."""
+        self._channel.publish("clock", _clock_message(frame))
+        self._channel.publish("history", _undo_labels(self._simulation))
+        told: dict[BodyId, object] = {}
+        for visitor in self._channel.sessions:
+            id = visitor.state.get(SELECTED)
+            if id is not None and id in self._bodies:
+                if id not in told:
+                    told[id] = self._live(id, frame)
+                if told[id] is not None:
+                    visitor.publish_to("live_details", told[id])
+
+    def joint(self, id: BodyId) -> JointHandle:
+        """A constraint of the world.
+
+        Raises:
+            BodyNotFoundError: there is none of that id.
+        """
+        constraint = next((each for each in (self._world.joints if self._world else ()) if each.id == id), None)
+        if constraint is None:
+            raise BodyNotFoundError(id, known=[each.id for each in self._world.joints] if self._world else ())
+        return self._joint_handle(constraint)
+
+    # -- what is asked -------------------------------------------------------------------------------------------------
+
+    def _step(self, _: ClientSession, request: StepRequest) -> None:
+        self._simulation.pause()
+        self._simulation.step(request.duration_s)
+
+    def _details(self, _: ClientSession, request: DetailsRequest) -> BodyDetails:
+        body, world = self._described_body(request.id)
+        form = self._simulation.geometry.get(body.id)
+        return body_details(
+            body,
+            world,
+            ancestors=self._simulation.knowledge.ancestors(body.cls),
+            joints=self._joints_of(body.id),
+            storage_places=self._storage_places(body.cls),
+            geometry="" if form is None else f"{form.shape_name}: {form.reason}" if form.reason else form.shape_name,
+        )
+
+    def _described_body(self, id: BodyId) -> tuple[Body, World]:
+        """A body as it is described; what has just come is there a moment before it was looked at.
+
+        Raises:
+            BodyNotFoundError: there is none of that id.
+        """
+        end = time.monotonic() + _DETAILS_LIFETIME_S
+        while id not in self._bodies and id in self._simulation.state.ids and time.monotonic() < end:
+            time.sleep(_DETAILS_INTERVAL_S)
+        world, body = self._world, self._bodies.get(id)
+        if world is None or body is None:
+            raise BodyNotFoundError(id, known=self._bodies, world=world.name if world else "")
+        return body, world
+
+    def _storage_places(self, cls: Iri) -> Iterator[StorageHint]:
+        """Where such things are kept, as far as it is known."""
+        ids = {body.iri: body.id for body in self._bodies.values()}
+        places: dict[str, list[BodyId]] = {}
+        try:
+            rows = list(self._simulation.ask(_STORAGE_QUESTION, item=cls))
+        except MindstageError:
+            return  # a class that only the map names, of which nothing is known: no answer is no error here
+        for row in rows[:_MAX_STORAGE_PLACES]:
+            if row.individual in ids:
+                places.setdefault(row.place, []).append(ids[row.individual])
+        for place, found in places.items():
+            yield StorageHint(class_name=place.rpartition("#")[2], ids=tuple(dict.fromkeys(found)))
+
+    # -- joints --------------------------------------------------------------------------------------------------------
+
+    def _live(self, id: BodyId, frame: StateSnapshot) -> object:
+        wanted = {id, *(end for each in self._joint_by_id.get(id, ()) for end in (each.parent, each.child))}
+        poses = poses_in(frame, wanted)
+        return live_details(id, poses, self._joints_of(id)) if wanted <= poses.keys() else None
+
+    def _joints_of(self, id: BodyId) -> list[JointHandle]:
+        found = [
+            self._joint_handle(each)
+            for each in self._joint_by_id.get(id, ())
+            if {each.parent, each.child} <= self._bodies.keys()
+        ]
+        return [joint for joint in found if joint.axes]
+
+    def _joint_handle(self, joint: Joint) -> JointHandle:
+        if joint.id not in self._joints:
+            self._joints[joint.id] = JointHandle(joint, self._bodies, self._spawn_record)
+        return self._joints[joint.id]
+
+
+def _clock_message(frame: StateSnapshot) -> ClockMessage:
+    return ClockMessage(
+        time_s=round(frame.time_s, 2),
+        playing=frame.playing,
+        speed=frame.speed,
+        real_time_factor=round(frame.real_time_factor, 2),
+        bodies=len(frame.ids),
+        fault=frame.error,
+    )
+
+
+def _undo_labels(simulation: Simulation) -> dict[str, str | None]:
+    """What the two buttons would do."""
+    history = simulation.editing.history
+    return {"undo": next(iter(history.undo), None), "redo": next(iter(history.redo), None)}
+
+
+class SelectRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Selects a body, or nothing, and flies to it if asked."""
+
+    id: BodyId | None = None
+    focus: bool = False
+
+
+class FocusRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Flies to bodies; to the whole place without any."""
+
+    ids: tuple[BodyId, ...] = ()
+
+
+class ClipPlaneRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Hides what is above a height."""
+
+    height: Annotated[float, msgspec.Meta(ge=-1000.0, le=1000.0)] | None = None
+
+
+class LabelRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Writes names beside bodies."""
+
+    mode: LabelMode
+
+
+class GizmoRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Gives the selected body handles."""
+
+    mode: GizmoMode | None = None
+
+
+class SetVisibilityRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Hides bodies, or shows them again, for all visitors."""
+
+    ids: tuple[BodyId, ...]
+    shown: bool
+
+
+class ShowEnclosuresRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Draws the outlines of what encloses the place, or not, for all visitors."""
+
+    shown: bool
+
+
+class ViewHandler:
+    """Brings each page and the view in it together; they find one another by the visitor's key."""
+
+    def __init__(self, views: ClientViews, channel: RpcChannel, server: viser.ViserServer) -> None:
+        """Offers what it does.
+
+        Args:
+            sights: all views.
+            channel: to the pages.
+            server: that serves both.
+        """
+        self._views, self._channel, self._server = views, channel, server
+        channel.register("select", SelectRequest, self._select, queue="look")
+        channel.register(
+            "focus",
+            FocusRequest,
+            self._view_handler(lambda view, wish: views.focus(wish.ids, client=view)),
+            queue="look",
+        )
+        channel.register(
+            "reset_camera",
+            EmptyRequest,
+            self._view_handler(lambda view, wish: views.go_home(client=view)),
+            queue="look",
+        )
+        channel.register(
+            "view_from_top",
+            EmptyRequest,
+            self._view_handler(lambda view, wish: views.go_top(client=view)),
+            queue="look",
+        )
+        section = self._view_handler(lambda view, wish: views.set_clip_height(wish.height, client=view))
+        channel.register("set_clipping_height", ClipPlaneRequest, section, queue="look")
+        channel.register(
+            "set_labels",
+            LabelRequest,
+            self._view_handler(lambda view, wish: views.set_labels(wish.mode, client=view)),
+            queue="look",
+        )
+        channel.register(
+            "set_gizmo",
+            GizmoRequest,
+            self._view_handler(lambda view, wish: views.set_gizmo(wish.mode, client=view)),
+            queue="look",
+        )
+        channel.register("set_visible", SetVisibilityRequest, self._show_bodies, queue="look")
+        channel.register("show_enclosures", ShowEnclosuresRequest, self._show_enclosures, queue="look")
+        views.on_change(self._on_view_selection)
+        self.publish()
+
+    def session_of_view(self, view: int) -> ClientSession | None:
+        """Who sees a view."""
+        return self._channel.session(self._key_of(view))
+
+    def view_center(self, session: ClientSession) -> Vector | None:
+        """What a visitor looks at; None where the view is not there yet."""
+        for view in self._view_of(session):
+            client = self._server.get_clients().get(view)
+            if client is not None:
+                x, y, z = client.camera.look_at.tolist()
+                return x, y, z
+        return None
+
+    def _key_of(self, view: int) -> str | None:
+        client = self._server.get_clients().get(view)
+        return session_key_of(client, self._server) if client is not None else None
+
+    def publish(self) -> None:
+        """Tells all what nobody sees."""
+        hidden = tuple(sorted(self._views.hidden))
+        self._channel.publish("visibility", {"hidden": hidden, "enclosures": self._views.enclosures_shown})
+
+    # -- what the page asks --------------------------------------------------------------------------------------------
+
+    def _view_of(self, visitor: ClientSession) -> list[int]:
+        return [view for view in self._views.clients if self._key_of(view) == visitor.key]
+
+    def _view_handler(self, action: Callable[[int, Any], None]) -> Callable[[ClientSession, Any], None]:
+        def handle(visitor: ClientSession, wish: Any) -> None:
+            for view in self._view_of(visitor):
+                action(view, wish)
+
+        return handle
+
+    def _select(self, session: ClientSession, request: SelectRequest) -> None:
+        before, session.state[SELECTED] = session.state.get(SELECTED), request.id
+        try:
+            for view in self._view_of(session):
+                self._views.select(request.id, client=view)
+                if request.focus and request.id is not None:
+                    self._views.focus([request.id], client=view)
+        except BodyNotFoundError:
+            session.state[SELECTED] = before
+            raise
+
+    def _show_bodies(self, _: ClientSession, request: SetVisibilityRequest) -> None:
+        self._views.show_bodies(request.ids, request.shown)
+        self.publish()
+
+    def _show_enclosures(self, _: ClientSession, request: ShowEnclosuresRequest) -> None:
+        self._views.show_enclosures(request.shown)
+        self.publish()
+
+    # -- what happens in the view --------------------------------------------------------------------------------------
+
+    def _on_view_selection(self, view: int) -> None:
+        visitor, chosen = self.session_of_view(view), self._views.selected(view)
+        # What the page itself selected it knows already.
+        if visitor is not None and visitor.state.get(SELECTED) != chosen:
+            visitor.state[SELECTED] = chosen
+            visitor.send_event("selected", chosen)
+
 
 _Meters = Annotated[float, msgspec.Meta(ge=-10_000.0, le=10_000.0)]
 _Extent = Annotated[float, msgspec.Meta(ge=0.001, le=1000.0)]
@@ -272,3 +752,53 @@ def _search_rank(name: str, text: str, *, is_here: bool) -> tuple[bool, bool, bo
     """What is meant most likely comes first: the very name, what begins so, what the place has already."""
     small = name.casefold()
     return small != text, not small.startswith(text), not is_here, len(name), name
+
+
+class Handlers:
+    """One desk for each kind of request."""
+
+    def __init__(
+        self, simulation: Simulation, channel: RpcChannel, views: ClientViews, server: viser.ViserServer
+    ) -> None:
+        """Offers all that a page can ask for.
+
+        Args:
+            stage: whose world it is about.
+            channel: to the pages.
+            sights: the views in them.
+            server: that serves both.
+        """
+        self._channel = channel
+        self._world = WorldHandler(simulation, channel)
+        self._views = ViewHandler(views, channel, server)
+        self._edits = EditHandler(simulation, channel, self._world, view_center=self._views.view_center)
+        self._files = FileHandler(simulation, channel)
+        self._asking = AskHandler(simulation, channel)
+        self._status = StatusHandler(simulation, channel)
+
+    def session_of_view(self, view: int) -> ClientSession | None:
+        """Who sees a view; None where somebody opened a view by itself."""
+        return self._views.session_of_view(view)
+
+    def toast(self, view: int, text: str, *, kind: str = "error") -> None:
+        """Shows a sentence to the visitor of a view."""
+        if (visitor := self.session_of_view(view)) is not None:
+            visitor.send_event("toast", {"text": text, "kind": kind})
+
+    # -- for the thread that follows the world -------------------------------------------------------------------------
+
+    def on_rebuild(self, world: World, *, enclosing: Container[BodyId]) -> None:
+        """Something came, went or changed."""
+        self._world.on_rebuild(world, enclosing=enclosing)
+        self._views.publish()
+
+    def publish(self, frame: StateSnapshot) -> None:
+        """Tells what changes all the time; called some times in a second."""
+        self._world.publish(frame)
+        self._edits.publish(frame)
+        self._asking.publish(frame)
+        self._status.publish(frame)
+
+    def show_error(self, text: str) -> None:
+        """Says what is wrong with the page itself; nothing, where all is well again."""
+        self._channel.publish("viewer_error", text)

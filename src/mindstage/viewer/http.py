@@ -3,26 +3,72 @@
 A browser goes wherever any page sends it, this machine's own ports included. So a request counts only if it is
 addressed to this machine by a name that is known to be its own (a stranger's name can be made to point here), a
 websocket only if our own page opens it, and from other machines both only with the token.
+
+Files: what the page is made of, read once from the package; no path from outside ever reaches the disk.
+
+View page: viser's own page as we serve it, without its panel and with our few scripts for the picture.
 """
 
 from __future__ import annotations
 
+import gzip
 import hashlib
 import hmac
 import re
 from collections.abc import Collection, Mapping
+from functools import cache
 from http import HTTPStatus
 from http.cookies import CookieError, SimpleCookie
+from pathlib import Path
 from typing import Protocol
 from urllib.parse import parse_qsl, urlencode, urlsplit
 
 import msgspec
 
-from mindstage.bridge.access import TokenAuth, is_loopback
+from mindstage.bridge.server import TokenAuth, is_loopback
 from mindstage.errors import AuthenticationError
-from mindstage.viewport.files import StaticFile, page_files
 
-__all__ = ["CHANNEL", "HttpResponse", "RequestFilter", "RequestHeaders", "request_path", "view_key"]
+__all__ = [
+    "CHANNEL",
+    "HttpResponse",
+    "RequestFilter",
+    "RequestHeaders",
+    "StaticFile",
+    "ViserPage",
+    "page_files",
+    "request_path",
+    "view_key",
+]
+
+
+_TYPES = {
+    ".css": "text/css; charset=utf-8",
+    ".html": "text/html; charset=utf-8",
+    ".js": "text/javascript; charset=utf-8",
+    ".svg": "image/svg+xml",
+}
+
+
+class StaticFile(msgspec.Struct, frozen=True):
+    """One file as a browser gets it."""
+
+    type: str
+    content: bytes
+    etag: str
+    """Changes whenever the content does."""
+
+
+@cache
+def page_files() -> dict[str, StaticFile]:
+    """All files of the page by name: a fixed list, against which wishes are held."""
+    found = {}
+    # Wheels are always unpacked, so that what lies beside this file is a folder.
+    for path in Path(__file__).with_name("page").iterdir():
+        if (type := _TYPES.get(path.suffix)) is not None:
+            content = path.read_bytes()
+            found[path.name] = StaticFile(type, content, f'"{hashlib.sha256(content).hexdigest()[:24]}"')
+    return found
+
 
 CHANNEL = "/mindstage/channel"
 """Where the page opens its websocket."""
@@ -228,3 +274,40 @@ def _base64(digest: bytes) -> str:
     from base64 import b64encode
 
     return b64encode(digest).decode()
+
+
+_STYLESHEETS = ("viserOverrides.css",)
+_SCRIPTS = ("clippingPlane.js", "shadowBias.js")
+"""Of our files, those that the picture itself needs."""
+
+
+class ViserPage:
+    """One file with everything in it, some megabytes; browsers keep it as long as it is the same."""
+
+    def __init__(self, viser: bytes) -> None:
+        """Viser's page as it comes with it."""
+        there = page_files()
+        links = [f'<link rel="stylesheet" href="/mindstage/{name}" />' for name in _STYLESHEETS if name in there]
+        links += [f'<script type="module" src="/mindstage/{name}"></script>' for name in _SCRIPTS if name in there]
+        self._page = viser.replace(b"<title>", "".join(links).encode() + b"<title>", 1)
+        self._compressed = gzip.compress(self._page, compresslevel=6)
+        self._etag = f'"{hashlib.sha256(self._page).hexdigest()[:24]}"'
+
+    def answer(self, headers: RequestHeaders, request_headers: Mapping[str, str]) -> HttpResponse:
+        """The page for a request.
+
+        Args:
+            headers: of the request.
+            told: headers that go with it.
+        """
+        request_headers = {
+            "Content-Type": "text/html; charset=utf-8",
+            "ETag": self._etag,
+            "Vary": "Accept-Encoding",
+            **request_headers,
+        }
+        if headers.get("If-None-Match") == self._etag:
+            return HttpResponse(HTTPStatus.NOT_MODIFIED, b"", request_headers)
+        if "gzip" in (headers.get("Accept-Encoding") or ""):
+            return HttpResponse(HTTPStatus.OK, self._compressed, request_headers | {"Content-Encoding": "gzip"})
+        return HttpResponse(HTTPStatus.OK, self._page, request_headers)

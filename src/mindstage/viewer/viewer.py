@@ -14,20 +14,16 @@ import msgspec
 import viser
 
 from mindstage.errors import MindstageError
-from mindstage.stage import Simulation, SpawnNoteKind, StateSnapshot
-from mindstage.viewport.bodies import Clickable, Pick
-from mindstage.viewport.channel import RpcChannel
-from mindstage.viewport.desks import Handlers
-from mindstage.viewport.framing import ground_height, initial_target
-from mindstage.viewport.hands import DragController
-from mindstage.viewport.looks import compute_appearance, find_outlines
-from mindstage.viewport.markers import MarkerNodes
-from mindstage.viewport.palette import local_name
-from mindstage.viewport.photograph import Screenshot, ScreenshotTaker
-from mindstage.viewport.scene import ViewerScene
-from mindstage.viewport.server import address, serve, shut_down
-from mindstage.viewport.sights import ClientViews
-from mindstage.world import BodyId, BodyPhysics, Iri, Pose, World
+from mindstage.knowledge.rdf import local_name
+from mindstage.scene import BodyId, BodyPhysics, Iri, Pose, World
+from mindstage.simulation import Simulation, SpawnNoteKind, StateSnapshot
+from mindstage.viewer.appearance import compute_appearance, find_outlines
+from mindstage.viewer.camera import ClientViews, ground_height, initial_target
+from mindstage.viewer.drag import DragController
+from mindstage.viewer.handlers import Handlers
+from mindstage.viewer.scene import Clickable, MarkerNodes, Pick, ViewerScene
+from mindstage.viewer.screenshot import Screenshot, ScreenshotTaker
+from mindstage.viewer.server import RpcChannel, address, serve, shut_down
 
 __all__ = ["Viewer"]
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 from mindstage.engines.mujoco.engine import MujocoEngine
 
 if TYPE_CHECKING:
-    from mindstage.engines.mujoco.export import MjcfExport, world_to_mjcf
+    from mindstage.engines.mujoco.mjcf import MjcfExport, world_to_mjcf
 
 __all__ = ["MjcfExport", "MujocoEngine", "world_to_mjcf"]
 
@@ -14,5 +14,5 @@ __all__ = ["MjcfExport", "MujocoEngine", "world_to_mjcf"]
 def __getattr__(name: str) -> object:
     # Writing models needs an XML library, which running them does not.
     if name in ("Mjcf", "mjcf"):
-        return getattr(import_module("mindstage.engines.mujoco.export"), name)
+        return getattr(import_module("mindstage.engines.mujoco.mjcf"), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

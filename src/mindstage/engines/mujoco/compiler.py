@@ -2,30 +2,379 @@
 
 Every body becomes one MuJoCo body, except scenery: what never moves and has nothing to do with anything that
 does becomes geometry of MuJoCo's world, because adding a body costs MuJoCo a walk over all bodies so far.
+
+Blueprint: all that was decided before a model is built, so that nothing is decided while it is.
+
+Meshes: files that MuJoCo can read, and how large what is in them is.
+
+Reach: what hangs in a joint on something that stands still, and never gets to the scenery.
+
+A drawer in the middle of a room meets no wall, however far it is pulled. Told so, MuJoCo does not look for contacts
+between the two in every step; in a kitchen it would look at a hundred parts of the scenery for each drawer.
+
+Shapes: solids as MuJoCo's geoms, how they feel to the touch, and the inertia that goes with them.
+
+MuJoCo gives two geoms that meet the friction and bounce of the one with the higher priority. So that wood on ice
+slips and a ball bounces on wood, whatever is bouncy comes first, then what is more slippery; what nobody said
+anything about comes last.
+
+Tuning: how joints resist, set in a compiled model, where the inertia behind each joint is known.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
 from itertools import repeat
+from math import exp, log, pi
+from pathlib import Path
 from typing import Any
 
 import mujoco
 import numpy as np
 
-from mindstage.engines.forest import RigidGroup, TreeJoint
-from mindstage.engines.joints import JointAxis, is_ball, movable_axes
-from mindstage.engines.mujoco.blueprint import ModelInput
-from mindstage.engines.mujoco.live import CompiledModel, ModelJoint
-from mindstage.engines.mujoco.reach import cull_static_contacts
-from mindstage.engines.mujoco.shapes import add_geom, contact_options, inertia_frame, set_defaults, unit_inertias
-from mindstage.engines.mujoco.tuning import set_joint_friction, set_soft_limits
+from mindstage.engines.collision_filter import JOINT_TOUCH_TOLERANCE_M
+from mindstage.engines.collision_shapes import MEAN_SQUARES, CompiledGeometry, primitive_collision_type
+from mindstage.engines.kinematic_tree import JointAxis, KinematicForest, RigidGroup, TreeJoint, is_ball, movable_axes
+from mindstage.engines.mujoco.state import CompiledModel, ModelJoint
+from mindstage.engines.physics_model import PhysicsModelBuilder
 from mindstage.errors import EngineUnavailableError
-from mindstage.world import AxisMotion, BodyId, CollisionShape, CollisionShapeType, Mobility, Vector
-from mindstage.world.boxes import OrientedBoxes
-from mindstage.world.geometry import Array, pose_inverse, pose_multiply, quat_rotate
+from mindstage.scene import AxisMotion, Body, BodyGeometry, BodyId, CollisionShape, CollisionShapeType, Mobility, Vector
+from mindstage.scene.bounding_boxes import OrientedBoxes
+from mindstage.scene.transforms import Array, mesh_scale, pose_inverse, pose_multiply, quat_rotate
 
-__all__ = ["compile_model"]
+__all__ = [
+    "GeomOptions",
+    "ModelInput",
+    "TriangleMesh",
+    "add_geom",
+    "compile_model",
+    "contact_options",
+    "cull_static_contacts",
+    "inertia_frame",
+    "load_mesh",
+    "set_defaults",
+    "set_joint_friction",
+    "set_soft_limits",
+    "unit_inertias",
+]
+
+
+_FIXED_MOBILITIES = (Mobility.STATIC, Mobility.STATIONARY)
+
+
+@dataclass(slots=True)
+class ModelInput:
+    """All that a model is made from; rows of arrays go with `rows`."""
+
+    builder: PhysicsModelBuilder
+    poses: Array
+    """Where the bodies stand, n x 7, unit quaternions."""
+    timestep_s: float
+    bodies: Mapping[BodyId, Body]
+    rows: dict[BodyId, int]
+    sizes: Array
+    masses: dict[BodyId, float]
+    forest: KinematicForest
+    excluded_pairs: set[tuple[BodyId, BodyId]]
+    kinematics_driven: bool = False
+    """Whether somebody moves kinematic bodies; until then they are fixed like static ones, which costs nothing."""
+
+    def is_fixed(self, group: RigidGroup) -> bool:
+        """Whether it is fixed to the world."""
+        return group.mobility in _FIXED_MOBILITIES or (
+            group.mobility is Mobility.KINEMATIC and not self.kinematics_driven
+        )
+
+    @classmethod
+    def from_builder(
+        cls, builder: PhysicsModelBuilder, poses: Array, timestep_s: float, *, kinematics_driven: bool = False
+    ) -> ModelInput:
+        """What a planner decided about bodies that stand somewhere."""
+        ids = builder.registry.ids
+        rows = {id: row for row, id in enumerate(ids)}
+        sizes, masses, bodies = builder.mass_properties.sizes(ids), builder.masses(), builder.registry.bodies
+        return cls(
+            builder,
+            poses,
+            timestep_s,
+            bodies,
+            rows,
+            sizes,
+            masses,
+            builder.forest,
+            builder.excluded_pairs(),
+            kinematics_driven,
+        )
+
+
+_MESH_SUFFIXES = frozenset({".obj", ".stl", ".msh"})
+
+
+@dataclass(frozen=True, slots=True)
+class TriangleMesh:
+    """One file."""
+
+    path: Path
+    extents: Array
+    """Along x, y and z, in the file's own units."""
+
+    def scale_to(self, size: Vector | None) -> tuple[float, float, float]:
+        """What makes it as large as a body; 1 where it is so already, or where nobody knows."""
+        x, y, z = mesh_scale(self.extents, size).tolist()
+        return x, y, z
+
+
+def load_mesh(path: Path) -> TriangleMesh | None:
+    """A mesh, if MuJoCo can read it."""
+    if path.suffix.lower() not in _MESH_SUFFIXES:
+        return None
+    spec = mujoco.MjSpec()
+    spec.add_mesh(name="mesh", file=str(path), inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL)
+    spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname="mesh")
+    try:
+        model = spec.compile()
+    except ValueError:  # it says what is wrong with the file; whoever asked says that it is left out
+        return None
+    points = quat_rotate(model.mesh_quat[0], np.asarray(model.mesh_vert, dtype=np.float64)) + model.mesh_pos[0]
+    return TriangleMesh(path, np.ptp(points, axis=0))
+
+
+_LIMIT_OVERRUN_M = 0.05
+"""So far something may slide past its limit, pushed hard; what turns is taken to turn all the way round."""
+_CORNERS = np.stack(np.meshgrid([0, 1], [0, 1], [0, 1], indexing="ij"), axis=-1).reshape(8, 3)
+
+
+def cull_static_contacts(
+    model_input: ModelInput, axes: Mapping[BodyId, tuple[JointAxis, ...]], scenery: OrientedBoxes
+) -> list[BodyId]:
+    """The bodies that get to no scenery on the whole way that the one joint on which they hang lets them go.
+
+    Args:
+        plan: who hangs on whom, and where.
+        axes: of each constraint that is a joint.
+        scenery: what stands still.
+    """
+    hung = _limited_root_joints(model_input, axes)
+    if not hung or not len(scenery.center):
+        return []
+    low, high = _swept_bounds(model_input, hung)
+    first, last = scenery.bounds()
+    meets = np.all((low[:, None] < last[None]) & (high[:, None] > first[None]), axis=2).any(axis=1)
+    far = (top for top, met in zip(hung, meets.tolist(), strict=True) if not met)
+    return [id for top in far for id in model_input.forest.groups[top].bodies]
+
+
+def _limited_root_joints(
+    model_input: ModelInput, axes: Mapping[BodyId, tuple[JointAxis, ...]]
+) -> dict[BodyId, JointAxis]:
+    """The tops that a joint of one axis, with hard limits, holds to what stands still."""
+    forest = model_input.forest
+    found = {}
+    for top, branch in forest.tree_joints.items():
+        joint = axes.get(branch.joint.id, ())
+        limited = len(joint) == 1 and joint[0].limit is not None and not joint[0].soft_limit.enabled
+        if limited and model_input.is_fixed(forest.groups[forest.root_of[branch.parent]]):
+            found[top] = joint[0]
+    return found
+
+
+def _swept_bounds(model_input: ModelInput, root_joints: Mapping[BodyId, JointAxis]) -> tuple[Array, Array]:
+    """The corners of upright boxes that hold the assemblies, wherever their joints let them be."""
+    joints = list(root_joints.values())
+    branches = [model_input.forest.tree_joints[top] for top in root_joints]
+    ends = [branch.order_ends(model_input.builder.joint_frames[branch.joint.id]) for branch in branches]
+    fixed = pose_multiply(
+        model_input.poses[[model_input.rows[branch.parent] for branch in branches]], np.array([end[0] for end in ends])
+    )
+    moving = pose_multiply(
+        model_input.poses[[model_input.rows[branch.child] for branch in branches]], np.array([end[1] for end in ends])
+    )
+    low, high = _group_bounds(model_input, list(root_joints))
+    number = [joint.direction for joint in joints]
+    directions = quat_rotate(fixed[:, 3:], np.eye(3)[number])
+    now = pose_multiply(pose_inverse(fixed), moving)[np.arange(len(joints)), number]
+    limits = np.array([(joint.limit or 0.0) + _LIMIT_OVERRUN_M for joint in joints])
+    middles = np.array([joint.middle for joint in joints])
+    ways = np.stack([middles - limits - now, middles + limits - now], axis=1)
+    shifts = ways[:, :, None] * directions[:, None]
+    turned_low, turned_high = _rotation_bounds(low, high, moving[:, :3], directions)
+    slides = np.array([joint.is_prismatic for joint in joints])[:, None]
+    low = np.where(slides, low + np.minimum(shifts.min(axis=1), 0.0), turned_low)
+    return low, np.where(slides, high + np.maximum(shifts.max(axis=1), 0.0), turned_high)
+
+
+def _group_bounds(model_input: ModelInput, roots: list[BodyId]) -> tuple[Array, Array]:
+    """The corners of upright boxes round assemblies as they stand."""
+    bodies = [model_input.forest.groups[top].bodies for top in roots]
+    rows = [model_input.rows[id] for each in bodies for id in each]
+    low, high = OrientedBoxes.from_poses(model_input.poses[rows], model_input.sizes[rows]).bounds()
+    first = np.cumsum([0, *(len(each) for each in bodies[:-1])])
+    return np.minimum.reduceat(low, first), np.maximum.reduceat(high, first)
+
+
+def _rotation_bounds(low: Array, high: Array, anchors: Array, axes: Array) -> tuple[Array, Array]:
+    """The boxes in which other ones stay, however far they are turned about an axis."""
+    away = low[:, None] + _CORNERS * (high - low)[:, None] - anchors[:, None]
+    along = np.einsum("nci,ni->nc", away, axes)
+    radius = np.linalg.norm(away - along[..., None] * axes[:, None], axis=2).max(axis=1)
+    start, end = along.min(axis=1), along.max(axis=1)
+    middle = anchors + axes * ((start + end) / 2)[:, None]
+    half = np.abs(axes) * ((end - start) / 2)[:, None] + np.sqrt(np.maximum(1.0 - axes**2, 0.0)) * radius[:, None]
+    return middle - half, middle + half
+
+
+GeomOptions = dict[str, Any]
+"""Options of geoms."""
+
+_FRICTION = (0.8, 0.005, 0.0001)
+_DEFAULT_CONTACT: GeomOptions = {}
+_NO_CONTACT: GeomOptions = {"contype": 0, "conaffinity": 0, "friction": (1.0, 0.005, 0.0001)}
+_MIN_INERTIA_SIZE_M = 0.005
+"""For inertia a body is taken at least this thick, or a sheet of paper would spin without end."""
+_MIN_RESTITUTION = 0.5
+"""What bounces less, as all furniture does, has MuJoCo's own contacts: they hardly bounce, but come to rest."""
+_CONTACT_TIME_CONSTANT_S = 0.02
+"""MuJoCo's own time constant of a contact."""
+_MIN_CONTACT_STEPS = 20.0
+"""A bounce lasts at least so many time steps, or the solver would not see it."""
+_GEOMS = {
+    CollisionShapeType.BOX: mujoco.mjtGeom.mjGEOM_BOX,
+    CollisionShapeType.SPHERE: mujoco.mjtGeom.mjGEOM_ELLIPSOID,
+    CollisionShapeType.CYLINDER: mujoco.mjtGeom.mjGEOM_CYLINDER,
+    CollisionShapeType.HULL: mujoco.mjtGeom.mjGEOM_MESH,
+}
+
+
+def contact_options(geometry: BodyGeometry | None, timestep_s: float, *, non_colliding: bool) -> GeomOptions:
+    """How a form's surface feels to others; what it does not say is as everywhere, and a ghost feels like nothing."""
+    if non_colliding:
+        return _NO_CONTACT
+    if geometry is None or (geometry.friction is None and geometry.restitution is None):
+        return _DEFAULT_CONTACT
+    sliding = _FRICTION[0] if geometry.friction is None else max(geometry.friction, 1e-5)
+    priority = 0 if geometry.friction is None else 1 + round(1000 * exp(-sliding))
+    bounce = min(geometry.restitution or 0.0, 0.98)
+    if bounce < _MIN_RESTITUTION:
+        return {"friction": (sliding, *_FRICTION[1:]), "priority": priority}
+    # A damped spring of ratio z sends back the part exp(-pi z / sqrt(1 - z^2)) of the speed with which it was hit.
+    damping = -log(bounce) / (pi**2 + log(bounce) ** 2) ** 0.5
+    slow_enough = _MIN_CONTACT_STEPS * timestep_s / (pi * damping)
+    solref = (max(_CONTACT_TIME_CONSTANT_S, slow_enough), damping)
+    return {"friction": (sliding, *_FRICTION[1:]), "priority": 10_000 + round(1000 * bounce), "solref": solref}
+
+
+def set_defaults(spec: Any) -> None:
+    """Sets what all geoms of a spec have in common: each attribute given to `add_geom` costs as much as its rest."""
+    geom = spec.default.geom
+    geom.type, geom.mass, geom.margin, geom.friction = (
+        mujoco.mjtGeom.mjGEOM_BOX,
+        0.0,
+        -JOINT_TOUCH_TOLERANCE_M,
+        _FRICTION,
+    )
+
+
+def add_geom(
+    body: Any,
+    collision_shape: CollisionShape,
+    pose: Sequence[float] | None,
+    *,
+    geom_options: GeomOptions,
+    mesh: str = "",
+) -> None:
+    """Adds a massless solid to one of MuJoCo's bodies, of a spec with `set_defaults`.
+
+    Args:
+        body: the spec's.
+        solid: what is added.
+        place: of its middle on that body, seven numbers; None for the body's own pose.
+        touch: how it feels, and whom.
+        mesh: the name of the mesh that a hull was made into.
+    """
+    options: dict[str, Any] = {"meshname": mesh} if mesh else {"size": _half_extents(collision_shape)}
+    if pose is not None:
+        options["pos"], options["quat"] = pose[:3], pose[3:]
+    if collision_shape.type is not CollisionShapeType.BOX:
+        options["type"] = _GEOMS[collision_shape.type]
+    body.add_geom(**options, **geom_options)
+
+
+def _half_extents(collision_shape: CollisionShape) -> list[float]:
+    """Half extents, as MuJoCo wants them; a cylinder is as wide as it is on average."""
+    x, y, z = (extent / 2 for extent in collision_shape.size)
+    return [(x + y) / 2, z, 0.0] if collision_shape.type is CollisionShapeType.CYLINDER else [x, y, z]
+
+
+def unit_inertias(bodies: Iterable[Body], sizes: Array) -> Array:
+    """The moments of solids that fill the bodies' sizes, for 1 kg, n x 3 [m²]."""
+    factors = np.array([MEAN_SQUARES[primitive_collision_type(body)] for body in bodies]).reshape(-1, 3)
+    squares = np.maximum(sizes, _MIN_INERTIA_SIZE_M) ** 2 * factors
+    return np.asarray(squares.sum(axis=1, keepdims=True) - squares)
+
+
+@lru_cache(maxsize=4096)
+def inertia_frame(compiled: CompiledGeometry) -> tuple[Array, Array, Array]:
+    """Where the mass of a form lies: its middle, the directions of its principal axes, and their moments for 1 kg.
+
+    A body that nothing can touch has the inertia of something small. A form is worked out once, however often a model
+    is built.
+    """
+    moments, axes = np.linalg.eigh(compiled.inertia)
+    if np.linalg.det(axes) < 0.0:
+        axes[:, 0] = -axes[:, 0]
+    turn = np.zeros(4)
+    mujoco.mju_mat2Quat(turn, axes.reshape(9))
+    return compiled.center_of_mass, turn, np.maximum(moments, _MIN_INERTIA_SIZE_M**2 / 6)
+
+
+_SLIDE_FRICTION = 1.0
+"""A slide holds against what would accelerate it by this [m/s²]: 5 N for a drawer of 5 kg."""
+_HINGE_FRICTION = 2.0
+"""The same for hinges [rad/s²]."""
+_DAMPING = 1.0
+"""Of the speed along a joint, this part is lost in a second [1/s]."""
+
+
+def set_soft_limits(model: Any, joints: Iterable[ModelJoint]) -> None:
+    """Soft limits as springs and dampers of their true strength.
+
+    A MuJoCo constraint of impedance d lets through 1 - d of every other force and adds d of its own, whose stiffness
+    and damping are told for a unit of inertia and divided by d inside MuJoCo. With a small d that is the
+    spring asked for; a spring too stiff for the time step gets a larger one, which is softer than asked but stable.
+    """
+    for joint in joints:
+        limitable = [axis for axis in joint.axes if axis.is_prismatic or not joint.is_ball]
+        for offset, axis in enumerate(limitable):
+            if axis.soft_limit.enabled and axis.limit is not None and axis.soft_limit.stiffness > 0.0:
+                dof = joint.dof_address + offset
+                number = int(model.dof_jntid[dof])
+                weight = model.dof_invweight0[dof]
+                impedance = float(np.clip(10 * axis.soft_limit.stiffness * weight * model.opt.timestep**2, 0.01, 0.95))
+                damping = max(axis.soft_limit.damping, 1e-6)
+                model.jnt_solref[number] = (-axis.soft_limit.stiffness * weight, -damping * weight)
+                model.jnt_solimp[number] = (impedance, impedance, 0.001, 0.5, 2)
+
+
+def set_joint_friction(model: Any, data: Any, joints: Iterable[ModelJoint]) -> None:
+    """Gives every joint so much friction that it stays where it was put, gravity or not."""
+    for stage in (mujoco.mj_kinematics, mujoco.mj_comPos, mujoco.mj_comVel, mujoco.mj_passive):
+        stage(model, data)  # of all that `mj_forward` does, only what gravity needs
+    weight = np.zeros(model.nv)
+    mujoco.mj_rne(model, data, 0, weight)
+    gravity = np.abs(weight - data.qfrc_passive)
+    inertia = 1.0 / np.maximum(model.dof_invweight0, 1e-9)
+    for joint in joints:
+        for offset in range(len(joint.axes)):
+            dof = joint.dof_address + offset
+            slides = offset < sum(axis.is_prismatic for axis in joint.axes)
+            holding = _SLIDE_FRICTION if slides else _HINGE_FRICTION
+            model.dof_frictionloss[dof] = holding * inertia[dof] + 1.25 * gravity[dof]
+            model.dof_damping[dof] = _DAMPING * inertia[dof]
+            model.dof_solref[dof] = (0.005, 1.0)
+            model.dof_solimp[dof] = (0.99, 0.999, 0.001, 0.5, 2)
+
 
 _HARD_LIMIT_SOLREF = (0.005, 1.0)
 """Time constant [s] and damping ratio of a hard limit: a strong arm presses a drawer less than 1 mm past it."""

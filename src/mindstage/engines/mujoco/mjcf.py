@@ -16,15 +16,14 @@ from xml.etree import ElementTree
 import mujoco
 import numpy as np
 
-from mindstage.engines.contract import SpawnNoteKind
-from mindstage.engines.joints import AXIS_NAMES
-from mindstage.engines.mujoco.build import compile_model
-from mindstage.engines.mujoco.live import CompiledModel
-from mindstage.engines.mujoco.meshes import TriangleMesh, load_mesh
-from mindstage.engines.mujoco.scene import ModelCache
+from mindstage.engines.base import SpawnNoteKind
+from mindstage.engines.kinematic_tree import AXIS_NAMES
+from mindstage.engines.mujoco.compiler import TriangleMesh, compile_model, load_mesh
+from mindstage.engines.mujoco.engine import ModelCache
+from mindstage.engines.mujoco.state import CompiledModel
 from mindstage.errors import MapWriteError
-from mindstage.world import NO_GEOMETRY, Body, BodyId, GeometryMap, Joint, Light, LightType, World
-from mindstage.world.geometry import normalized_pose_array, quat_rotate
+from mindstage.scene import NO_GEOMETRY, Body, BodyId, GeometryMap, Joint, Light, LightType, World
+from mindstage.scene.transforms import normalized_pose_array, quat_rotate
 
 __all__ = ["MjcfExport", "world_to_mjcf"]
 

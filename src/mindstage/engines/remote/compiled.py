@@ -4,18 +4,22 @@ A game engine moves what it is told to move. Which bodies hang together, what ke
 where a joint lets something go is worked out here, by the same code as for engines in this process, and told with each
 edit. Pushes wait here for the step that they are for, and its answer says where everything is then: a loop of pushes,
 steps and poses is one question at a time.
+
+Changes: what of a plan a far engine does not know yet.
 """
-# ruff: noqa: D102 - the contract documents an engine's methods, once for all
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
 import msgspec
 import numpy as np
 
-from mindstage.bridge.description import (
+from mindstage.bridge.conversions import (
+    BodyModelDelta,
+    JointModelDelta,
     PhysicsModelDelta,
     geometry_to_json,
     model_delta_to_json,
@@ -24,18 +28,21 @@ from mindstage.bridge.description import (
     to_json,
     vector_message,
 )
-from mindstage.engines.contract import Capability, PoseArray, SpawnReport
-from mindstage.engines.inventory import EntityRegistry, pose_error
-from mindstage.engines.planning import PhysicsModelBuilder
-from mindstage.engines.remote.changes import ModelState
-from mindstage.engines.remote.link import ServiceClient
-from mindstage.engines.remote.mindstage import MeshExporter, MindstageRemoteEngine
-from mindstage.engines.remote.parcel import encode_geometry, encode_world
-from mindstage.engines.traveling import check_joint_limits, joint_positions_from_poses
+from mindstage.engines.base import Capability, PoseArray, SpawnReport
+from mindstage.engines.physics_model import (
+    BodyModel,
+    JointModel,
+    PhysicsModelBuilder,
+    check_joint_limits,
+    joint_positions_from_poses,
+)
+from mindstage.engines.registry import EntityRegistry, pose_error
+from mindstage.engines.remote.client import ServiceClient
+from mindstage.engines.remote.mindstage import MeshExporter, MindstageRemoteEngine, encode_geometry, encode_world
 from mindstage.errors import PoseUnreachableError
 from mindstage.msgs import Message, Service
 from mindstage.msgs import mindstage_msgs as wire
-from mindstage.world import (
+from mindstage.scene import (
     NO_GEOMETRY,
     Body,
     BodyId,
@@ -49,7 +56,7 @@ from mindstage.world import (
     Vector,
     World,
 )
-from mindstage.world.geometry import (
+from mindstage.scene.transforms import (
     Array,
     normalize,
     normalized_pose_array,
@@ -58,7 +65,74 @@ from mindstage.world.geometry import (
     pose_multiply,
 )
 
-__all__ = ["CompiledRemoteEngine"]
+__all__ = ["CompiledRemoteEngine", "ModelState"]
+
+
+@dataclass(frozen=True, slots=True)
+class ModelState:
+    """All that was told of a plan."""
+
+    bodies: Mapping[BodyId, BodyModelDelta] = field(default_factory=dict)
+    excluded_pairs: frozenset[tuple[BodyId, BodyId]] = frozenset()
+    joints: Mapping[BodyId, JointModelDelta] = field(default_factory=dict)
+
+    @classmethod
+    def from_builder(cls, builder: PhysicsModelBuilder) -> ModelState:
+        """What there is to be told."""
+        plan = builder.build_model()
+        return cls(
+            bodies={id: _body_change(each) for id, each in plan.bodies.items()},
+            excluded_pairs=plan.excluded_pairs,
+            joints={id: _joint_change(each) for id, each in plan.joints.items()},
+        )
+
+    def diff_to(self, target: ModelState, *, poses: Mapping[BodyId, Pose] | None = None) -> PhysicsModelDelta:
+        """What is to be told of another plan by someone who has told this one; what is gone needs no word.
+
+        Args:
+            then: the other one.
+            poses: of bodies that are put somewhere else.
+        """
+        here = target.bodies.keys()
+        joints: dict[BodyId, JointModelDelta | None] = dict.fromkeys(self.joints.keys() - target.joints.keys())
+        joints |= {id: joint for id, joint in target.joints.items() if self.joints.get(id) != joint}
+        return PhysicsModelDelta(
+            bodies={id: body for id, body in target.bodies.items() if self.bodies.get(id) != body},
+            apart=tuple(sorted(target.excluded_pairs - self.excluded_pairs)),
+            together=tuple(
+                sorted(
+                    pair for pair in self.excluded_pairs - target.excluded_pairs if pair[0] in here and pair[1] in here
+                )
+            ),
+            joints=joints,
+            poses=dict(poses or {}),
+        )
+
+
+def _body_change(model: BodyModel) -> BodyModelDelta:
+    return BodyModelDelta(
+        size=model.size,
+        top=model.root,
+        hold=model.pose_in_root,
+        mobility=model.mobility,
+        gravity=model.gravity,
+        mass_kg=model.mass_kg,
+        ghost=model.non_colliding,
+        solids=model.collision_shapes,
+        friction=model.friction,
+        restitution=model.restitution,
+    )
+
+
+def _joint_change(model: JointModel) -> JointModelDelta:
+    """As the map has the roles, since that is how it tells the ranges."""
+    parent, child = model.joint.parent, model.joint.child
+    ends = model.parent_from_joint, model.child_from_joint
+    of_parent, of_child = ends if model.parent == parent else ends[::-1]
+    return JointModelDelta(parent=parent, child=child, of_parent=of_parent, of_child=of_child)
+
+
+# ruff: noqa: D102 - the contract documents an engine's methods, once for all
 
 _POSE_DTYPE = np.dtype(("<f8", 7))
 _POSE_TOLERANCE = 1e-5

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
-from mindstage.bridge.access import is_loopback
-from mindstage.engines.remote.address import RemoteProfile, RemoteUrl
+from mindstage.bridge.server import is_loopback
+from mindstage.engines.remote.client import RemoteProfile, RemoteUrl, ServiceClient
+from mindstage.engines.remote.compiled import CompiledRemoteEngine
 from mindstage.engines.remote.engine import RemoteEngine
-from mindstage.engines.remote.link import ServiceClient
 from mindstage.engines.remote.mindstage import MeshExporter, MindstageRemoteEngine
-from mindstage.engines.remote.planned import CompiledRemoteEngine
 from mindstage.engines.remote.unreal import UnrealEngine
 from mindstage.errors import BridgeError, EngineUnavailableError
 from mindstage.msgs import engine_service
@@ -51,7 +50,7 @@ def _mesh_exporter(address: RemoteUrl) -> MeshExporter:
     """Files go where whoever is on this machine can read them."""
     if not is_loopback(address.host):
         return lambda form: ""
-    from mindstage.exports import cache_geometry_glb
+    from mindstage.assets.cache import cache_geometry_glb
 
     return cache_geometry_glb
 

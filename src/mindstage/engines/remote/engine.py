@@ -10,9 +10,8 @@ from __future__ import annotations
 
 from abc import abstractmethod
 
-from mindstage.engines.contract import Engine, EngineStats
-from mindstage.engines.remote.address import RemoteProfile, RemoteUrl
-from mindstage.engines.remote.link import ServiceClient
+from mindstage.engines.base import Engine, EngineStats
+from mindstage.engines.remote.client import RemoteProfile, RemoteUrl, ServiceClient
 from mindstage.errors import EngineClosedError, UnsupportedByEngineError
 
 __all__ = ["RemoteEngine"]
@@ -47,7 +46,7 @@ class RemoteEngine(Engine):
         Raises:
             EngineUnavailableError: nobody is there, or no engine.
         """
-        from mindstage.engines.remote.meeting import connect
+        from mindstage.engines.remote.connect import connect
 
         where = RemoteUrl.parse(address) if isinstance(address, str) else address
         return connect(where, profile=profile or where.profile, timeout_s=timeout_s, control_time=control_time)

@@ -1,5 +1,10 @@
-"""MindstageEngine: the engine of another Mindstage, with the whole contract and nothing lost on the way."""
-# ruff: noqa: D102 - the contract documents an engine's methods, once for all
+"""MindstageEngine: the engine of another Mindstage, with the whole contract and nothing lost on the way.
+
+Parcel: what of a world can travel as JSON, and why the rest cannot.
+
+JSON has no NaN and no infinity. An engine in the same process would spawn what it can of such a world and list the
+rest, so a far one does too. The same holds for forms.
+"""
 
 from __future__ import annotations
 
@@ -7,12 +12,13 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
-from typing import Any, NamedTuple
+from dataclasses import replace
+from typing import Any, NamedTuple, TypeVar
 from weakref import finalize
 
 import msgspec
 
-from mindstage.bridge.description import (
+from mindstage.bridge.conversions import (
     color_from_message,
     color_message,
     geometry_to_json,
@@ -23,31 +29,106 @@ from mindstage.bridge.description import (
     to_json,
     vector_message,
     world_from_json,
+    world_to_json,
 )
-from mindstage.engines.contract import Capability, PoseArray, SavedState, SpawnReport
-from mindstage.engines.inventory import pose_error
-from mindstage.engines.remote.address import RemoteProfile
+from mindstage.engines.base import (
+    Capability,
+    PoseArray,
+    SavedState,
+    SpawnFailure,
+    SpawnNote,
+    SpawnNoteKind,
+    SpawnReport,
+)
+from mindstage.engines.collision_shapes import compile_geometry
+from mindstage.engines.registry import EntityRegistry, pose_error
+from mindstage.engines.remote.client import RemoteProfile, ServiceClient
 from mindstage.engines.remote.engine import RemoteEngine
-from mindstage.engines.remote.link import ServiceClient
-from mindstage.engines.remote.parcel import encode_geometry, encode_world
-from mindstage.errors import EngineError, EngineUnavailableError, PoseUnreachableError, WorldError
+from mindstage.errors import (
+    EngineError,
+    EngineUnavailableError,
+    MessageValidationError,
+    PoseUnreachableError,
+    WorldError,
+)
 from mindstage.msgs import Message, Service, encode, engine_service
 from mindstage.msgs import mindstage_msgs as wire
-from mindstage.world import (
+from mindstage.scene import (
     NO_GEOMETRY,
+    Body,
     BodyGeometry,
     BodyId,
     BodyPhysics,
     Color,
     GeometryMap,
     Iri,
+    Joint,
+    Light,
     Material,
     Pose,
     Vector,
     World,
 )
 
-__all__ = ["MeshExporter", "MindstageRemoteEngine"]
+__all__ = ["MeshExporter", "MindstageRemoteEngine", "encode_geometry", "encode_world"]
+
+
+P = TypeVar("P", Body, Joint, Light)
+
+
+def encode_world(world: World) -> tuple[str, SpawnReport]:
+    """A world as JSON, and a report of what had to be left out.
+
+    Raises:
+        MessageValidationError: what is said about the map as a whole cannot travel.
+    """
+    try:
+        return world_to_json(world), SpawnReport()
+    except MessageValidationError:
+        pass  # one part of it cannot, and now it is looked which
+    refused = EntityRegistry().add(world)
+    reasons = {failure.id: failure.reason for failure in (*refused.failed_bodies, *refused.failed_joints)}
+    bodies, no_bodies = _split_encodable(world.bodies, reasons)
+    lights, no_lights = _split_encodable(world.lights, reasons)
+    constraints, no_constraints = _split_encodable(world.joints, reasons)
+    rest = msgspec.structs.replace(world, bodies=bodies, lights=lights, joints=constraints)
+    return world_to_json(rest), SpawnReport(failed_bodies=no_bodies + no_lights, failed_joints=no_constraints)
+
+
+def encode_geometry(geometry: GeometryMap) -> tuple[dict[BodyId, BodyGeometry], tuple[SpawnNote, ...]]:
+    """Forms without the solids that nobody can build, and a note for each that had some."""
+    usable: dict[str, tuple[BodyGeometry, int]] = {}
+    kept: dict[BodyId, BodyGeometry] = {}
+    notes: list[SpawnNote] = []
+    for id, form in geometry.items():
+        if form.key not in usable:
+            ready = compile_geometry(form.collision_shapes)
+            usable[form.key] = (
+                replace(form, collision_shapes=ready.shapes) if ready.invalid_count else form,
+                ready.invalid_count,
+            )
+        kept[id], left_out = usable[form.key]
+        if left_out:
+            text = f"{left_out} solids of {id}'s form have numbers that mean nothing; nothing touches them"
+            notes.append(SpawnNote(SpawnNoteKind.SHAPE, (id,), text))
+    return kept, tuple(notes)
+
+
+def _split_encodable(parts: Iterable[P], reasons: dict[str, str]) -> tuple[tuple[P, ...], tuple[SpawnFailure, ...]]:
+    """What can travel, and what cannot, in the words of other engines where they would refuse it as well."""
+    kept: list[P] = []
+    left: list[SpawnFailure] = []
+    for part in parts:
+        try:
+            to_json(part)
+        except MessageValidationError as error:
+            left.append(SpawnFailure(part.id, reasons.get(part.id, str(error))))
+        else:
+            kept.append(part)
+    return tuple(kept), tuple(left)
+
+
+# ruff: noqa: D102 - the contract documents an engine's methods, once for all
 
 MeshExporter = Callable[[BodyGeometry], str]
 """Puts what a form looks like where the far engine can read it, and gives the name of that; empty if it cannot."""

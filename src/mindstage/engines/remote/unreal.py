@@ -4,38 +4,225 @@ What the plugin has no service for is an `UnsupportedByEngineError`: to detach, 
 tells what stands there. So the log is the world as it was given, with the poses that are read, one by one; a pose
 that Unreal has only rounded comes back as it was given. Unreal's time is its own and passes as the clock on the wall
 does: `step` waits for it.
+
+Plugin: the services of Unreal's UROSWorldControl, by the names that it gives them.
+
+Delivery: a world goes to Unreal's plugin: bodies first, and once they stand, constraints and attachments.
+
+The plugin would join what is left of a pair to whatever has the other's id. So it is sent only constraints and
+attachments between bodies that stand there because of us.
 """
-# ruff: noqa: D102 - the contract documents an engine's methods, once for all
 
 from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from types import MappingProxyType
+from typing import Any
 
+import msgspec
 import numpy as np
 
-from mindstage.bridge.description import color_code, physics_message, pose_array_from_messages, pose_message
-from mindstage.engines.contract import Capability, PoseArray, SavedState, SpawnReport
-from mindstage.engines.inventory import EntityRegistry, pose_error
-from mindstage.engines.remote.address import RemoteProfile
-from mindstage.engines.remote.delivery import spawn_in_unreal
+from mindstage.bridge.conversions import color_code, pose_array_from_messages, pose_message
+from mindstage.bridge.conversions_unreal import (
+    joint_message,
+    model_message,
+    physics_message,
+    relation_message,
+    spawn_model_request,
+    untranslatable_fields,
+)
+from mindstage.engines.base import (
+    Capability,
+    PoseArray,
+    SavedState,
+    SpawnFailure,
+    SpawnNote,
+    SpawnNoteKind,
+    SpawnReport,
+)
+from mindstage.engines.registry import AddResult, EntityRegistry, pose_error
+from mindstage.engines.remote.client import RemoteProfile, ServiceClient
 from mindstage.engines.remote.engine import RemoteEngine
-from mindstage.engines.remote.link import ServiceClient
-from mindstage.engines.remote.plugin import UROSWorldControlClient
 from mindstage.errors import (
+    BodyExistsError,
     EngineError,
     EngineUnavailableError,
     PoseUnreachableError,
     UnsupportedByEngineError,
     WorldError,
 )
+from mindstage.msgs import Message, Service, snake_case
 from mindstage.msgs import world_control_msgs as wire
-from mindstage.world import NO_GEOMETRY, BodyId, BodyPhysics, Color, GeometryMap, Material, Pose, Vector, World
-from mindstage.world.geometry import pose_array, pose_from_array, quat_angle
+from mindstage.scene import (
+    NO_GEOMETRY,
+    Attachment,
+    Body,
+    BodyId,
+    BodyPhysics,
+    Color,
+    GeometryMap,
+    Material,
+    Pose,
+    Vector,
+    World,
+)
+from mindstage.scene.transforms import pose_array, pose_from_array, quat_angle
 
-__all__ = ["UnrealEngine"]
+__all__ = ["TIMEOUT_PER_ENTITY_S", "UROSWorldControlClient", "UnrealEngine", "spawn_in_unreal"]
+
+
+TIMEOUT_PER_ENTITY_S = 0.05
+"""So much longer may a call take for each model or constraint that it is about [s]."""
+_SERVICE_NAMES: dict[type[Service], str] = {
+    wire.SetMaterial: "change_material",
+    wire.HighlightModel: "highlight_models",
+}
+"""Services that are not called after their type."""
+_PING_REQUEST = wire.GetModelPose.Request(id="mindstage-ping")
+
+
+class UROSWorldControlClient:
+    """Calls one plugin."""
+
+    def __init__(self, client: ServiceClient) -> None:
+        self.client = client
+
+    @property
+    def is_available(self) -> bool:
+        """Whether anybody at the other end offers its services."""
+        return self.client.is_available(self._service_name(wire.GetModelPose), wire.GetModelPose, _PING_REQUEST)
+
+    def call(self, service: type[Service], request: Message, *, entity_count: int = 0) -> Any:
+        """Calls one service.
+
+        Args:
+            service: which.
+            request: every field of it is sent.
+            parts: how many models and constraints it is about, and so how long it may take.
+        """
+        self.client.wait_ready()
+        patience_s = self.client.timeout_s + TIMEOUT_PER_ENTITY_S * entity_count
+        return self.client.call(self._service_name(service), service, request, timeout_s=patience_s)
+
+    def call_each(self, service: type[Service], requests: Sequence[Message]) -> Iterator[Any]:
+        """Calls one service many times; the responses come in the order of the requests."""
+        self.client.wait_ready()
+        patience_s = self.client.timeout_s + TIMEOUT_PER_ENTITY_S * len(requests)
+        return self.client.call_each(self._service_name(service), service, requests, timeout_s=patience_s)
+
+    def poses(self, ids: Iterable[BodyId]) -> list[wire.GetModelPose.Response]:
+        """Where models are; they are read one by one."""
+        return list(self.call_each(wire.GetModelPose, [wire.GetModelPose.Request(id=id) for id in ids]))
+
+    def ping(self) -> None:
+        """Asks for a sign of life: where somebody is whom nobody knows."""
+        self.call(wire.GetModelPose, _PING_REQUEST)
+
+    def delete(self, ids: Iterable[BodyId]) -> tuple[BodyId, ...]:
+        """Takes models away; gives those that are still there."""
+        wanted = tuple(ids)
+        replies = self.call_each(wire.DeleteModel, [wire.DeleteModel.Request(id=id) for id in wanted])
+        refused = [id for id, reply in zip(wanted, replies, strict=True) if not reply.success]
+        return tuple(id for id, reply in zip(refused, self.poses(refused), strict=True) if reply.success)
+
+    def _service_name(self, service: type[Service]) -> str:
+        name = _SERVICE_NAMES.get(service) or snake_case(service)
+        return "/".join(("", *filter(None, self.client.address.namespace.split("/")), name))
+
+
+_NO_REASON = "Unreal's plugin did not spawn it, and gives no reason"
+
+
+def spawn_in_unreal(
+    client: UROSWorldControlClient, registry: EntityRegistry, world: World
+) -> tuple[SpawnReport, EntityRegistry]:
+    """Spawns what can be spawned; gives what became of it, and what stands there now.
+
+    Raises:
+        EngineError: the far side broke, and nobody knows what of it stands.
+    """
+    trial = registry.copy()
+    fitting = trial.add(world)
+    failed = _spawn_bodies(client, [trial.bodies[id] for id in fitting.bodies])
+    fallen = {failure.id for failure in failed}
+    standing = tuple(trial.bodies[id] for id in fitting.bodies if id not in fallen)
+    trial = registry.copy()
+    added = trial.add(msgspec.structs.replace(world, bodies=standing))
+    _spawn_joints_and_attachments(client, trial, added)
+    added.failed_bodies[:] = [*fitting.failed_bodies, *failed]
+    return added.report(_omission_notes(world)), trial
+
+
+def _spawn_bodies(client: UROSWorldControlClient, bodies: Sequence[Body]) -> list[SpawnFailure]:
+    """Spawns them, and tells which do not stand."""
+    if not bodies:
+        return []
+    request = wire.SpawnSemanticMap.Request(models=tuple(map(model_message, bodies)))
+    refused = set(_spawn_map(client, request, entity_count=len(bodies)).failed_model_ids)
+    again = [body for body in bodies if body.id in refused]
+    # Only the reply to one alone says why; and should it stand now, all the better.
+    replies = client.call_each(wire.SpawnModel, [spawn_model_request(body) for body in again])
+    return [
+        SpawnFailure(body.id, _failure_reason(body, reply.etype))
+        for body, reply in zip(again, replies, strict=True)
+        if not reply.success
+    ]
+
+
+def _spawn_joints_and_attachments(client: UROSWorldControlClient, registry: EntityRegistry, added: AddResult) -> None:
+    """Spawns the constraints and attachments that were added, and takes back those that do not stand."""
+    constraints = [registry.joints[id] for id in added.joints]
+    attachments = [Attachment(parent=registry.parents[child], child=child) for child in added.attachments]
+    if not constraints and not attachments:
+        return
+    request = wire.SpawnSemanticMap.Request(
+        constraints=tuple(map(joint_message, constraints)),
+        relations=tuple(map(relation_message, attachments)),
+    )
+    reply = _spawn_map(client, request, entity_count=len(constraints) + len(attachments))
+    loose = set(reply.failed_constraint_ids)
+    for id in [id for id in added.joints if id in loose]:
+        added.joints.remove(id)
+        added.failed_joints.append(SpawnFailure(id, _NO_REASON))
+        del registry.joints[id]
+    dropped = {relation.child_id for relation in reply.failed_relations}
+    for child in [child for child in added.attachments if child in dropped]:
+        added.attachments.remove(child)
+        added.failed_attachments.append(SpawnFailure(child, _NO_REASON))
+        registry.detach(child)
+
+
+def _spawn_map(
+    client: UROSWorldControlClient, request: wire.SpawnSemanticMap.Request, *, entity_count: int
+) -> wire.SpawnSemanticMap.Response:
+    reply: wire.SpawnSemanticMap.Response = client.call(wire.SpawnSemanticMap, request, entity_count=entity_count)
+    failed = bool(reply.failed_model_ids or reply.failed_constraint_ids or reply.failed_relations)
+    with client.client.validating("spawn_semantic_map"):
+        if reply.success is failed:
+            raise ValueError("success with failures" if failed else "no success, and nothing that failed")
+    return reply
+
+
+def _failure_reason(body: Body, etype: str) -> str:
+    match etype:
+        case wire.SpawnModel.Response.ID_TAKEN:
+            return str(BodyExistsError(body.id))
+        case wire.SpawnModel.Response.OBSTRUCTED:
+            return "something stands in its place"
+    return f"{_NO_REASON}; is there a mesh SM_{model_message(body).name} among its content?"
+
+
+def _omission_notes(world: World) -> Iterator[SpawnNote]:
+    """What Unreal does not know of the world; the log has it all the same."""
+    for remark in untranslatable_fields(world):
+        yield SpawnNote(
+            SpawnNoteKind.NOT_TRANSFERRED, tuple(remark.ids), f"Unreal does not know its {remark.field}: {remark.text}"
+        )
+
+
+# ruff: noqa: D102 - the contract documents an engine's methods, once for all
 
 _ROUNDED_M, _ROUNDED_RAD = 2e-6, 1e-5
 """What single precision does to a pose of a meter's size on its way to centimetres and back, and some more."""

@@ -5,20 +5,25 @@ from __future__ import annotations
 from collections.abc import Mapping
 from types import MappingProxyType
 
-from mindstage.shapes.design import ShapeTemplate
-from mindstage.shapes.kinds.building import Door, OpeningFrame, Picture, RoomShell, Wall, Window
-from mindstage.shapes.kinds.containers import Basket, Bin, Crate, Sink
-from mindstage.shapes.kinds.devices import Appliance, CoffeeMaker, CookerHood, Kettle, Radiator, Screen, WallClock
-from mindstage.shapes.kinds.fittings import DoorLever, Handle, Hob, Knob, Tap
-from mindstage.shapes.kinds.furniture import Bed, Chair, Countertop, Shelf, Sofa, TableShape
-from mindstage.shapes.kinds.lights import Lamp
-from mindstage.shapes.kinds.packages import Bag, Bottle, Can, Carton, Jar
-from mindstage.shapes.kinds.plain import BoxShape, Cylinder, Panel, Sphere, TableLeg
-from mindstage.shapes.kinds.racks import WireRack
-from mindstage.shapes.kinds.storage import Cabinet, Drawer
-from mindstage.shapes.kinds.things import Book, Cushion, PaperRoll, Person, Plant, Towel
-from mindstage.shapes.kinds.utensils import Cutlery
-from mindstage.shapes.kinds.vessels import Bowl, DinnerPlate, DrinkingGlass, Lid, Mug, Pan, Pot
+from mindstage.geometry.procedural.appliances import (
+    Appliance,
+    CoffeeMaker,
+    CookerHood,
+    Kettle,
+    Radiator,
+    Screen,
+    WallClock,
+)
+from mindstage.geometry.procedural.architecture import Door, OpeningFrame, Picture, RoomShell, Wall, Window
+from mindstage.geometry.procedural.builder import ShapeTemplate
+from mindstage.geometry.procedural.containers import Basket, Bin, Crate, Sink, WireRack
+from mindstage.geometry.procedural.furniture import Bed, Cabinet, Chair, Countertop, Drawer, Shelf, Sofa, TableShape
+from mindstage.geometry.procedural.hardware import DoorLever, Handle, Hob, Knob, Tap
+from mindstage.geometry.procedural.household import Book, Cushion, PaperRoll, Person, Plant, Towel
+from mindstage.geometry.procedural.lamps import Lamp
+from mindstage.geometry.procedural.packaging import Bag, Bottle, Can, Carton, Jar
+from mindstage.geometry.procedural.primitives import BoxShape, Cylinder, Panel, Sphere, TableLeg
+from mindstage.geometry.procedural.tableware import Bowl, Cutlery, DinnerPlate, DrinkingGlass, Lid, Mug, Pan, Pot
 
 __all__ = ["SHAPE_TEMPLATES"]
 

@@ -8,10 +8,15 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from mindstage.shapes import finishes
-from mindstage.shapes.design import Count, MaterialRoles, ShapeTemplate, Thickness
-from mindstage.shapes.draft import GeometryBuilder
-from mindstage.shapes.sides import BodySide
+from mindstage.geometry.procedural import materials as finishes
+from mindstage.geometry.procedural.builder import (
+    BodySide,
+    Count,
+    GeometryBuilder,
+    MaterialRoles,
+    ShapeTemplate,
+    Thickness,
+)
 
 __all__ = ["Appliance", "CoffeeMaker", "CookerHood", "Kettle", "Radiator", "Screen", "WallClock"]
 

@@ -8,11 +8,18 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from mindstage.shapes import finishes
-from mindstage.shapes.design import Count, Length, MaterialRoles, ShapeTemplate, Thickness
-from mindstage.shapes.draft import GeometryBuilder
-from mindstage.shapes.sides import BodySide, Cutout
-from mindstage.world.geometry import Array
+from mindstage.geometry.procedural import materials as finishes
+from mindstage.geometry.procedural.builder import (
+    BodySide,
+    Count,
+    Cutout,
+    GeometryBuilder,
+    Length,
+    MaterialRoles,
+    ShapeTemplate,
+    Thickness,
+)
+from mindstage.scene.transforms import Array
 
 __all__ = ["Door", "OpeningFrame", "Picture", "RoomShell", "Wall", "Window"]
 

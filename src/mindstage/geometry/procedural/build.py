@@ -15,13 +15,19 @@ from typing import Any
 import msgspec
 
 from mindstage.errors import InvalidShapeError, ShapeNotFoundError, suggestion
-from mindstage.shapes.design import ShapeTemplate
-from mindstage.shapes.draft import GeometryBuilder, LocalSupportSurface, TemplateDoesNotFit
-from mindstage.shapes.kinds import SHAPE_TEMPLATES
-from mindstage.shapes.kinds.plain import BoxShape
-from mindstage.shapes.sides import AxisPermutation, BodySide, turn_between
-from mindstage.world import IDENTITY, Pose, Vector
-from mindstage.world.forms import (
+from mindstage.geometry.procedural import SHAPE_TEMPLATES
+from mindstage.geometry.procedural.builder import (
+    AxisPermutation,
+    BodySide,
+    GeometryBuilder,
+    LocalSupportSurface,
+    ShapeTemplate,
+    TemplateDoesNotFit,
+    turn_between,
+)
+from mindstage.geometry.procedural.primitives import BoxShape
+from mindstage.scene import IDENTITY, Pose, Vector
+from mindstage.scene.geometry import (
     AttachedLight,
     BodyGeometry,
     CollisionShape,

@@ -3,26 +3,396 @@
 A draft knows the size and nothing of what it becomes. Its frame has x to the front, y to the left, z up and the
 middle of the size at the origin. Parts are seen and touched alike unless told otherwise. What is finished fits the
 size exactly: the little that round parts miss of it is made up for by stretching everything.
+
+Holes: what is left of a plate where there are openings in it.
+
+Sides: which way a shape looks, and how it is turned into a body's own axes.
+
+Every shape is drawn once, with x to its front, y to its left and z up. A body may have its front at any of its six
+sides and up at any that is not opposite; between the two lies a turn by right angles, which loses no digit.
+
+Touchables: the convex parts of a shape while it is drawn, and how hollow things are cut into them.
+
+Designs: the kinds of shape, each a class whose fields are its parameters and whose `draw` makes it.
+
+Lengths are meters and wishes: a wall of 15 mm is thinner where a fifth of the size is less. Names of fields are those
+that an ontology uses (`ms:wall 0.012`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
-from functools import partial
-from typing import NamedTuple
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from enum import StrEnum
+from functools import cache, partial
+from itertools import combinations, product
+from types import MappingProxyType
+from typing import Annotated, ClassVar, NamedTuple
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from mindstage.shapes.holes import Hole, grid_cells, merge_narrow_strips
-from mindstage.shapes.sides import AxisPermutation, BodySide, Cutout, turn_between
-from mindstage.shapes.touchables import CollisionPart, covering_rectangles, ring_parts
-from mindstage.world import Vector
-from mindstage.world.forms import CollisionShapeType
-from mindstage.world.geometry import Array
-from mindstage.world.meshes import TriangleMesh, boxes, joined, lathe, loft, panel_with_cutouts, scaled, sweep
+from mindstage.errors import InvalidShapeError
+from mindstage.geometry.procedural import materials as finishes
+from mindstage.scene import IDENTITY, Pose, Quaternion, Vector
+from mindstage.scene.geometry import CollisionShape, CollisionShapeType, PbrMaterial
+from mindstage.scene.mesh import TriangleMesh, boxes, joined, lathe, loft, panel_with_cutouts, scaled, sweep
+from mindstage.scene.model import FrozenStruct
+from mindstage.scene.transforms import Array, quat_multiply, quaternion_from_matrix
 
-__all__ = ["GeometryBuilder", "LocalSupportSurface", "TemplateDoesNotFit"]
+__all__ = [
+    "AxisPermutation",
+    "BodySide",
+    "CollisionPart",
+    "Count",
+    "Cutout",
+    "Fraction",
+    "GeometryBuilder",
+    "Hole",
+    "Length",
+    "LocalSupportSurface",
+    "MaterialRoles",
+    "PositiveFraction",
+    "ShapeTemplate",
+    "TemplateDoesNotFit",
+    "Thickness",
+    "covering_rectangles",
+    "grid_cells",
+    "merge_narrow_strips",
+    "ring_parts",
+    "turn_between",
+]
+
+
+Hole = tuple[Array, Array]
+"""Its lower and its upper corner, across the plate."""
+
+_MIN_FILL = 0.6
+"""So much of the rectangle round two holes that meet they must fill to become one."""
+
+
+def grid_cells(low: Array, high: Array, holes: Sequence[Hole]) -> tuple[tuple[Array, Array], NDArray[np.bool_]]:
+    """A plate divided where its holes begin and end, and which cells are left of it."""
+    cuts = []
+    for axis in range(2):
+        marks = _each_once([low[axis], high[axis], *(corner[axis] for hole in holes for corner in hole)])
+        inner = marks[(marks > low[axis] + 1e-4) & (marks < high[axis] - 1e-4)]
+        inner = inner[np.diff(inner, prepend=-np.inf) > 1e-6]
+        cuts.append(np.array([low[axis], *inner, high[axis]]))
+    x, y = ((cut[:-1] + cut[1:]) / 2 for cut in cuts)
+    kept = np.ones((len(x), len(y)), dtype=bool)
+    for start, end in holes:
+        kept &= ~(((x > start[0]) & (x < end[0]))[:, None] & ((y > start[1]) & (y < end[1]))[None])
+    return (cuts[0], cuts[1]), kept
+
+
+def merge_narrow_strips(low: Array, high: Array, holes: Sequence[Hole], min_width: float) -> list[Hole]:
+    """Holes that are widened so that hardly any strip between their edges is narrower than asked.
+
+    Nothing can stand on such strips, none is worth a look, and every one costs an engine a part to look at.
+
+    Args:
+        low: the plate's lower corner, across it [m].
+        high: its upper corner.
+        holes: what is free.
+        least: how wide strips should be [m].
+    """
+    starts, ends = (np.array([hole[end] for hole in holes]).reshape(-1, 2) for end in (0, 1))
+    for axis in range(2):
+        marks = _each_once([low[axis], high[axis], *starts[:, axis], *ends[:, axis]])
+        first, last = _merge_marks(marks, min_width)
+        starts[:, axis] = first[np.searchsorted(marks, starts[:, axis])]
+        ends[:, axis] = last[np.searchsorted(marks, ends[:, axis])]
+    return _merge_holes(list(zip(starts, ends, strict=True)))
+
+
+def _each_once(marks: Sequence[float]) -> Array:
+    """The same numbers in order, each once: `numpy.unique` for few of them, which needs no `numpy.ma`."""
+    return np.array(sorted(set(marks)))
+
+
+def _merge_marks(marks: Array, min_width: float) -> tuple[Array, Array]:
+    """For each mark the first and the last of those so near each other that they are taken as one."""
+    first, last = marks.copy(), marks.copy()
+    begin = 0
+    for index in range(1, len(marks) + 1):
+        if index == len(marks) or marks[index] - marks[begin] >= min_width:
+            first[begin:index], last[begin:index] = marks[begin], marks[index - 1]
+            begin = index
+    return first, last
+
+
+def _merge_holes(holes: list[Hole]) -> list[Hole]:
+    """The same holes, those that meet as one where they fill most of the rectangle round them."""
+    for one, other in combinations(range(len(holes)), 2):
+        (low_a, high_a), (low_b, high_b) = holes[one], holes[other]
+        common = np.minimum(high_a, high_b) - np.maximum(low_a, low_b)
+        low, high = np.minimum(low_a, low_b), np.maximum(high_a, high_b)
+        fills = np.prod(high_a - low_a) + np.prod(high_b - low_b) - np.prod(np.maximum(common, 0.0))
+        if common.min() >= 0.0 and fills >= _MIN_FILL * np.prod(high - low):
+            rest = [hole for number, hole in enumerate(holes) if number not in (one, other)]
+            return _merge_holes([*rest, (low, high)])
+    return holes
+
+
+class BodySide(StrEnum):
+    """One of the six sides of a body, by its own axes."""
+
+    FRONT = "+x"
+    BACK = "-x"
+    LEFT = "+y"
+    RIGHT = "-y"
+    TOP = "+z"
+    BOTTOM = "-z"
+
+    @classmethod
+    def from_axis(cls, axis: int, sign: int) -> BodySide:
+        """The side at one end of an axis (0, 1, 2 for x, y, z)."""
+        return cls(f"{'+' if sign > 0 else '-'}{'xyz'[axis]}")
+
+    @property
+    def axis(self) -> int:
+        """0, 1, 2 for x, y, z."""
+        return "xyz".index(self.value[1])
+
+    @property
+    def sign(self) -> int:
+        """1 where the axis points, else -1."""
+        return 1 if self.value[0] == "+" else -1
+
+    @property
+    def opposite(self) -> BodySide:
+        """The side across."""
+        return BodySide.from_axis(self.axis, -self.sign)
+
+    @property
+    def vector(self) -> Vector:
+        """Where it looks, of length 1."""
+        x, y, z = (float(self.sign) if axis == self.axis else 0.0 for axis in range(3))
+        return (x, y, z)
+
+
+class Cutout(FrozenStruct, frozen=True, kw_only=True):
+    """A box that must stay free: a door's opening in a wall, a sink's in a worktop."""
+
+    low: Vector
+    """The corner with the smallest coordinates, in the body's frame."""
+    high: Vector
+
+
+class AxisPermutation:
+    """From the frame in which shapes are drawn into a body's own."""
+
+    def __init__(self, front: BodySide, up: BodySide) -> None:
+        if front.axis == up.axis:
+            raise InvalidShapeError("any", reason=f"its front {front.value} and its top {up.value} lie on one axis")
+        left = np.cross(up.vector, front.vector)
+        self.matrix: Array = np.stack([front.vector, left, up.vector], axis=1)
+        w, x, y, z = quaternion_from_matrix(self.matrix).tolist()
+        self.quaternion: Quaternion = (w, x, y, z)
+        self._axes = [int(np.flatnonzero(row)[0]) for row in self.matrix]
+        self.is_identity = bool(np.array_equal(self.matrix, np.eye(3)))
+        """Whether both frames are the same."""
+
+    def template_size(self, size: Vector) -> Vector:
+        """A body's extents along the drawn axes."""
+        x, y, z = (float(value) for value in np.abs(self.matrix.T) @ np.array(size))
+        return (x, y, z)
+
+    def body_size(self, template_size: Vector) -> Vector:
+        """Drawn extents along the body's axes."""
+        x, y, z = (template_size[axis] for axis in self._axes)
+        return (x, y, z)
+
+    def to_body(self, template_points: Array) -> Array:
+        """Points or directions, n x 3, in the body's frame."""
+        return template_points if self.is_identity else template_points @ self.matrix.T
+
+    def vector_to_body(self, template_vector: Vector) -> Vector:
+        """One point or direction in the body's frame."""
+        x, y, z = (self.matrix @ np.array(template_vector)).tolist()
+        return (x, y, z)
+
+    def template_side(self, side: BodySide) -> BodySide:
+        """A side of the body as the drawing calls it."""
+        drawn = self.matrix.T @ np.array(side.vector)
+        axis = int(np.flatnonzero(drawn)[0])
+        return BodySide.from_axis(axis, int(drawn[axis]))
+
+    def template_cutout(self, cutout: Cutout) -> tuple[Array, Array]:
+        """The two corners of a gap in the drawing."""
+        corners = np.array([cutout.low, cutout.high]) @ self.matrix
+        return corners.min(axis=0), corners.max(axis=0)
+
+
+@cache
+def turn_between(front: BodySide, up: BodySide) -> AxisPermutation:
+    """The turn of these two sides; there are only 24, so each is computed once. Its arrays must not be written to."""
+    return AxisPermutation(front, up)
+
+
+_SEGMENTS = 16
+"""Corners of a cylinder whose ends are no circles."""
+_MIN_UPRIGHT_RATIO = 0.75
+"""A wall whose foot is at least so wide as its rim, as a share, is taken as upright."""
+_CYLINDER_TURNS: tuple[tuple[float, float, float, float], ...] = (
+    (0.5**0.5, 0.0, 0.5**0.5, 0.0),
+    (0.5**0.5, -(0.5**0.5), 0.0, 0.0),
+    (1.0, 0.0, 0.0, 0.0),
+)
+"""Which turn lays a cylinder's axis along x, y, z."""
+
+
+class CollisionPart(NamedTuple):
+    """A convex part, in the drawing's frame."""
+
+    type: CollisionShapeType
+    points: Array
+    """Of a hull, its points; else the two corners of the box that it fills."""
+    axis: int = 2
+    """Of a cylinder."""
+    turn_rad: float = 0.0
+    """By how much it is turned about z, at `hub`, from where its points are."""
+    rotation_center: tuple[float, float] = (0.0, 0.0)
+
+    def scaled(self, scale: Array, shift: Array) -> CollisionPart:
+        """The same part larger or smaller along each axis, then moved."""
+        if self.turn_rad and not np.isclose(scale[0], scale[1], rtol=1e-9):
+            return self._as_fixed_hull().scaled(scale, shift)
+        x, y = (np.array(self.rotation_center) * scale[:2] + shift[:2]).tolist()
+        return self._replace(points=self.points * scale + shift, rotation_center=(x, y))
+
+    def clipped(self, low: Array, high: Array) -> CollisionPart:
+        """The same part, kept from standing out of a box by the last digit."""
+        return self if self.turn_rad else self._replace(points=np.clip(self.points, low, high))
+
+    def to_collision_shape(self, turn: AxisPermutation) -> CollisionShape | None:
+        """The part in the body's frame; None if it has no volume."""
+        if self.type is CollisionShapeType.CYLINDER and not self._is_circular():
+            return self._as_hull().to_collision_shape(turn)
+        low, high = self.points.min(axis=0), self.points.max(axis=0)
+        if (high - low).min() <= 1e-9:
+            return None
+        if self.turn_rad:
+            return self._rotated_shape(turn, low, high)
+        points = turn.to_body(self.points)
+        low, high = points.min(axis=0), points.max(axis=0)
+        center = (low + high) / 2
+        if self.type is CollisionShapeType.HULL:
+            local = tuple(_vector(point) for point in points - center)
+            return CollisionShape(type=self.type, size=_vector(high - low), pose=Pose(_vector(center)), points=local)
+        if self.type is not CollisionShapeType.CYLINDER:
+            return CollisionShape(type=self.type, size=_vector(high - low), pose=Pose(_vector(center)))
+        axis = int(np.flatnonzero(turn.matrix[:, self.axis])[0])
+        extents = high - low
+        across = float(np.delete(extents, axis).min())
+        quaternion = _CYLINDER_TURNS[axis] if axis != 2 else IDENTITY.quaternion
+        size = (across, across, float(extents[axis]))
+        return CollisionShape(type=self.type, size=size, pose=Pose(_vector(center), quaternion))
+
+    def _rotated_shape(self, turn: AxisPermutation, low: Array, high: Array) -> CollisionShape:
+        """One of several alike that stand round an axis: its own frame turns, its points stay."""
+        center = (low + high) / 2
+        cosine, sine = np.cos(self.turn_rad), np.sin(self.turn_rad)
+        x, y = center[:2] - self.rotation_center
+        spot = (
+            self.rotation_center[0] + cosine * x - sine * y,
+            self.rotation_center[1] + sine * x + cosine * y,
+            center[2],
+        )
+        about_z = [np.cos(self.turn_rad / 2), 0.0, 0.0, np.sin(self.turn_rad / 2)]
+        w, i, j, k = quat_multiply(turn.quaternion, about_z).tolist()
+        pose = Pose(turn.vector_to_body(spot), (w, i, j, k))
+        local = self.points - center if self.type is CollisionShapeType.HULL else ()
+        return CollisionShape(type=self.type, size=_vector(high - low), pose=pose, points=tuple(map(_vector, local)))
+
+    def _as_fixed_hull(self) -> CollisionPart:
+        """The same part as a hull whose points are where it is."""
+        points = self.points
+        if self.type is CollisionShapeType.BOX:
+            points = np.array(list(product(*points.T)))
+        cosine, sine = np.cos(self.turn_rad), np.sin(self.turn_rad)
+        x, y = points[:, 0] - self.rotation_center[0], points[:, 1] - self.rotation_center[1]
+        turned = [
+            self.rotation_center[0] + cosine * x - sine * y,
+            self.rotation_center[1] + sine * x + cosine * y,
+            points[:, 2],
+        ]
+        return CollisionPart(CollisionShapeType.HULL, np.stack(turned, axis=1))
+
+    def _is_circular(self) -> bool:
+        extents = np.delete(self.points[1] - self.points[0], self.axis)
+        return bool(abs(extents[0] - extents[1]) <= 1e-6 * extents.max())
+
+    def _as_hull(self) -> CollisionPart:
+        low, high = self.points
+        angle = np.arange(_SEGMENTS) * (2 * np.pi / _SEGMENTS)
+        across = [axis for axis in range(3) if axis != self.axis]
+        points = np.empty((2, _SEGMENTS, 3))
+        circle = np.stack([np.cos(angle), np.sin(angle)], axis=1).round(15)
+        points[:, :, across] = ((low + high) / 2)[across] + circle * ((high - low) / 2)[across]
+        points[0, :, self.axis], points[1, :, self.axis] = low[self.axis], high[self.axis]
+        return CollisionPart(CollisionShapeType.HULL, points.reshape(-1, 3))
+
+
+def ring_parts(
+    low: Array, high: Array, outer: tuple[float, float], inner: tuple[float, float], pieces: int
+) -> list[CollisionPart]:
+    """The wall of an upright round vessel as convex pieces.
+
+    Pieces of a circle are one and the same part, turned; they are boxes where the wall is nearly upright, which engines
+    like best, else hulls.
+
+    Args:
+        low: of the box that it stands in [m].
+        high: its other corner.
+        outer: radii outside at the bottom and at the top, as shares of the box.
+        inner: those inside.
+        pieces: how many.
+    """
+    half, middle = (high - low)[:2] / 2, (low + high)[:2] / 2
+    radius, step = float(half.min()), 2 * np.pi / pieces
+    hub = (float(middle[0]), float(middle[1]))
+    if min(outer) >= _MIN_UPRIGHT_RATIO * max(outer):
+        reach = radius * (outer[0] + outer[1]) / 2
+        chord, face = 2 * reach * np.sin(step / 2), reach * np.cos(step / 2)
+        wall = max(face - radius * (inner[0] + inner[1]) / 2 * np.cos(step / 2), 0.05 * reach)
+        corners = np.array(
+            [[hub[0] + face - wall, hub[1] - chord / 2, low[2]], [hub[0] + face, hub[1] + chord / 2, high[2]]]
+        )
+        one = CollisionPart(CollisionShapeType.BOX, corners, rotation_center=hub)
+    else:
+        angle = np.array([-step / 2, 0.0, step / 2])
+        circle = np.stack([np.cos(angle), np.sin(angle)], axis=1) * radius
+        rows = []
+        for level, outer_share, inner_share in zip((low[2], high[2]), outer, inner, strict=True):
+            row = np.concatenate([circle * outer_share, circle[[0, 2]] * inner_share]) + middle
+            rows.append(np.column_stack([row, np.full(len(row), level)]))
+        one = CollisionPart(CollisionShapeType.HULL, np.concatenate(rows), rotation_center=hub)
+    parts = [one._replace(turn_rad=number * step) for number in range(pieces)]
+    if np.isclose(half[0], half[1], rtol=1e-9):
+        return parts
+    scale = np.array([*(half / radius), 1.0])
+    return [part._as_fixed_hull().scaled(scale, np.array([*(middle * (1 - scale[:2])), 0.0])) for part in parts]
+
+
+def covering_rectangles(cuts: tuple[Array, Array], kept: NDArray[np.bool_]) -> Iterator[tuple[Array, Array]]:
+    """The kept cells of a plate as few rectangles, each by its two corners."""
+    left = kept.copy()
+    while left.any():
+        row, column = (int(index) for index in np.argwhere(left)[0])
+        end = column + int(np.argmin(np.append(left[row, column:], False)))
+        last = row + 1
+        while last < len(left) and left[last, column:end].all():
+            last += 1
+        left[row:last, column:end] = False
+        yield np.array([cuts[0][row], cuts[1][column]]), np.array([cuts[0][last], cuts[1][end]])
+
+
+def _vector(row: Array) -> Vector:
+    x, y, z = row.tolist()
+    return (x, y, z)
+
 
 _BEVEL_M = 0.004
 _SEGMENTS_BY_RADIUS = ((0.03, 32), (0.012, 20), (0.0, 12))
@@ -378,3 +748,46 @@ class GeometryBuilder:
         axes = [(thin_axis + 1) % 3, (thin_axis + 2) % 3]
         start, end = np.maximum(start, low)[axes], np.minimum(end, high)[axes]
         return (start, end) if (end - start).min() > 1e-4 else None
+
+
+Length = Annotated[float, msgspec.Meta(ge=0.0, le=1000.0)]
+"""[m]."""
+Thickness = Annotated[float, msgspec.Meta(ge=1e-4, le=1000.0)]
+"""[m]; of what cannot be left out."""
+Fraction = Annotated[float, msgspec.Meta(ge=0.0, le=1.0)]
+PositiveFraction = Annotated[float, msgspec.Meta(ge=0.05, le=1.0)]
+"""A share of what cannot be left out."""
+Count = Annotated[int, msgspec.Meta(ge=0, le=64)]
+
+MaterialRoles = Mapping[str, PbrMaterial | str]
+"""The surfaces that a shape has: each with what it is unless somebody says, or the role whose surface it shares."""
+
+
+class ShapeTemplate(FrozenStruct, frozen=True, kw_only=True):
+    """What all kinds of shape are."""
+
+    roles: ClassVar[MaterialRoles] = MappingProxyType({"body": finishes.PLAIN})
+
+    name: ClassVar[str] = ""
+    """The name of the shape in ontologies (`ms:shapedAs`); by default the class's name in lower case."""
+
+    @classmethod
+    def shape_name(cls) -> str:
+        """The name of the shape in ontologies."""
+        return cls.name or cls.__name__.lower()
+
+    def build(self, builder: GeometryBuilder) -> None:
+        """Draws the shape in the draft's size; raises `TemplateDoesNotFit` where that leaves no room for it."""
+        self._build(builder)
+
+    def _build(self, builder: GeometryBuilder) -> None:
+        raise NotImplementedError(f"{type(self).__name__} has to say how it is drawn")
+
+    def material_of(self, role: str, materials: Mapping[str, PbrMaterial]) -> PbrMaterial:
+        """What a role's surface is, by what was given."""
+        while role not in materials:
+            told = self.roles[role]
+            if isinstance(told, PbrMaterial):
+                return told
+            role = told
+        return materials[role]

@@ -7,11 +7,16 @@ from typing import ClassVar
 
 import numpy as np
 
-from mindstage.shapes import finishes
-from mindstage.shapes.design import Count, MaterialRoles, ShapeTemplate, Thickness
-from mindstage.shapes.draft import GeometryBuilder
-from mindstage.shapes.sides import BodySide
-from mindstage.world.geometry import Array
+from mindstage.geometry.procedural import materials as finishes
+from mindstage.geometry.procedural.builder import (
+    BodySide,
+    Count,
+    GeometryBuilder,
+    MaterialRoles,
+    ShapeTemplate,
+    Thickness,
+)
+from mindstage.scene.transforms import Array
 
 __all__ = ["DoorLever", "Handle", "Hob", "Knob", "Tap"]
 

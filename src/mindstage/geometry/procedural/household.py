@@ -8,10 +8,17 @@ from typing import ClassVar
 
 import numpy as np
 
-from mindstage.shapes import finishes
-from mindstage.shapes.design import Count, Fraction, MaterialRoles, PositiveFraction, ShapeTemplate, Thickness
-from mindstage.shapes.draft import GeometryBuilder
-from mindstage.shapes.sides import BodySide
+from mindstage.geometry.procedural import materials as finishes
+from mindstage.geometry.procedural.builder import (
+    BodySide,
+    Count,
+    Fraction,
+    GeometryBuilder,
+    MaterialRoles,
+    PositiveFraction,
+    ShapeTemplate,
+    Thickness,
+)
 
 __all__ = ["Book", "Cushion", "PaperRoll", "Person", "Plant", "Towel"]
 

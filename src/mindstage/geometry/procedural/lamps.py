@@ -7,10 +7,8 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from mindstage.shapes import finishes
-from mindstage.shapes.design import MaterialRoles, ShapeTemplate
-from mindstage.shapes.draft import GeometryBuilder
-from mindstage.shapes.sides import BodySide
+from mindstage.geometry.procedural import materials as finishes
+from mindstage.geometry.procedural.builder import BodySide, GeometryBuilder, MaterialRoles, ShapeTemplate
 
 __all__ = ["Lamp"]
 

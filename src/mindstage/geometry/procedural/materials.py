@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from mindstage.world.colors import rgb_from_hex
-from mindstage.world.forms import PbrMaterial
+from mindstage.scene.colors import rgb_from_hex
+from mindstage.scene.geometry import PbrMaterial
 
 __all__ = [
     "BAMBOO",

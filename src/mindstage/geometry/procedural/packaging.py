@@ -7,9 +7,14 @@ from typing import ClassVar
 
 import numpy as np
 
-from mindstage.shapes import finishes
-from mindstage.shapes.design import Fraction, MaterialRoles, PositiveFraction, ShapeTemplate
-from mindstage.shapes.draft import GeometryBuilder
+from mindstage.geometry.procedural import materials as finishes
+from mindstage.geometry.procedural.builder import (
+    Fraction,
+    GeometryBuilder,
+    MaterialRoles,
+    PositiveFraction,
+    ShapeTemplate,
+)
 
 __all__ = ["Bag", "Bottle", "Can", "Carton", "Jar"]
 

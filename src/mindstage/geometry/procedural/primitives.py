@@ -8,10 +8,8 @@ from typing import Annotated, ClassVar
 import msgspec
 import numpy as np
 
-from mindstage.shapes import finishes
-from mindstage.shapes.design import Length, MaterialRoles, ShapeTemplate
-from mindstage.shapes.draft import GeometryBuilder
-from mindstage.shapes.sides import BodySide
+from mindstage.geometry.procedural import materials as finishes
+from mindstage.geometry.procedural.builder import BodySide, GeometryBuilder, Length, MaterialRoles, ShapeTemplate
 
 __all__ = ["BoxShape", "Cylinder", "Panel", "Sphere", "TableLeg"]
 

@@ -8,16 +8,19 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import NamedTuple
 
-from mindstage.knowledge.bulk import gc_paused
-from mindstage.knowledge.readers.ameva import AMEVA_DIALECT, is_ameva, read_ameva
-from mindstage.knowledge.readers.knowrob1 import is_knowrob1, read_knowrob1
-from mindstage.knowledge.readers.semlog import read_semlog_map
-from mindstage.knowledge.readers.semlog_early import is_early_semlog, read_early_semlog
-from mindstage.knowledge.readers.soma import is_soma, read_soma
-from mindstage.knowledge.reading.crowds import check_duplicate_poses
-from mindstage.knowledge.reading.excerpt import SourceMap
-from mindstage.knowledge.reading.restating import check_restated_sizes, restated_sizes, without_restatements
-from mindstage.world import World
+from mindstage.knowledge.dialects.ameva import AMEVA_DIALECT, is_ameva, read_ameva
+from mindstage.knowledge.dialects.knowrob1 import is_knowrob1, read_knowrob1
+from mindstage.knowledge.dialects.semlog import (
+    check_duplicate_poses,
+    is_early_semlog,
+    read_early_semlog,
+    read_semlog_map,
+)
+from mindstage.knowledge.dialects.soma import is_soma, read_soma
+from mindstage.knowledge.dialects.soma_nodes import check_restated_sizes, restated_sizes, without_restatements
+from mindstage.knowledge.dialects.source_map import SourceMap
+from mindstage.knowledge.rdf import gc_paused
+from mindstage.scene import World
 
 __all__ = ["DIALECTS", "Dialect", "detect_dialect", "read_world"]
 

@@ -2,34 +2,259 @@
 
 How its numbers are meant is decided by evidence (see `inferred_membership`); what classes say of all their members, members then
 say themselves; and a joint gets the axis and range that the things it joins make likely. Whatever was there is kept.
+
+AMEVA's joints: what hangs on one, on which axis it moves, and how far.
+
+A joint there is a thing of its own that hangs on the body it moves, which hangs on the body it moves in. It has a
+pose and a class, LinearJoint or RevoluteJoint, and says nothing else. Drawers come out along the joint's x axis, at
+most by their own depth; a door turns about the edge that the joint is at, at most by a right angle; what has its joint
+in its middle is a knob and turns about its thinnest side's axis without end; all else turns upright.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import replace
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
 
-from mindstage.knowledge.readers.ameva_joints import add_joint_definitions
-from mindstage.knowledge.readers.semlog import read_semlog
-from mindstage.knowledge.readers.semlog_early import with_tag_properties
-from mindstage.knowledge.reading.census import types_of
-from mindstage.knowledge.reading.conventions import Handedness, LengthUnit, QuaternionOrder, UnitConventions
-from mindstage.knowledge.reading.conversion import convert_source_map, is_converted
-from mindstage.knowledge.reading.excerpt import SourceMap
-from mindstage.knowledge.reading.settling import infer_conventions
+import numpy as np
+
+from mindstage.knowledge.dialects.conventions import Handedness, LengthUnit, QuaternionOrder, UnitConventions
+from mindstage.knowledge.dialects.membership import types_of
+from mindstage.knowledge.dialects.semlog import read_semlog, with_tag_properties
+from mindstage.knowledge.dialects.source_map import SourceMap
+from mindstage.knowledge.dialects.unit_conversion import convert_source_map, is_converted, original_property
+from mindstage.knowledge.dialects.units import infer_conventions
+from mindstage.knowledge.rdf import Severity, local_name, part_name
+from mindstage.knowledge.rdf_mapping.fields import ClassSizes
+from mindstage.knowledge.rdf_mapping.nested import NESTED_ANGULAR_LIMITS, NESTED_LINEAR_LIMITS, NestedResource
+from mindstage.knowledge.rdf_mapping.properties import MASS, MESH, QUATERNION, SIZE, TRANSLATION, SubjectWriter
 from mindstage.knowledge.vocabulary import (
+    CHILD,
+    CONSTRAINT,
     EQUIVALENT_CLASS,
+    HAS_ANGULAR,
+    HAS_LINEAR,
+    HAS_POSE,
     HAS_VALUE,
     JOINT_CLASSES,
+    LINEAR_JOINT,
+    NAMED_INDIVIDUAL,
     ON_PROPERTY,
+    PARENT,
     SUBCLASS_OF,
     TYPE,
     knowrob,
 )
-from mindstage.knowledge.wording.words import MASS, MESH
-from mindstage.world import BlankNode, Iri, IriRef, PropertyAssertion, World
+from mindstage.scene import (
+    AngularLimits,
+    AxisMotion,
+    BlankNode,
+    Iri,
+    IriRef,
+    LinearLimits,
+    Pose,
+    PropertyAssertion,
+    World,
+)
+from mindstage.scene.transforms import Array, normalized_pose_array, rotation_matrix
 
-__all__ = ["AMEVA_DIALECT", "is_ameva", "read_ameva"]
+__all__ = ["AMEVA_DIALECT", "add_joint_definitions", "is_ameva", "read_ameva"]
+
+
+_CENTER_TOLERANCE = 0.1
+"""What is off the middle by less than this part of half the extent is in the middle."""
+_PANEL_RATIO = 0.4
+"""A door is thinner than this part of its shorter side."""
+_RIGHT_ANGLE = math.pi / 2
+
+
+@dataclass(frozen=True, slots=True)
+class _ObservedBody:
+    """Where something is, and how large, as far as the map says."""
+
+    pose: Array
+    size: Array | None
+
+    @property
+    def axes(self) -> Array:
+        """In columns."""
+        return rotation_matrix(self.pose[3:])
+
+
+def add_joint_definitions(source_map: SourceMap) -> SourceMap:
+    """The excerpt, whose joints say in dialect 1's words what they join and how it moves."""
+    joints = [iri for iri in source_map.members if JOINT_CLASSES.intersection(types_of(source_map.graph[iri]))]
+    if not joints:
+        return source_map
+    joining = _AmevaJointReader(source_map)
+    for joint in joints:
+        joining.add_joint(joint)
+    evidence = f"{len(joints)} joints tell neither; bodies' sizes and where the joints are do"
+    source_map.record_assumption("joints", "axes and limits", evidence)
+    return replace(source_map, graph=joining.graph)
+
+
+class _AmevaJointReader:
+    def __init__(self, source_map: SourceMap) -> None:
+        self.source_map = source_map
+        self.graph: dict[Iri, Sequence[PropertyAssertion]] = dict(source_map.graph)
+        self.sizes = ClassSizes([source_map.graph, *source_map.ontologies], source_map.hierarchy, _ignore_finding)
+        self.parents = _parents(source_map)
+        self.joined_pairs: set[tuple[Iri, Iri]] = set()
+        """Pairs that a joint joins already."""
+
+    def add_joint(self, joint: Iri) -> None:
+        """Says what a joint joins, unless it says so itself; and how, unless it says that."""
+        facts = self.graph[joint]
+        told = {fact.property for fact in facts}
+        self._add(joint, PropertyAssertion(TYPE, IriRef(CONSTRAINT)))
+        ends = _referenced_iris(facts, PARENT), _referenced_iris(facts, CHILD)
+        if ends[0] and ends[1]:
+            base, moving = ends[0][0], ends[1][0]
+        else:
+            moving = next(iter(ends[0] or ends[1]), self.parents.get(joint, joint))
+            base = self.parents.get(moving, joint)
+            if joint in (base, moving):
+                return  # it is left out, for want of an end, by whoever makes the world
+            self._preserve_as_original(joint, PARENT, moving)
+            self._preserve_as_original(joint, CHILD, moving)
+            self._preserve_as_original(moving, CHILD, joint)
+            self._preserve_as_original(moving, PARENT, joint)
+            self._add(joint, PropertyAssertion(PARENT, IriRef(base)), PropertyAssertion(CHILD, IriRef(moving)))
+        self._preserve_as_original(moving, PARENT, base)
+        self._preserve_as_original(base, CHILD, moving)
+        if HAS_LINEAR in told or HAS_ANGULAR in told:
+            return
+        linear, angular, what = self._infer_motion(joint, base, moving)
+        self._add_nested(joint, NESTED_LINEAR_LIMITS, linear)
+        self._add_nested(joint, NESTED_ANGULAR_LIMITS, angular)
+        self.source_map.report(
+            Severity.WARNING,
+            joint,
+            HAS_LINEAR,
+            "the joint tells neither an axis nor limits",
+            f"{local_name(moving)} {what}",
+        )
+
+    def _infer_motion(self, joint: Iri, parent: Iri, child: Iri) -> tuple[LinearLimits, AngularLimits, str]:
+        free = AxisMotion.FREE
+        if (parent, child) in self.joined_pairs:
+            what = "hangs on another joint already, so that this one lets it move as it may"
+            return LinearLimits(x=free, y=free, z=free), AngularLimits(swing1=free, swing2=free, twist=free), what
+        self.joined_pairs.add((parent, child))
+        frame, body = self._observe(joint), self._observe(child)
+        if LINEAR_JOINT in types_of(self.graph[joint]):
+            limit = _slide_limit(body, frame)
+            what = f"slides along the joint's x axis by at most {limit:.3g} m either way"
+            return LinearLimits(x=AxisMotion.LIMITED, limit=limit), AngularLimits(), what
+        axis, limited = _hinge_axis(body, frame)
+        number = 2 if frame is None else int(np.argmax(np.abs(frame.axes.T @ axis)))
+        motion, limit = (AxisMotion.LIMITED, _RIGHT_ANGLE) if limited else (free, 0.0)
+        angular = (
+            AngularLimits(twist=motion, twist_limit=limit),
+            AngularLimits(swing2=motion, swing2_limit=limit),
+            AngularLimits(swing1=motion, swing1_limit=limit),
+        )[number]
+        how = "by at most a right angle either way" if limited else "without end"
+        return LinearLimits(), angular, f"turns about the joint's {'xyz'[number]} axis {how}"
+
+    # -- what the map tells --------------------------------------------------------------------------------------------
+
+    def _observe(self, iri: Iri) -> _ObservedBody | None:
+        facts = self.graph.get(iri, ())
+        for fact in facts:
+            if fact.property != HAS_POSE:
+                continue
+            inner: Sequence[PropertyAssertion] = ()
+            if isinstance(fact.value, IriRef):
+                inner = self.graph.get(fact.value.iri, ())
+            elif isinstance(fact.value, BlankNode):
+                inner = fact.value.facts
+            position, quaternion = TRANSLATION.first_value(inner), QUATERNION.first_value(inner)
+            if position and quaternion:
+                (x, y, z), (w, i, j, k) = position, quaternion
+                return _ObservedBody(normalized_pose_array(Pose((x, y, z), (w, i, j, k))), self._size(facts))
+        return None
+
+    def _size(self, facts: Sequence[PropertyAssertion]) -> Array | None:
+        inherited = self.sizes.get(types_of(facts))
+        own = [word.first_value(facts) for word in SIZE]
+        size = [of_class if told is None else told for told, of_class in zip(own, inherited, strict=True)]
+        return None if None in size else np.array(size, dtype=np.float64)
+
+    # -- what is said --------------------------------------------------------------------------------------------------
+
+    def _add(self, iri: Iri, *facts: PropertyAssertion) -> None:
+        self.graph[iri] = [*self.graph[iri], *(fact for fact in facts if fact not in self.graph[iri])]
+
+    def _preserve_as_original(self, iri: Iri, property: Iri, other: Iri) -> None:
+        """Keeps a statement under another name, since in dialect 1 it would mean that the two cannot move."""
+        old, new = (
+            PropertyAssertion(property, IriRef(other)),
+            PropertyAssertion(original_property(property), IriRef(other)),
+        )
+        self.graph[iri] = [new if fact == old else fact for fact in self.graph.get(iri, ())]
+
+    def _add_nested(
+        self, owner: Iri, nested_resource: NestedResource[Any], value: LinearLimits | AngularLimits
+    ) -> None:
+        name = part_name(owner, nested_resource.suffix, self.graph)
+        said = SubjectWriter(name)
+        said.add_reference(TYPE, NAMED_INDIVIDUAL)
+        said.add_reference(TYPE, nested_resource.cls)
+        nested_resource.write(said, value)
+        self.graph[name] = said.all_facts()
+        self._add(owner, PropertyAssertion(nested_resource.property, IriRef(name)))
+
+
+def _slide_limit(body: _ObservedBody | None, frame: _ObservedBody | None) -> float:
+    """How far something comes out: by its own extent along the joint's x axis."""
+    if body is None or body.size is None:
+        return 0.0
+    direction = np.array([1.0, 0.0, 0.0]) if frame is None else frame.axes[:, 0]
+    return float(np.abs(body.axes.T @ direction) @ body.size)
+
+
+def _hinge_axis(body: _ObservedBody | None, frame: _ObservedBody | None) -> tuple[Array, bool]:
+    """The axis in the world about which something turns, and whether it ends."""
+    up = np.array([0.0, 0.0, 1.0])
+    if body is None or body.size is None or frame is None:
+        return up, True
+    half = np.maximum(body.size, 1e-6) / 2
+    off = np.abs(body.axes.T @ (frame.pose[:3] - body.pose[:3])) / half
+    thin, short, _ = np.argsort(half)
+    if off.max() < _CENTER_TOLERANCE:
+        return body.axes[:, thin], False
+    if half[thin] < _PANEL_RATIO * half[short]:
+        plane = [number for number in range(3) if number != thin]
+        side = max(plane, key=lambda number: float(off[number]))
+        return body.axes[:, next(number for number in plane if number != side)], True
+    return up, True
+
+
+def _parents(source_map: SourceMap) -> Mapping[Iri, Iri]:
+    """By child; the first that is told counts."""
+    members = set(source_map.members)
+    parents: dict[Iri, Iri] = {}
+    for iri in source_map.members:
+        for other in _referenced_iris(source_map.graph[iri], PARENT):
+            if other in members:
+                parents.setdefault(iri, other)
+    for iri in source_map.members:
+        for other in _referenced_iris(source_map.graph[iri], CHILD):
+            parents.setdefault(other, iri)
+    return parents
+
+
+def _referenced_iris(facts: Sequence[PropertyAssertion], property: Iri) -> list[Iri]:
+    return [fact.value.iri for fact in facts if fact.property == property and isinstance(fact.value, IriRef)]
+
+
+def _ignore_finding(severity: Severity, individual: str, property: str, problem: str, action: str) -> None:
+    """Whoever makes the world reports the same."""
+
 
 AMEVA_DIALECT = "AMEVA"
 AMEVA_DEFAULTS = UnitConventions(units=LengthUnit.CENTIMETERS, frame=Handedness.UNREAL, quaternion=QuaternionOrder.XYZW)

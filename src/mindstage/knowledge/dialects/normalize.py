@@ -12,20 +12,23 @@ from dataclasses import replace
 from math import isfinite
 from typing import Any, TypeVar
 
-from mindstage.knowledge.findings import Severity
-from mindstage.knowledge.names import local_name, part_name
-from mindstage.knowledge.readers.joint_frames import JointLimits
-from mindstage.knowledge.readers.semlog import read_semlog
-from mindstage.knowledge.reading.census import types_of
-from mindstage.knowledge.reading.excerpt import SourceMap
+from mindstage.knowledge.dialects.joints import JointLimits
+from mindstage.knowledge.dialects.membership import types_of
+from mindstage.knowledge.dialects.semlog import read_semlog
+from mindstage.knowledge.dialects.source_map import SourceMap
+from mindstage.knowledge.rdf import Severity, local_name, part_name
+from mindstage.knowledge.rdf_mapping import properties as words
+from mindstage.knowledge.rdf_mapping.fields import write_materials
+from mindstage.knowledge.rdf_mapping.nested import (
+    NESTED_ANGULAR_LIMITS,
+    NESTED_LINEAR_LIMITS,
+    NESTED_POSE,
+    NestedResource,
+    sorted_facts,
+)
+from mindstage.knowledge.rdf_mapping.properties import PropertyCodec, SubjectWriter
 from mindstage.knowledge.vocabulary import CHILD, CONSTRAINT, DESCRIBED_IN_MAP, HAS_LINEAR, HAS_POSE, PARENT, TYPE
-from mindstage.knowledge.wording import words
-from mindstage.knowledge.wording.materials import write_materials
-from mindstage.knowledge.wording.nesting import sorted_facts
-from mindstage.knowledge.wording.parts import NESTED_ANGULAR_LIMITS, NESTED_LINEAR_LIMITS, NESTED_POSE, NestedResource
-from mindstage.knowledge.wording.statements import SubjectWriter
-from mindstage.knowledge.wording.words import PropertyCodec
-from mindstage.world import (
+from mindstage.scene import (
     BlankNode,
     FactValue,
     Iri,

@@ -3,21 +3,54 @@
 Every individual that says `describedInMap` becomes a body, a constraint or a light, if it has a pose. Every statement
 about it that has no field stays a fact of it, and all else that the source says stays a resource: each statement of
 the source is in the world, once. What cannot be taken as it is told is reported, and written again as it was.
+
+Crowds: many bodies in one and the same place, which is what a map looks like whose poses were never written.
+
+Dialect 2, SemLog's early maps: dialect 1 without properties for the physics, of which the tags tell.
+
+Their constraints do not say what map they are described in; the census finds that out, since it is true of any map.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import NamedTuple, TypeVar
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple, TypeVar
 
-from mindstage.knowledge.analysis import is_constraint
-from mindstage.knowledge.findings import Severity
-from mindstage.knowledge.names import assign_ids, local_name
-from mindstage.knowledge.reading.census import types_of
-from mindstage.knowledge.reading.conventions import SI
-from mindstage.knowledge.reading.conversion import convert_source_map
-from mindstage.knowledge.reading.excerpt import SourceMap
-from mindstage.knowledge.reading.settling import default_conventions
+from mindstage.knowledge.dialects.conventions import SI
+from mindstage.knowledge.dialects.membership import types_of
+from mindstage.knowledge.dialects.source_map import SourceMap
+from mindstage.knowledge.dialects.unit_conversion import convert_source_map
+from mindstage.knowledge.dialects.units import default_conventions
+from mindstage.knowledge.map_statistics import is_constraint
+from mindstage.knowledge.rdf import FindingSink, Severity, assign_ids, local_name
+from mindstage.knowledge.rdf_mapping import properties as words
+from mindstage.knowledge.rdf_mapping.fields import (
+    AttachmentReader,
+    ClassSizes,
+    map_class_sizes,
+    parse_tags,
+    read_materials,
+    read_size,
+    read_tags,
+)
+from mindstage.knowledge.rdf_mapping.nested import (
+    NESTED_ANGULAR_LIMITS,
+    NESTED_LINEAR_LIMITS,
+    NESTED_POSE,
+    NestedResource,
+    NestedResourceReader,
+)
+from mindstage.knowledge.rdf_mapping.properties import (
+    GRAVITY,
+    MASS,
+    MOBILITY,
+    OVERLAP_EVENTS,
+    PropertyCodec,
+    SubjectReader,
+    literal_text,
+)
 from mindstage.knowledge.vocabulary import (
     CHILD,
     CONSTRAINT,
@@ -29,19 +62,11 @@ from mindstage.knowledge.vocabulary import (
     PARENT,
     RDFS,
     SEMANTIC_MAP,
+    TAGS_DATA,
     THING,
     TYPE,
 )
-from mindstage.knowledge.wording import words
-from mindstage.knowledge.wording.body_sizes import read_size
-from mindstage.knowledge.wording.materials import read_materials
-from mindstage.knowledge.wording.part_reading import NestedResourceReader
-from mindstage.knowledge.wording.parts import NESTED_ANGULAR_LIMITS, NESTED_LINEAR_LIMITS, NESTED_POSE, NestedResource
-from mindstage.knowledge.wording.relations import AttachmentReader
-from mindstage.knowledge.wording.sizes import ClassSizes, map_class_sizes
-from mindstage.knowledge.wording.statements import SubjectReader
-from mindstage.knowledge.wording.tags import read_tags
-from mindstage.world import (
+from mindstage.scene import (
     AngularLimits,
     Attachment,
     Body,
@@ -52,13 +77,42 @@ from mindstage.world import (
     Light,
     LightType,
     LinearLimits,
+    Literal,
     NamedResource,
     Pose,
     PrimitiveShape,
+    PropertyAssertion,
     World,
 )
 
-__all__ = ["read_semlog", "read_semlog_map"]
+__all__ = [
+    "check_duplicate_poses",
+    "is_early_semlog",
+    "read_early_semlog",
+    "read_semlog",
+    "read_semlog_map",
+    "with_tag_properties",
+]
+
+
+_MIN_DUPLICATES = 10
+"""So many bodies in one place are a crowd; a door, its panel and its hinge may well share one."""
+
+
+def check_duplicate_poses(world: World, report: FindingSink) -> None:
+    """Reports the places that many bodies are in."""
+    places = Counter(body.pose.position for body in world.bodies)
+    for place, number in places.items():
+        if number >= _MIN_DUPLICATES:
+            where = " ".join(f"{part:g}" for part in place)
+            report(
+                Severity.WARNING,
+                world.iri,
+                HAS_POSE,
+                f"{number:,} bodies are in one place ({where})",
+                "they stay there",
+            )
+
 
 T = TypeVar("T")
 
@@ -305,3 +359,63 @@ class _SemlogReader:
             all_classes=ClassSizes([own, *self.source_map.ontologies], self.source_map.hierarchy, self.report),
             map_classes=map_class_sizes(resources),
         )
+
+
+_TAG_CODECS: dict[str, PropertyCodec[Any]] = {
+    "mobility": MOBILITY,
+    "mass": MASS,
+    "gravity": GRAVITY,
+    "overlapevents": OVERLAP_EVENTS,
+}
+"""What tags tell, by their keys in small letters."""
+_MOBILITY_MARKER = ";mobility,"
+
+
+def is_early_semlog(source_map: SourceMap) -> bool:
+    """Whether tags alone tell of the mobility of something."""
+    return any(
+        fact.property == TAGS_DATA
+        and _MOBILITY_MARKER in (literal_text(fact.value) or "").lower()
+        and _lacks_mobility(facts)
+        for facts in (source_map.graph[member] for member in source_map.members)
+        for fact in facts
+    )
+
+
+def read_early_semlog(source_map: SourceMap) -> World:
+    """Reads a map of dialect 2."""
+    return read_semlog_map(with_tag_properties(source_map))
+
+
+def with_tag_properties(source_map: SourceMap) -> SourceMap:
+    """What is said nowhere but in tags, said as properties too."""
+    graph = dict(source_map.graph)
+    for member in source_map.members:
+        if told := list(_facts_from_tags(source_map, member, graph[member])):
+            graph[member] = [*graph[member], *told]
+    return replace(source_map, graph=graph)
+
+
+def _lacks_mobility(facts: Sequence[PropertyAssertion]) -> bool:
+    """Whether no property tells of the mobility."""
+    return all(fact.property != MOBILITY.property for fact in facts)
+
+
+def _facts_from_tags(
+    source_map: SourceMap, member: Iri, facts: Sequence[PropertyAssertion]
+) -> Iterator[PropertyAssertion]:
+    """What is said nowhere but in tags, as properties."""
+    if not _lacks_mobility(facts):
+        return
+    told = {fact.property for fact in facts}
+    for tag in (tag for fact in facts if fact.property == TAGS_DATA for tag in parse_tags(fact.value)):
+        word = _TAG_CODECS.get(tag.key.lower())
+        if word is None or word.property in told:
+            continue
+        told.add(word.property)
+        value = word.decode(Literal(tag.value))
+        if value is None:
+            what, did = f"the tag {tag.key} is {tag.value!r}, not {word.expected}", "it stays a tag without meaning"
+            source_map.report(Severity.WARNING, member, word.property, what, did)
+        else:
+            yield PropertyAssertion(word.property, word.encode(value))

@@ -5,12 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from mindstage.knowledge.findings import FindingSink
-from mindstage.knowledge.graph import Graph
-from mindstage.knowledge.reading.assumptions import Assumption, AssumptionSink
-from mindstage.knowledge.reading.conventions import UnitConventions
+from mindstage.knowledge.dialects.conventions import Assumption, AssumptionSink, UnitConventions
+from mindstage.knowledge.rdf import FindingSink, Graph
 from mindstage.knowledge.taxonomy import ClassHierarchy
-from mindstage.world import Iri
+from mindstage.scene import Iri
 
 __all__ = ["SourceMap"]
 

@@ -14,12 +14,11 @@ from enum import Enum
 from functools import lru_cache
 from typing import Any
 
-from mindstage.knowledge.names import local_name
-from mindstage.knowledge.reading.conventions import SI, Handedness, LengthUnit, QuaternionOrder, UnitConventions
-from mindstage.knowledge.reading.excerpt import SourceMap
-from mindstage.knowledge.vocabulary import FRAME, HAS_VALUE, ON_PROPERTY, QUATERNION_ORDER, UNITS, ms
-from mindstage.knowledge.wording.nesting import sorted_facts
-from mindstage.knowledge.wording.words import (
+from mindstage.knowledge.dialects.conventions import SI, Handedness, LengthUnit, QuaternionOrder, UnitConventions
+from mindstage.knowledge.dialects.source_map import SourceMap
+from mindstage.knowledge.rdf import local_name
+from mindstage.knowledge.rdf_mapping.nested import sorted_facts
+from mindstage.knowledge.rdf_mapping.properties import (
     LIMIT,
     QUATERNION,
     SIZE,
@@ -32,7 +31,8 @@ from mindstage.knowledge.wording.words import (
     PropertyCodec,
     literal_text,
 )
-from mindstage.world import BlankNode, Iri, IriRef, Literal, PropertyAssertion
+from mindstage.knowledge.vocabulary import FRAME, HAS_VALUE, ON_PROPERTY, QUATERNION_ORDER, UNITS, ms
+from mindstage.scene import BlankNode, Iri, IriRef, Literal, PropertyAssertion
 
 __all__ = [
     "CONVERTED_PROPERTIES",

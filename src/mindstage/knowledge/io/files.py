@@ -1,20 +1,25 @@
 """Files: from a path to bytes that are safe to parse, and an error with line and cause where that fails.
 
 A file that is wrong only in ways that SWI-Prolog forgives is repaired (see `xml_repair`), and tells what was done.
+
+The files that come with Mindstage: a household ontology and a furnished kitchen.
+
+Sources: what was read from one place, as statements in the store and, where a world is made of it, as exact text.
 """
 
 from __future__ import annotations
 
 import io
+import os
 import re
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import pyoxigraph as ox
 
 from mindstage.errors import SourceParseError
-from mindstage.knowledge.findings import Finding, Severity
-from mindstage.knowledge.sources.xml_files import (
+from mindstage.knowledge.io.xml import (
     DEPTH_LIMIT,
     UnsafeXmlEntity,
     expand_safe_entities,
@@ -24,10 +29,48 @@ from mindstage.knowledge.sources.xml_files import (
     is_complete,
     is_too_deep,
 )
-from mindstage.knowledge.sources.xml_repair import XmlNotRepairable, XmlRepair, repair_xml
-from mindstage.knowledge.vocabulary import RDF
+from mindstage.knowledge.io.xml_repair import XmlNotRepairable, XmlRepair, repair_xml
+from mindstage.knowledge.rdf import Finding, ObjectNode, QuadSource, Severity
+from mindstage.knowledge.rdf_mapping.properties import SIZE
+from mindstage.knowledge.vocabulary import DESCRIBED_IN_MAP, IMPORTS, ON_PROPERTY, RDF, SEMANTIC_MAP, TYPE
+from mindstage.scene import Iri
 
-__all__ = ["SUFFIXES", "SourceFile", "read_file"]
+__all__ = [
+    "BUNDLED_KITCHEN",
+    "SUFFIXES",
+    "Source",
+    "SourceFile",
+    "bundled_kitchen",
+    "bundled_ontology",
+    "map_path",
+    "read_file",
+]
+
+
+BUNDLED_KITCHEN = "bundled:kitchen"
+"""The name under which `KnowledgeBase.load` and every command of the shell take the bundled kitchen."""
+
+
+def map_path(name: str | os.PathLike[str]) -> str:
+    """The path of a map: that of the bundled kitchen for its name, any other as it is."""
+    path = os.fspath(name)
+    return os.fspath(bundled_kitchen()) if path == BUNDLED_KITCHEN else path
+
+
+def bundled_kitchen() -> Path:
+    """A kitchen to play with: a map of dialect 1."""
+    return _bundled_path("kitchen.owl")
+
+
+def bundled_ontology() -> Path:
+    """What a household holds, as classes that maps and questions share; every `KnowledgeBase` knows it unless told."""
+    return _bundled_path("household.ttl")
+
+
+def _bundled_path(name: str) -> Path:
+    # Wheels are always unpacked, so that a resource of ours is a file.
+    return Path(__file__).parent / "bundled" / name
+
 
 RDF_XML, TURTLE, N_TRIPLES = ox.RdfFormat.RDF_XML, ox.RdfFormat.TURTLE, ox.RdfFormat.N_TRIPLES
 SUFFIXES = {".owl": RDF_XML, ".rdf": RDF_XML, ".xml": RDF_XML, ".ttl": TURTLE, ".nt": N_TRIPLES}
@@ -251,3 +294,57 @@ def _failing_line(file: SourceFile) -> int | None:
 
 def _without_position(message: str) -> str:
     return re.sub(r"^Parser error at line \d+[^:]*: | \(line \d+\)$", "", message)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Source:
+    """One file, or one graph of an endpoint."""
+
+    name: str
+    """Its path, or the graph's name."""
+    graph: ox.NamedNode | ox.DefaultGraph
+    store: QuadSource
+    load_text: Callable[[], SourceFile]
+    """Gives its text, which may have to be fetched from where it is kept."""
+    is_map: bool
+    """Whether it was named as a map, and not only imported or given as an ontology."""
+    is_explicit: bool
+    """Whether it was named at all, and not only imported."""
+
+    @property
+    def path(self) -> Path:
+        """Where it lies, if it is a file."""
+        return Path(self.name)
+
+    def quads(self) -> Iterator[ox.Quad]:
+        """What it says, to the letter: the store itself writes numbers its own way."""
+        file = self.load_text()
+        base = self.graph.value if isinstance(self.graph, ox.NamedNode) else None
+        return ox.parse(file.data, file.format, base_iri=base)
+
+    def imported_iris(self) -> list[str]:
+        """What it names as its imports, in one order."""
+        return sorted(
+            quad.object.value for quad in self._quads_with_predicate(IMPORTS) if isinstance(quad.object, ox.NamedNode)
+        )
+
+    def maps(self) -> frozenset[Iri]:
+        """The maps that it tells of, or of something in them; a label stands for one without a name."""
+        nodes: set[object] = {quad.subject for quad in self._quads_with_predicate(TYPE, SEMANTIC_MAP)}
+        nodes.update(quad.object for quad in self._quads_with_predicate(DESCRIBED_IN_MAP))
+        named = {Iri(node.value) for node in nodes if isinstance(node, ox.NamedNode)}
+        return frozenset(named | {Iri(f"_:{node.value}") for node in nodes if isinstance(node, ox.BlankNode)})
+
+    def has_maps(self) -> bool:
+        """Whether it tells of a map or of something in one."""
+        return any(True for _ in self._quads_with_predicate(DESCRIBED_IN_MAP)) or any(
+            True for _ in self._quads_with_predicate(TYPE, SEMANTIC_MAP)
+        )
+
+    def has_class_sizes(self) -> bool:
+        """Whether it tells how large the things of some class are."""
+        return any(True for word in SIZE for _ in self._quads_with_predicate(ON_PROPERTY, word.property))
+
+    def _quads_with_predicate(self, property: Iri, value: Iri | None = None) -> Iterator[ox.Quad]:
+        node: ObjectNode | None = None if value is None else ox.NamedNode(value)
+        return self.store.quads_for_pattern(None, ox.NamedNode(property), node, self.graph)

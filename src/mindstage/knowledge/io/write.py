@@ -13,15 +13,13 @@ from pathlib import Path
 
 from mindstage.errors import MapWriteError
 from mindstage.files import atomic_write
-from mindstage.knowledge.bulk import gc_paused
-from mindstage.knowledge.reading.origin import SourceMapView
-from mindstage.knowledge.wording.blocks import to_sections
-from mindstage.knowledge.wording.prefixes import PrefixTable
-from mindstage.knowledge.writers.own_words import write_in_source_dialect
-from mindstage.knowledge.writers.rdfxml import to_rdf_xml
-from mindstage.knowledge.writers.soma import write_as_soma
-from mindstage.knowledge.writers.turtle import to_turtle
-from mindstage.world import World
+from mindstage.knowledge.dialects.soma_export import write_as_soma
+from mindstage.knowledge.graph_diff import SourceMapView
+from mindstage.knowledge.io.serializers import to_rdf_xml, to_turtle
+from mindstage.knowledge.io.write_original import write_in_source_dialect
+from mindstage.knowledge.rdf import gc_paused
+from mindstage.knowledge.rdf_mapping.serialize import PrefixTable, to_sections
+from mindstage.scene import World
 
 __all__ = ["MapDialect", "MapFormat", "save_file", "save_map", "write_map"]
 

@@ -13,11 +13,14 @@ from itertools import chain
 
 import msgspec
 
-from mindstage.knowledge.findings import Severity
-from mindstage.knowledge.reading.assumptions import Assumption
-from mindstage.knowledge.reading.census import individuals_by_map
-from mindstage.knowledge.reading.conventions import UnitConventions
-from mindstage.knowledge.reading.conversion import (
+from mindstage.knowledge.dialects import read_world
+from mindstage.knowledge.dialects.conventions import Assumption, UnitConventions
+from mindstage.knowledge.dialects.knowrob1 import KNOWROB1_DIALECT, perception_blocks
+from mindstage.knowledge.dialects.membership import individuals_by_map
+from mindstage.knowledge.dialects.soma_export import SOMA_DIALECT, SomaPoseWriter, write_as_soma
+from mindstage.knowledge.dialects.soma_nodes import SAME_DIALECT, dual_dialect_info, without_restatements
+from mindstage.knowledge.dialects.source_map import SourceMap
+from mindstage.knowledge.dialects.unit_conversion import (
     CONVERTED_PROPERTIES,
     is_converted,
     original_conventions,
@@ -25,18 +28,12 @@ from mindstage.knowledge.reading.conversion import (
     restore_declarations,
     restore_facts,
 )
-from mindstage.knowledge.reading.dialects import read_world
-from mindstage.knowledge.reading.excerpt import SourceMap
-from mindstage.knowledge.reading.losses import canonical_statement
-from mindstage.knowledge.reading.origin import SourceMapView
-from mindstage.knowledge.reading.restating import SAME_DIALECT, dual_dialect_info, without_restatements
+from mindstage.knowledge.graph_diff import SourceMapView, canonical_statement
+from mindstage.knowledge.rdf import Severity
+from mindstage.knowledge.rdf_mapping.nested import NESTED_RESOURCES, nest_blank_nodes
+from mindstage.knowledge.rdf_mapping.serialize import DocumentSection, SubjectBlock
 from mindstage.knowledge.vocabulary import CHILD, DIALECT, FRAME, HAS_POSE, PARENT, QUATERNION_ORDER, UNITS
-from mindstage.knowledge.wording.blocks import DocumentSection, SubjectBlock
-from mindstage.knowledge.wording.nesting import nest_blank_nodes
-from mindstage.knowledge.wording.parts import NESTED_RESOURCES
-from mindstage.knowledge.writers.knowrob1 import KNOWROB1_DIALECT, perception_blocks
-from mindstage.knowledge.writers.soma import SOMA_DIALECT, SomaPoseWriter, write_as_soma
-from mindstage.world import (
+from mindstage.scene import (
     Body,
     Iri,
     IriRef,

@@ -1,14 +1,41 @@
 """The questions: each declared once, for Python, shell and whatever else asks."""
 
-from mindstage.knowledge.questions.comparisons import MapDifference, MapEquality, differences, identical_maps
-from mindstage.knowledge.questions.composition import HandleOf, PartOf, handle_of, part_of
-from mindstage.knowledge.questions.devices import (
+from mindstage.knowledge.answer_format import answers_to_builtins, cell_text, subject_column
+from mindstage.knowledge.queries.individuals import (
+    HandleOf,
+    IndividualDescription,
+    JointSummary,
+    MapCounts,
+    PartOf,
+    analyse,
+    handle_of,
+    part_of,
+    what_is,
+)
+from mindstage.knowledge.queries.maps import (
+    InstanceOfClass,
+    MapDifference,
+    MapEquality,
+    MapInfo,
+    MapMember,
+    differences,
+    everything_in_map,
+    identical_maps,
+    individual_of_class,
+    maps,
+)
+from mindstage.knowledge.queries.spatial import JointOpenness, OpenState, SpatialRelationRow, openings, where_is
+from mindstage.knowledge.queries.storage import (
     ActionDevice,
     ActionDeviceInMap,
+    StoragePlace,
+    StoragePlaceInMap,
     device_for_action,
     device_for_action_in_environment,
+    storage_place,
+    storage_place_in_environment,
 )
-from mindstage.knowledge.questions.kinds import (
+from mindstage.knowledge.queries.taxonomy import (
     ClassRestrictionRow,
     SiblingClasses,
     SubclassRelation,
@@ -16,16 +43,7 @@ from mindstage.knowledge.questions.kinds import (
     siblings,
     subclass_of,
 )
-from mindstage.knowledge.questions.openings import JointOpenness, OpenState, openings
-from mindstage.knowledge.questions.places import (
-    InstanceOfClass,
-    MapInfo,
-    MapMember,
-    everything_in_map,
-    individual_of_class,
-    maps,
-)
-from mindstage.knowledge.questions.question import (
+from mindstage.knowledge.questions import (
     AnswerRow,
     Answers,
     ClassName,
@@ -40,15 +58,6 @@ from mindstage.knowledge.questions.question import (
     list_questions,
     question,
 )
-from mindstage.knowledge.questions.space import SpatialRelationRow, where_is
-from mindstage.knowledge.questions.storage import (
-    StoragePlace,
-    StoragePlaceInMap,
-    storage_place,
-    storage_place_in_environment,
-)
-from mindstage.knowledge.questions.telling import answers_to_builtins, cell_text, subject_column
-from mindstage.knowledge.questions.things import IndividualDescription, JointSummary, MapCounts, analyse, what_is
 
 __all__ = [
     "ActionDevice",

@@ -5,22 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from mindstage.knowledge.names import local_name
-from mindstage.knowledge.questions.question import (
-    AnswerRow,
-    ClassName,
-    MissingKnowledge,
-    PropertyName,
-    ValueName,
-    question,
-)
-from mindstage.knowledge.questions.words import expression_text, restriction_line, subclass_line, subproperty_line
-from mindstage.knowledge.reasoning import Expression, NamedClass
+from mindstage.knowledge.explain import expression_text, restriction_line, subclass_line, subproperty_line
+from mindstage.knowledge.owl import Expression, NamedClass
+from mindstage.knowledge.questions import AnswerRow, ClassName, MissingKnowledge, PropertyName, ValueName, question
+from mindstage.knowledge.rdf import local_name
 from mindstage.knowledge.vocabulary import SUBCLASS_OF, THING
-from mindstage.world import Iri
+from mindstage.scene import Iri
 
 if TYPE_CHECKING:
-    from mindstage.knowledge.base import KnowledgeBase
+    from mindstage.knowledge.knowledge_base import KnowledgeBase
 
 __all__ = ["ClassRestrictionRow", "SiblingClasses", "SubclassRelation", "class_properties", "siblings", "subclass_of"]
 

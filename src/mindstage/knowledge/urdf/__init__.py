@@ -4,9 +4,9 @@ A description becomes a map in the words of dialect 1 before anything else reads
 treat it as any other map. What has no field stays with its link or joint as the text that told it.
 """
 
-from mindstage.knowledge.robots.class_names import ClassNameIndex
-from mindstage.knowledge.robots.reading import is_urdf, read_urdf
-from mindstage.knowledge.robots.robot import UrdfRobot
-from mindstage.knowledge.robots.world import UrdfWorld, urdf_to_world
+from mindstage.knowledge.urdf.in_maps import ClassNameIndex
+from mindstage.knowledge.urdf.model import UrdfRobot
+from mindstage.knowledge.urdf.parse import is_urdf, read_urdf
+from mindstage.knowledge.urdf.to_world import UrdfWorld, urdf_to_world
 
 __all__ = ["ClassNameIndex", "UrdfRobot", "UrdfWorld", "is_urdf", "read_urdf", "urdf_to_world"]

@@ -1,30 +1,84 @@
 """Robot sources: descriptions as maps, and maps that leave places and joints to a description.
 
 Both become text in the words of dialect 1, which is all that anything later reads.
+
+Class names: what a link is, from the words that its name is made of.
 """
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 
 import pyoxigraph as ox
 
-from mindstage.knowledge.findings import Finding, Severity
-from mindstage.knowledge.graph import Graph
-from mindstage.knowledge.names import local_name
-from mindstage.knowledge.reading.assumptions import Assumption
-from mindstage.knowledge.reading.other_words import BASE_LINK_NAME, END_LINK_NAME, HAS_LOCALIZATION
-from mindstage.knowledge.robots import ClassNameIndex, UrdfRobot, UrdfWorld, read_urdf, urdf_to_world
-from mindstage.knowledge.sources.files import SourceFile
-from mindstage.knowledge.sources.packages import RosPackagePath
-from mindstage.knowledge.vocabulary import DESCRIBED_IN_MAP, HAS_POSE, THING
-from mindstage.knowledge.wording.words import literal_text
-from mindstage.knowledge.writers.mapwriter import MapFormat, write_map
-from mindstage.world import Iri, IriRef
+from mindstage.knowledge.dialects.conventions import Assumption
+from mindstage.knowledge.io.files import SourceFile
+from mindstage.knowledge.io.ros_packages import RosPackagePath
+from mindstage.knowledge.io.write import MapFormat, write_map
+from mindstage.knowledge.rdf import Finding, Graph, QuadSource, Severity, local_name
+from mindstage.knowledge.rdf_mapping.properties import literal_text
+from mindstage.knowledge.urdf.model import UrdfRobot
+from mindstage.knowledge.urdf.parse import read_urdf
+from mindstage.knowledge.urdf.to_world import UrdfWorld, urdf_to_world
+from mindstage.knowledge.vocabulary import (
+    BASE_LINK_NAME,
+    DESCRIBED_IN_MAP,
+    END_LINK_NAME,
+    HAS_LOCALIZATION,
+    HAS_POSE,
+    KNOWROB,
+    OWL,
+    OWL_CLASS,
+    RDFS,
+    THING,
+    TYPE,
+)
+from mindstage.scene import Iri, IriRef
 
-__all__ = ["UrdfSources", "linked_individuals"]
+__all__ = ["ClassNameIndex", "UrdfSources", "linked_individuals"]
+
+
+_WORD = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+")
+_IGNORED_WORDS = frozenset(
+    (
+        *("link", "main", "base", "frame", "body", "joint", "footprint", "root", "area", "block"),
+        *("left", "right", "upper", "lower", "top", "bottom", "middle", "front", "back", "inner", "outer"),
+        *("center", "centre", "vertical", "horizontal", "small", "big", "large"),
+    )
+)
+"""Words at the end of a link's name that say where it is, or nothing, but not what it is."""
+
+
+class ClassNameIndex:
+    """The classes that a store knows, by the words of their names."""
+
+    def __init__(self, store: QuadSource) -> None:
+        """Reads nothing yet."""
+        self._store = store
+
+    def class_of_link(self, link: str) -> Iri | None:
+        """The class that the end of a link's name spells: a Handle for `oven_door_handle_link`, and so on.
+
+        The longest end counts, so `fridge_door` is a FridgeDoor where there is such a class, and else a Door.
+        """
+        words = [word.lower() for word in _WORD.findall(link)]
+        while words and words[-1] in _IGNORED_WORDS:
+            words.pop()
+        ends = ("".join(words[start:]) for start in range(len(words)))
+        return next((self._classes_by_name[end] for end in ends if end in self._classes_by_name), None)
+
+    @cached_property
+    def _classes_by_name(self) -> dict[str, Iri]:
+        """By name in small letters; of several classes of one name, the community's own."""
+        quads = self._store.quads_for_pattern(None, ox.NamedNode(TYPE), ox.NamedNode(OWL_CLASS))
+        classes = {Iri(quad.subject.value) for quad in quads if isinstance(quad.subject, ox.NamedNode)}
+        told = sorted(cls for cls in classes if not cls.startswith((OWL, RDFS)))
+        told.sort(key=lambda cls: cls.startswith(KNOWROB))  # whoever comes last stays
+        return {local_name(cls).lower(): cls for cls in told}
 
 
 @dataclass(slots=True)

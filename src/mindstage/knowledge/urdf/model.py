@@ -6,7 +6,7 @@ from enum import StrEnum
 
 import msgspec
 
-from mindstage.world import Color, Pose, Vector
+from mindstage.scene import Color, Pose, Vector
 
 __all__ = ["UrdfGeometry", "UrdfGeometryType", "UrdfIssue", "UrdfJoint", "UrdfJointType", "UrdfLink", "UrdfRobot"]
 

@@ -1,18 +1,38 @@
-"""Elements: what a description's XML says, one piece after the other; what makes no sense becomes an oddity."""
+"""Elements: what a description's XML says, one piece after the other; what makes no sense becomes an oddity.
+
+Expansion: xacro's macros, by the package that defines what they mean, in a process that can be ended.
+
+A macro may hold any Python expression: one that never ends, or that takes all memory.
+
+Mesh sizes: the box around a mesh, where its file is at hand and of a plain format (STL, OBJ).
+
+Reading descriptions: from bytes to a `UrdfRobot`, whatever the bytes are.
+
+No document type is allowed, so there are no entities to blow up or to fetch, and what is too long or too deep is
+refused. Xacro is expanded by the package `xacro`, where that is installed.
+"""
 
 from __future__ import annotations
 
+import re
+import struct
+import subprocess
+import sys
 from collections.abc import Callable, Container, Iterator
+from importlib.util import find_spec
 from pathlib import Path
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
+from urllib.parse import unquote, urlsplit
 from xml.etree import ElementTree
+from xml.parsers import expat
 
 import numpy as np
 
 from mindstage.errors import SourceParseError
-from mindstage.knowledge.readers.joint_frames import to_vector
-from mindstage.knowledge.robots.mesh_sizes import mesh_bounds
-from mindstage.knowledge.robots.robot import (
+from mindstage.knowledge.dialects.joints import to_vector
+from mindstage.knowledge.io.ros_packages import RosPackagePath
+from mindstage.knowledge.rdf_mapping import properties as words
+from mindstage.knowledge.urdf.model import (
     UrdfGeometry,
     UrdfGeometryType,
     UrdfIssue,
@@ -21,12 +41,116 @@ from mindstage.knowledge.robots.robot import (
     UrdfLink,
     UrdfRobot,
 )
-from mindstage.knowledge.sources.packages import RosPackagePath
-from mindstage.knowledge.wording import words
-from mindstage.world import IDENTITY, Color, Pose, Vector
-from mindstage.world.geometry import normalized_pose_array, pose_from_array, pose_multiply, quat_multiply
+from mindstage.scene import IDENTITY, Color, Pose, Vector
+from mindstage.scene.transforms import Array, normalized_pose_array, pose_from_array, pose_multiply, quat_multiply
 
-__all__ = ["parse_robot"]
+__all__ = ["MeshBounds", "expand_xacro", "is_urdf", "mesh_bounds", "parse_robot", "read_urdf"]
+
+
+_TIMEOUT_S = 60.0
+"""How long a description may take to expand; a whole robot takes one second."""
+
+
+def expand_xacro(path: Path, packages: RosPackagePath, *, timeout_s: float = _TIMEOUT_S) -> bytes:
+    """A description without macros.
+
+    Raises:
+        SourceParseError: xacro is not installed, gives up, or does not end in time.
+    """
+    if not _is_installed():
+        cause = "it is written in xacro, which is not installed; try pip install mindstage[xacro]"
+        raise SourceParseError(str(path), cause=cause)
+    # -P: nothing that lies in the working directory is taken for a library.
+    command = [sys.executable, "-P", "-m", "mindstage.knowledge.urdf.xacro_worker", str(path)]
+    try:
+        done = subprocess.run(
+            [*command, *map(str, packages.folders)],
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            timeout=timeout_s,
+            check=False,
+        )
+    except subprocess.TimeoutExpired as error:
+        cause = f"xacro did not expand it within {timeout_s:g} s"
+        raise SourceParseError(str(path), cause=cause) from error
+    if done.returncode:
+        told = done.stderr.decode(errors="replace").strip().splitlines()
+        why = told[-1] if told else f"the process that did it ended with {done.returncode}"
+        raise SourceParseError(str(path), cause=f"xacro cannot expand it: {why}")
+    return done.stdout
+
+
+def _is_installed() -> bool:
+    try:
+        return find_spec("xacro") is not None
+    except ValueError:  # it was taken away on purpose
+        return False
+
+
+_LENGTH_LIMIT = 256 * 1024 * 1024
+
+
+class MeshBounds(NamedTuple):
+    """A box in the frame of the mesh, in the mesh's own units."""
+
+    center: Array
+    size: Array
+
+
+def mesh_bounds(name: str, urdf_path: Path, packages: RosPackagePath) -> MeshBounds | None:
+    """The box around a mesh; None where the file is not there, or is none that can be measured."""
+    try:
+        path = _mesh_path(name, urdf_path, packages)
+        measure = None if path is None else _FORMATS.get(path.suffix.lower())
+        # What is no plain file, a pipe or a device, may have no end.
+        if path is None or measure is None or not path.is_file() or path.stat().st_size > _LENGTH_LIMIT:
+            return None
+        data = path.read_bytes()
+    except (OSError, ValueError):
+        return None
+    points = measure(data)
+    if points is None or not len(points) or not np.isfinite(points).all():
+        return None
+    low, high = points.min(axis=0), points.max(axis=0)
+    return MeshBounds((low + high) / 2, high - low)
+
+
+def _mesh_path(name: str, urdf_path: Path, packages: RosPackagePath) -> Path | None:
+    if name.startswith("package:"):
+        try:
+            return packages.find(name)
+        except ValueError:
+            return None
+    parts = urlsplit(name)
+    if parts.scheme not in ("", "file"):
+        return None
+    return urdf_path.parent / unquote(parts.path)
+
+
+def _stl_vertices(data: bytes) -> Array | None:
+    if len(data) >= 84:
+        (count,) = struct.unpack_from("<I", data, 80)
+        if len(data) == 84 + 50 * count:
+            kind = np.dtype([("normal", "<f4", 3), ("points", "<f4", (3, 3)), ("rest", "<u2")])
+            facets = np.frombuffer(data, kind, count, 84)
+            return np.asarray(facets["points"].reshape(-1, 3), dtype=np.float64)
+    return _vertex_lines(data, b"vertex")
+
+
+def _obj_vertices(data: bytes) -> Array | None:
+    return _vertex_lines(data, b"v")
+
+
+def _vertex_lines(data: bytes, word: bytes) -> Array | None:
+    rows = [parts[1:4] for line in data.splitlines() if (parts := line.split())[:1] == [word]]
+    try:
+        return np.array(rows, dtype=np.float64).reshape(-1, 3)
+    except ValueError:
+        return None
+
+
+_FORMATS = {".obj": _obj_vertices, ".stl": _stl_vertices}
+
 
 T = TypeVar("T")
 Element = ElementTree.Element
@@ -264,3 +388,83 @@ def _parse_vector(text: str) -> Vector | None:
 def _element_text(element: Element) -> str:
     """An element as XML, without the blanks around it."""
     return ElementTree.tostring(element, encoding="unicode").strip()
+
+
+LENGTH_LIMIT = 64 * 1024 * 1024
+"""Bytes; the largest descriptions of robots have one or two million."""
+DEPTH_LIMIT = 200
+"""Elements inside elements; a description has six levels, and what simulators add a few more."""
+
+_HEAD = 64 * 1024
+_PROLOG = rb"(?>\s+|<\?.*?\?>|<!--.*?-->|<!DOCTYPE[^>\[]*(?:\[[^\]]*\]\s*)?>)*+"
+"""What may stand before the outermost element; nothing is tried twice, or a thousand comments would take for ever."""
+_ROBOT = re.compile(rb"\A(?:\xef\xbb\xbf)?" + _PROLOG + rb"<robot[\s/>]", re.DOTALL)
+_XACRO = re.compile(rb"xmlns:xacro\s*=|<xacro:")
+
+
+def is_urdf(path: Path) -> bool:
+    """Whether the outermost element of a file is a robot's; whether it can be read shows only then."""
+    try:
+        with path.open("rb") as file:
+            return _ROBOT.match(file.read(_HEAD)) is not None
+    except OSError:
+        return False  # who reads it says why it cannot be read
+
+
+def read_urdf(path: Path, packages: RosPackagePath) -> UrdfRobot:
+    """Reads a description.
+
+    Args:
+        path: the file, URDF or xacro.
+        packages: where `package://` meshes and the files that xacro includes are looked up.
+
+    Raises:
+        SourceParseError: there is no such file, it is too long or not well-formed, names a document type, or needs
+            xacro, and that is not installed or fails.
+    """
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise SourceParseError(str(path), cause=error.strerror or str(error)) from error
+    root = _parse_xml(path, data)
+    if root.tag != "robot":
+        raise SourceParseError(str(path), cause=f"its outermost element is <{root.tag}>, not <robot>")
+    if _XACRO.search(data):
+        pass
+
+        root = _parse_xml(path, expand_xacro(path, packages))
+    return parse_robot(root, path, packages)
+
+
+def _parse_xml(path: Path, data: bytes) -> ElementTree.Element:
+    if len(data) > LENGTH_LIMIT:
+        cause = f"it has {len(data):,} bytes; a robot's description may have {LENGTH_LIMIT:,}"
+        raise SourceParseError(str(path), cause=cause)
+    parser, builder, depth = expat.ParserCreate(), ElementTree.TreeBuilder(), 0
+
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        nonlocal depth
+        depth += 1
+        if depth > DEPTH_LIMIT:
+            cause = f"elements stand in one another more than {DEPTH_LIMIT} deep"
+            raise SourceParseError(str(path), cause=cause, line=parser.CurrentLineNumber)
+        builder.start(tag, attributes)
+
+    def end(tag: str) -> None:
+        nonlocal depth
+        depth -= 1
+        builder.end(tag)
+
+    def refuse(*_: object) -> None:
+        cause = "it has a document type (DOCTYPE), which a robot's description has no use for; take it out"
+        raise SourceParseError(str(path), cause=cause, line=parser.CurrentLineNumber)
+
+    parser.StartElementHandler, parser.EndElementHandler = start, end
+    parser.CharacterDataHandler = builder.data
+    parser.StartDoctypeDeclHandler = refuse
+    try:
+        parser.Parse(data, True)
+    except expat.ExpatError as error:
+        cause = f"it is not well-formed XML: {expat.ErrorString(error.code)}"
+        raise SourceParseError(str(path), cause=cause, line=error.lineno) from error
+    return builder.close()

@@ -6,7 +6,7 @@ import sys
 from contextlib import suppress
 from pathlib import Path
 
-from mindstage.knowledge.sources.packages import RosPackagePath
+from mindstage.knowledge.io.ros_packages import RosPackagePath
 
 __all__ = ["main"]
 

@@ -1,3 +1,0 @@
-"""Reading: which dialect a map is in, how its numbers are meant, and who lives in it."""
-
-__all__: list[str] = []
