@@ -131,10 +131,10 @@ def connect(
         EngineUnavailableError: nothing answers there, or no engine.
         SourceParseError: a file cannot be read.
     """
-    from mindstage.engines import RemoteEngine
+    from mindstage.engines import connect as connect_engine
 
     with ExitStack() as on_error:
-        engine = RemoteEngine.connect(url, timeout_s=timeout_s, control_time=holds_time)
+        engine = connect_engine(url, timeout_s=timeout_s, control_time=holds_time)
         on_error.callback(engine.close)
         knowledge = load_knowledge(maps, ontologies=ontologies, robots=robots)
         on_error.callback(knowledge.close)

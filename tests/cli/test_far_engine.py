@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from mindstage.engines import RemoteEngine
+from mindstage.engines import connect
 from mindstage.knowledge.io.files import BUNDLED_KITCHEN
 from tests.cli.typed import Run, WriteMap, json_output
 
@@ -35,7 +35,7 @@ def served() -> Iterator[str]:
 @pytest.fixture
 def far(served: str) -> Iterator[str]:
     yield served
-    with closing(RemoteEngine.connect(served)) as engine:
+    with closing(connect(served)) as engine:
         engine.clear()
 
 
@@ -65,7 +65,7 @@ def test_what_stands_far_away_already_is_not_swept_aside_for_a_check(far: str, r
     result = run("check", source, "--engine", far)
     assert result.exit_code == 2
     assert "its world is not empty" in result.stderr
-    with closing(RemoteEngine.connect(far)) as engine:
+    with closing(connect(far)) as engine:
         assert len(engine.poses()[0]) == 2
 
 

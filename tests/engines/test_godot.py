@@ -13,7 +13,7 @@ import pytest
 
 from mindstage.assets.cache import geometry_cache_dir
 from mindstage.bridge import LocalNode, RosbridgeServer
-from mindstage.engines import GodotEngine, RemoteEngine
+from mindstage.engines import GodotEngine, RemoteEngine, connect
 from mindstage.engines.godot_process import GodotProcess, find_godot, prepare_project
 from mindstage.engines.remote.compiled import CompiledRemoteEngine
 from mindstage.errors import EngineUnavailableError, WorldError
@@ -116,7 +116,7 @@ def _met(address: str, process: GodotProcess) -> RemoteEngine:
     until_s = time.monotonic() + 60.0
     while True:
         try:
-            return RemoteEngine.connect(address)
+            return connect(address)
         except EngineUnavailableError:
             if time.monotonic() > until_s or not process.is_running:
                 raise

@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mindstage.bridge import LocalNode, RosbridgeServer
-from mindstage.engines import Capability, MujocoEngine, NullEngine, RemoteEngine
+from mindstage.engines import Capability, MujocoEngine, NullEngine, RemoteEngine, connect
 from mindstage.engines.remote import RemoteProfile, RemoteUrl
 from mindstage.errors import BodyNotFoundError, EngineUnavailableError, MessageValidationError, PoseUnreachableError
 from mindstage.scene import (
@@ -47,7 +47,7 @@ def far_side() -> Iterator[ServedSimulation]:
 
 @pytest.fixture
 def engine(far_side: ServedSimulation) -> Iterator[RemoteEngine]:
-    with closing(RemoteEngine.connect(far_side.address)) as engine:
+    with closing(connect(far_side.address)) as engine:
         yield engine
 
 
@@ -117,7 +117,7 @@ def test_another_mindstage_is_met_as_such_with_its_powers(far_side: ServedSimula
 
 
 def test_a_mindstage_can_be_met_as_if_it_were_unreal(far_side: ServedSimulation) -> None:
-    with closing(RemoteEngine.connect(f"{far_side.address}?profile=unreal")) as engine:
+    with closing(connect(f"{far_side.address}?profile=unreal")) as engine:
         assert engine.profile is RemoteProfile.UNREAL
         assert engine.spawn(room()).ok
         assert diff(room(), engine.snapshot()).identical(0.0)
@@ -128,26 +128,26 @@ def test_a_mindstage_can_be_met_as_if_it_were_unreal(far_side: ServedSimulation)
 
 def test_where_no_engine_is_it_is_told_where_one_is(far_side: ServedSimulation) -> None:
     with pytest.raises(EngineUnavailableError, match="no engine answers below /lab there; there is one below /unreal"):
-        RemoteEngine.connect(far_side.address.replace("/unreal", "/lab"))
+        connect(far_side.address.replace("/unreal", "/lab"))
 
 
 def test_a_rosbridge_without_any_engine_says_what_to_start() -> None:
     with LocalNode() as hub, RosbridgeServer(hub, port=0) as server:
         address = f"ros://127.0.0.1:{server.port}"
         with pytest.raises(EngineUnavailableError, match="start mindstage serve there"):
-            RemoteEngine.connect(address)
+            connect(address)
         with pytest.raises(EngineUnavailableError, match="no engine of the profile unreal answers"):
-            RemoteEngine.connect(address, profile=RemoteProfile.UNREAL)
+            connect(address, profile=RemoteProfile.UNREAL)
 
 
 def test_only_the_right_token_opens_and_no_text_tells_it() -> None:
     with ServedSimulation(NullEngine, token="open sesame") as far_side:
-        with closing(RemoteEngine.connect(f"{far_side.address}?token=open%20sesame")) as engine:
+        with closing(connect(f"{far_side.address}?token=open%20sesame")) as engine:
             assert engine.spawn(room()).ok
             assert "sesame" not in engine.name
         for wrong in ("?token=close%20sesame", ""):
             with pytest.raises(EngineUnavailableError, match="token") as refused:
-                RemoteEngine.connect(far_side.address + wrong, timeout_s=5.0)
+                connect(far_side.address + wrong, timeout_s=5.0)
             assert "sesame" not in str(refused.value)
 
 
@@ -159,7 +159,7 @@ def test_a_world_that_lives_by_itself_waits_while_it_is_driven_and_lives_on_afte
 ) -> None:
     far_side.stage.spawn(room())
     far_side.stage.play(speed=2.0)
-    with closing(RemoteEngine.connect(far_side.address)) as engine:
+    with closing(connect(far_side.address)) as engine:
         began_s = engine.time_s
         engine.step(0.5)
         assert not far_side.stage.state.playing
@@ -169,14 +169,14 @@ def test_a_world_that_lives_by_itself_waits_while_it_is_driven_and_lives_on_afte
 
 
 def test_a_world_that_stands_still_is_left_so(far_side: ServedSimulation) -> None:
-    RemoteEngine.connect(far_side.address).close()
+    connect(far_side.address).close()
     assert not far_side.stage.state.playing
 
 
 def test_a_living_world_can_be_looked_at_without_holding_its_time(far_side: ServedSimulation) -> None:
     far_side.stage.spawn(room())
     far_side.stage.play()
-    with closing(RemoteEngine.connect(far_side.address, control_time=False)) as engine:
+    with closing(connect(far_side.address, control_time=False)) as engine:
         began_s = engine.time_s
         eventually(lambda: engine.time_s > began_s)
     assert far_side.stage.state.playing
@@ -210,7 +210,7 @@ def test_states_that_nobody_has_any_more_are_thrown_away_over_there(
 
 
 def test_a_state_of_another_engine_is_refused(far_side: ServedSimulation, engine: RemoteEngine) -> None:
-    with closing(RemoteEngine.connect(far_side.address)) as other:
+    with closing(connect(far_side.address)) as other:
         for foreign in (other.save_state(), NullEngine().save_state(), None):
             with pytest.raises(TypeError, match="this very engine"):
                 engine.restore_state(foreign)  # type: ignore[arg-type]
@@ -271,7 +271,7 @@ def test_a_world_of_a_thousand_bodies_comes_back_whole(engine: RemoteEngine) -> 
 
 @pytest.fixture(scope="module")
 def engine_of_all_examples() -> Iterator[RemoteEngine]:
-    with ServedSimulation(MujocoEngine) as far_side, closing(RemoteEngine.connect(far_side.address)) as engine:
+    with ServedSimulation(MujocoEngine) as far_side, closing(connect(far_side.address)) as engine:
         yield engine
 
 

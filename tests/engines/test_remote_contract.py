@@ -7,7 +7,7 @@ from contextlib import closing
 
 import pytest
 
-from mindstage.engines import RemoteEngine
+from mindstage.engines import RemoteEngine, connect
 from tests.engines.contract import PhysicsContract
 from tests.engines.far_side import ServedSimulation
 from tests.engines.forms_contract import GeometryContract
@@ -16,5 +16,5 @@ from tests.engines.forms_contract import GeometryContract
 class TestRemoteEngine(PhysicsContract, GeometryContract):
     @pytest.fixture
     def engine(self) -> Iterator[RemoteEngine]:
-        with ServedSimulation() as far_side, closing(RemoteEngine.connect(far_side.address)) as engine:
+        with ServedSimulation() as far_side, closing(connect(far_side.address)) as engine:
             yield engine

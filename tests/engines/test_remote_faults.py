@@ -14,7 +14,7 @@ from typing import Any
 
 import pytest
 
-from mindstage.engines import Engine, NullEngine, RemoteEngine
+from mindstage.engines import Engine, NullEngine, RemoteEngine, connect
 from mindstage.engines.remote.client import ServiceClient
 from mindstage.errors import (
     EngineClosedError,
@@ -67,7 +67,7 @@ def odd() -> Iterator[FakeRemote]:
 
 @pytest.fixture
 def odd_engine(odd: FakeRemote) -> Iterator[RemoteEngine]:
-    with closing(RemoteEngine.connect(odd.address, timeout_s=TIMEOUT_S)) as engine:
+    with closing(connect(odd.address, timeout_s=TIMEOUT_S)) as engine:
         yield engine
 
 
@@ -76,7 +76,7 @@ def odd_engine(odd: FakeRemote) -> Iterator[RemoteEngine]:
 
 def test_a_far_engine_that_is_killed_in_the_middle_of_a_spawn_is_lost_at_once_and_then_works_again() -> None:
     with far_process("--stuck") as (process, address), ThreadPoolExecutor(1) as other:
-        engine = RemoteEngine.connect(address, timeout_s=600.0)
+        engine = connect(address, timeout_s=600.0)
         spawning = other.submit(engine.spawn, room())
         assert process.stdout is not None
         assert process.stdout.readline() == "spawning\n"
@@ -112,7 +112,7 @@ def is_noticed(link: ServiceClient, meetings: int) -> bool:
 
 
 def test_a_cut_socket_is_mended_before_the_next_call_and_the_world_is_still_there() -> None:
-    with ServedSimulation(NullEngine) as far_side, closing(RemoteEngine.connect(far_side.address)) as engine:
+    with ServedSimulation(NullEngine) as far_side, closing(connect(far_side.address)) as engine:
         engine.spawn(room())
         state = engine.save_state()
         for meetings in (1, 2, 3):
@@ -141,7 +141,7 @@ def test_a_socket_that_is_cut_during_a_call_ends_that_call_and_no_other() -> Non
     blocked = Blocked()
     with (
         ServedSimulation(lambda: blocked) as far_side,
-        closing(RemoteEngine.connect(far_side.address, timeout_s=600.0)) as engine,
+        closing(connect(far_side.address, timeout_s=600.0)) as engine,
         ThreadPoolExecutor(1) as other,
     ):
         stepping = other.submit(engine.step, 1.0)
@@ -155,7 +155,7 @@ def test_a_socket_that_is_cut_during_a_call_ends_that_call_and_no_other() -> Non
 
 
 def test_saved_states_go_with_the_world_they_were_of() -> None:
-    with ServedSimulation(NullEngine) as far_side, closing(RemoteEngine.connect(far_side.address)) as engine:
+    with ServedSimulation(NullEngine) as far_side, closing(connect(far_side.address)) as engine:
         engine.spawn(room())
         state = engine.save_state()
         far_side.stop()
@@ -170,7 +170,7 @@ def test_saved_states_go_with_the_world_they_were_of() -> None:
 
 def test_a_stage_on_a_far_engine_tells_of_its_loss_and_goes_on_when_it_is_back() -> None:
     with ServedSimulation(NullEngine) as far_side, KnowledgeBase() as knowledge:
-        engine = RemoteEngine.connect(far_side.address)
+        engine = connect(far_side.address)
         with Simulation(knowledge, engine, timeout_s=TIMEOUT_S) as stage:
             assert stage.spawn(room()).ok
             stage.play()
@@ -202,7 +202,7 @@ def in_a_hurry(engine: RemoteEngine) -> Iterator[None]:
 
 def test_a_late_answer_is_a_timeout_and_the_next_call_gets_its_own() -> None:
     blocked = Blocked()
-    with ServedSimulation(lambda: blocked) as far_side, closing(RemoteEngine.connect(far_side.address)) as engine:
+    with ServedSimulation(lambda: blocked) as far_side, closing(connect(far_side.address)) as engine:
         late = r"did not answer .*/step within 0\.2 s; it may have been executed"
         with in_a_hurry(engine), pytest.raises(EngineTimeoutError, match=late):
             engine.step(0.0)
@@ -213,7 +213,7 @@ def test_a_late_answer_is_a_timeout_and_the_next_call_gets_its_own() -> None:
 
 def test_a_far_stage_that_is_busy_says_so_as_an_error_of_the_engine() -> None:
     blocked = Blocked()
-    with ServedSimulation(lambda: blocked) as far_side, closing(RemoteEngine.connect(far_side.address)) as engine:
+    with ServedSimulation(lambda: blocked) as far_side, closing(connect(far_side.address)) as engine:
         far_side.stage.timeout_s = 0.1
         with pytest.raises(EngineError, match=r"ros://.* failed: step did not finish within 0\.1 s") as told:
             engine.step(0.0)
@@ -285,7 +285,7 @@ def test_nonsense_is_an_error_of_the_engine_and_the_next_call_works(
 
 def test_frames_that_are_no_json_are_no_answer(odd: FakeRemote) -> None:
     odd.respond["get_poses"] = lambda call: ["no JSON", b"\xff", "[]", '{"op":"zip"}', '{"op":"service_response"}']
-    with closing(RemoteEngine.connect(odd.address)) as engine:
+    with closing(connect(odd.address)) as engine:
         with in_a_hurry(engine), pytest.raises(EngineTimeoutError):
             engine.poses()
         odd.respond["get_poses"] = ok_response(time_s=0.0, ids=[], poses=[], revision=0, rows="")
@@ -312,13 +312,13 @@ def test_worlds_of_another_format_are_refused_when_one_meets(odd: FakeRemote) ->
     with pytest.raises(
         EngineUnavailableError, match="worlds of the format 2, and this Mindstage writes 1; use the same"
     ):
-        RemoteEngine.connect(odd.address)
+        connect(odd.address)
 
 
 def test_a_peer_that_fails_to_describe_itself_is_not_taken_for_another(odd: FakeRemote) -> None:
     odd.respond["describe"] = failed("out of order")
     with pytest.raises(EngineError, match="failed: out of order"):
-        RemoteEngine.connect(odd.address)
+        connect(odd.address)
     assert "get_model_pose" not in odd.calls
 
 
@@ -348,7 +348,7 @@ class Breaking(NullEngine):
 def test_what_breaks_there_is_told_here_and_the_world_goes_on(error: Exception, comes_as: type[EngineError]) -> None:
     breaking = Breaking()
     breaking.error = error
-    with ServedSimulation(lambda: breaking) as far_side, closing(RemoteEngine.connect(far_side.address)) as engine:
+    with ServedSimulation(lambda: breaking) as far_side, closing(connect(far_side.address)) as engine:
         engine.spawn(room())
         with pytest.raises(EngineError, match=str(error)) as told:
             engine.step(0.1)
@@ -363,10 +363,10 @@ def test_nothing_is_left_behind() -> None:
         return [thread.name for thread in set(threading.enumerate()) - before if thread.name.startswith("mindstage")]
 
     with ServedSimulation(NullEngine) as far_side:
-        engines: list[Engine] = [RemoteEngine.connect(far_side.address) for _ in range(3)]
+        engines: list[Engine] = [connect(far_side.address) for _ in range(3)]
         for engine in engines:
             engine.close()
         for address in (f"{far_side.address}/elsewhere", "ros://127.0.0.1:1/unreal"):
             with pytest.raises(EngineUnavailableError):
-                RemoteEngine.connect(address, timeout_s=0.3)
+                connect(address, timeout_s=0.3)
     eventually(lambda: not left())

@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from mindstage.engines import MujocoEngine, RemoteEngine
+from mindstage.engines import MujocoEngine, RemoteEngine, connect
 from mindstage.engines.remote.compiled import CompiledRemoteEngine
 from mindstage.errors import EngineUnavailableError
 from mindstage.msgs import mindstage_msgs as wire
@@ -45,13 +45,13 @@ def far_side(monkeypatch: pytest.MonkeyPatch) -> Iterator[ServedSimulation]:
 class TestPlannedEngine(PhysicsContract, GeometryContract):
     @pytest.fixture
     def engine(self, far_side: ServedSimulation) -> Iterator[RemoteEngine]:
-        with closing(RemoteEngine.connect(far_side.address)) as engine:
+        with closing(connect(far_side.address)) as engine:
             assert isinstance(engine, CompiledRemoteEngine)
             yield engine
 
 
 def test_joints_stand_where_mujoco_itself_says(far_side: ServedSimulation) -> None:
-    with closing(RemoteEngine.connect(far_side.address)) as far, closing(MujocoEngine()) as near:
+    with closing(connect(far_side.address)) as far, closing(MujocoEngine()) as near:
         for engine in (far, near):
             engine.spawn(room())
             apply_force_for(engine, "door_handle", (25.0, 0.0, 0.0), 0.6)
@@ -62,7 +62,7 @@ def test_joints_stand_where_mujoco_itself_says(far_side: ServedSimulation) -> No
 
 
 def test_a_plan_says_who_hangs_on_whom_and_keeps_from_whom(far_side: ServedSimulation) -> None:
-    with closing(RemoteEngine.connect(far_side.address)) as engine:
+    with closing(connect(far_side.address)) as engine:
         engine.spawn(
             world(
                 FLOOR,
@@ -85,7 +85,7 @@ def test_a_plan_says_who_hangs_on_whom_and_keeps_from_whom(far_side: ServedSimul
 
 
 def test_a_push_on_what_is_deleted_before_the_step_is_forgotten(far_side: ServedSimulation) -> None:
-    with closing(RemoteEngine.connect(far_side.address)) as engine:
+    with closing(connect(far_side.address)) as engine:
         engine.spawn(room())
         engine.apply_force(BodyId("mug"), (1.0, 0.0, 0.0))
         engine.delete([BodyId("mug")])
@@ -94,7 +94,7 @@ def test_a_push_on_what_is_deleted_before_the_step_is_forgotten(far_side: Served
 
 
 def test_poses_asked_for_twice_after_a_step_are_those_of_now(far_side: ServedSimulation) -> None:
-    with closing(RemoteEngine.connect(far_side.address)) as engine:
+    with closing(connect(far_side.address)) as engine:
         engine.spawn(room())
         for _ in range(3):  # from the second on, steps tell poses unasked
             engine.step(0.01)
@@ -105,7 +105,7 @@ def test_poses_asked_for_twice_after_a_step_are_those_of_now(far_side: ServedSim
 
 
 def test_what_others_spawn_there_is_taken_over(far_side: ServedSimulation) -> None:
-    with closing(RemoteEngine.connect(far_side.address)) as engine:
+    with closing(connect(far_side.address)) as engine:
         engine.spawn(room())
         far_side.stage.spawn(world(body("guest", (3, 3, 1), (0.2, 0.2, 0.2), "dynamic", 1.0)))
         assert "guest" in engine.poses()[0]
@@ -116,7 +116,7 @@ def test_what_others_spawn_there_is_taken_over(far_side: ServedSimulation) -> No
 
 
 def test_a_far_world_that_was_started_anew_can_be_spawned_into(far_side: ServedSimulation) -> None:
-    with closing(RemoteEngine.connect(far_side.address, timeout_s=10.0)) as engine:
+    with closing(connect(far_side.address, timeout_s=10.0)) as engine:
         engine.spawn(room())
         far_side.stop()
         far_side.start()

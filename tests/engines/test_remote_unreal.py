@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from mindstage.bridge import LocalNode, RosbridgeClient, RosbridgeServer
-from mindstage.engines import RemoteEngine, SpawnNoteKind
+from mindstage.engines import SpawnNoteKind, connect
 from mindstage.engines.remote import RemoteProfile
 from mindstage.engines.remote.client import ServiceClient
 from mindstage.engines.remote.unreal import UnrealEngine
@@ -71,7 +71,7 @@ def wall() -> Wall:
 
 @pytest.fixture
 def engine(server: RosbridgeServer, peer: FakeUnrealPlugin, wall: Wall) -> Iterator[UnrealEngine]:
-    with closing(RemoteEngine.connect(address(server))) as found:
+    with closing(connect(address(server))) as found:
         assert found.profile is RemoteProfile.UNREAL
         link = ServiceClient(found._client.address, timeout_s=20.0)
         with closing(UnrealEngine(link, now_s=lambda: wall.now_s, sleep=wall.wait)) as engine:
@@ -129,7 +129,7 @@ def test_the_thesis_map_arrives_complete_bodies_first_then_constraints_then_atta
     server: RosbridgeServer, peer: FakeUnrealPlugin, shared_data: Path
 ) -> None:
     kitchen = kitchen_of_the_thesis(shared_data)
-    with closing(RemoteEngine.connect(address(server))) as engine:
+    with closing(connect(address(server))) as engine:
         report = engine.spawn(kitchen)
         assert report.ok
         assert (report.bodies, report.joints, report.attachments) == (114, 22, len(kitchen.attachments))
@@ -161,7 +161,7 @@ def test_a_model_stands_in_unreals_own_frame_with_all_that_the_map_says(
 def test_what_cannot_be_spawned_is_told_with_the_reason_and_the_rest_stands(
     server: RosbridgeServer, peer: FakeUnrealPlugin, engine: UnrealEngine
 ) -> None:
-    with closing(RemoteEngine.connect(address(server))) as other:
+    with closing(connect(address(server))) as other:
         other.spawn(world(body("taken", (0, 0, 0), (1, 1, 1))))
     peer.obstructed, peer.without_mesh = {"squeezed"}, {"Ghost"}
     peer.unbreakable_failures = {"weak", "slippery"}

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from mindstage.bridge import LocalNode, RosbridgeServer
-from mindstage.engines import RemoteEngine
+from mindstage.engines import RemoteEngine, connect
 from mindstage.engines.godot_process import isolated_environment
 from mindstage.errors import UnsupportedByEngineError
 from mindstage.scene import BodyId, diff
@@ -83,7 +83,7 @@ def place(godot: Path, project: Path) -> Iterator[tuple[Editor, RemoteEngine]]:
         editor.do(f"connect_dock ws://127.0.0.1:{server.port} godot")
         editor.wait("status", "CONNECTED")
         address = f"ros://127.0.0.1:{server.port}/godot?profile=mindstage"
-        engine = open_things.enter_context(closing(RemoteEngine.connect(address, timeout_s=LONG_S)))
+        engine = open_things.enter_context(closing(connect(address, timeout_s=LONG_S)))
         yield editor, engine
 
 

@@ -13,7 +13,7 @@ import pytest
 
 from mindstage.assets.cache import geometry_cache_dir
 from mindstage.bridge import LocalNode, RosbridgeServer
-from mindstage.engines import RemoteEngine
+from mindstage.engines import RemoteEngine, connect
 from mindstage.engines.godot_process import GodotProcess, find_godot, prepare_project
 from mindstage.scene import BodyId, BodyPhysics, Mobility, Pose
 from tests.engines.scenes import FLOOR, body, world
@@ -44,7 +44,7 @@ def running(godot: Path) -> Iterator[Place]:
         )
         try:
             wait_for(lambda: any("/lab/place/" in each.name for each in hub.graph_info().services))
-            with closing(RemoteEngine.connect(f"ros://127.0.0.1:{server.port}/lab/place", timeout_s=LONG_S)) as engine:
+            with closing(connect(f"ros://127.0.0.1:{server.port}/lab/place", timeout_s=LONG_S)) as engine:
                 yield Place(hub, engine)
         finally:
             process.terminate()

@@ -23,6 +23,7 @@ from mindstage.errors import EngineUnavailableError
 if TYPE_CHECKING:
     from mindstage.engines.godot import GodotEngine
     from mindstage.engines.mujoco.engine import MujocoEngine
+    from mindstage.engines.remote.connect import connect
     from mindstage.engines.remote.engine import RemoteEngine
 
 __all__ = [
@@ -39,6 +40,7 @@ __all__ = [
     "SpawnNote",
     "SpawnNoteKind",
     "SpawnReport",
+    "connect",
     "is_remote",
     "make_engine",
 ]
@@ -54,7 +56,9 @@ def __getattr__(name: str) -> object:
     if name == "GodotEngine":
         return import_module("mindstage.engines.godot").GodotEngine
     if name == "RemoteEngine":
-        return import_module("mindstage.engines.remote").RemoteEngine
+        return import_module("mindstage.engines.remote.engine").RemoteEngine
+    if name == "connect":
+        return import_module("mindstage.engines.remote.connect").connect
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
@@ -88,9 +92,9 @@ def make_engine(name: str, *, godot: str | os.PathLike[str] | None = None, timeo
             program, window = None if godot is None else os.fspath(godot), name != "godot"
             return GodotEngine(program, window=window, timeout_s=20.0 if timeout_s is None else timeout_s)
         case _ if is_remote(name):
-            from mindstage.engines.remote.engine import RemoteEngine
+            from mindstage.engines.remote.connect import connect
 
-            return RemoteEngine.connect(name, timeout_s=10.0 if timeout_s is None else timeout_s)
+            return connect(name, timeout_s=10.0 if timeout_s is None else timeout_s)
         case _:
             raise EngineUnavailableError(name, cause="there is no engine of that name", remedy=_NAMES)
 

@@ -14,8 +14,7 @@ from mindstage.knowledge.io.files import bundled_kitchen, bundled_ontology
 from mindstage.knowledge.io.write import MapDialect, MapFormat, save_map, write_map
 from mindstage.knowledge.knowledge_base import KnowledgeBase
 from mindstage.knowledge.map_statistics import MapStatistics
-from mindstage.knowledge.rdf import Finding, Severity
-from mindstage.knowledge.store import RdfTerm, SparqlResult
+from mindstage.knowledge.rdf import Finding, RdfTerm, Severity, SparqlResult
 
 __all__ = [
     "AssertionFile",

@@ -34,9 +34,9 @@ from mindstage.errors import (
 from mindstage.knowledge.io.files import Source, SourceFile
 from mindstage.knowledge.names import PREFIXES
 from mindstage.knowledge.owl_rl import INFERRED_GRAPH
-from mindstage.knowledge.rdf import ObjectNode, SubjectNode
+from mindstage.knowledge.rdf import ObjectNode, SparqlResult, SubjectNode
 from mindstage.knowledge.sparql_worker import REPLY_LIMIT
-from mindstage.knowledge.store import OxigraphStore, SparqlResult, check_query, solutions_table, triples_table
+from mindstage.knowledge.store import OxigraphStore, check_query, solutions_table, triples_table
 from mindstage.knowledge.tell import RUNTIME_GRAPH
 from mindstage.knowledge.vocabulary import CHILD, DESCRIBED_IN_MAP, OWL, PARENT, RDF, RDFS, dul, soma
 

@@ -45,7 +45,7 @@ from mindstage.scene.display import counted
 
 if TYPE_CHECKING:
     from mindstage.knowledge.questions import AnswerRow, Answers, Question
-    from mindstage.knowledge.store import SparqlResult
+    from mindstage.knowledge.rdf import SparqlResult
 
 __all__ = ["Answering", "KnowledgeBase"]
 

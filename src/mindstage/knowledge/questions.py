@@ -4,13 +4,13 @@ A question is a generator with a docstring. Its arguments, by their types, say w
 what is answered. Every argument may be left out. What it knows beyond that hangs on it:
 
     @question
-    def siblings(kb: KnowledgeBase, cls: ClassName | None = None) -> Iterator[Sibling]: ...
+    def siblings(kb: QuestionContext, cls: ClassName | None = None) -> Iterator[Sibling]: ...
 
     @siblings.because           # why a row is an answer, line by line
-    def _why(kb: KnowledgeBase, row: Sibling) -> Iterator[str]: ...
+    def _why(kb: QuestionContext, row: Sibling) -> Iterator[str]: ...
 
     @siblings.lacking           # what nobody has told yet, where there is no answer
-    def _lacking(kb: KnowledgeBase, cls: ClassName | None = None) -> Iterator[Missing]: ...
+    def _lacking(kb: QuestionContext, cls: ClassName | None = None) -> Iterator[Missing]: ...
 
 One that looks at how things are just now has a last argument `*, present: StateAccess` (see `current_state`), which it is handed
 and which nobody who asks sees; so has what tells what it lacks.
@@ -20,7 +20,7 @@ Moment: a place as it was told, and as it is now.
 A question that looks at the present asks for it by its last argument, which no surface sees:
 
     @question
-    def where_is(kb: KnowledgeBase, thing: IndividualName | None = None, *, present: Present) -> Iterator[Where]: ...
+    def where_is(kb: QuestionContext, thing: IndividualName | None = None, *, present: Present) -> Iterator[Where]: ...
 
 Asked of a knowledge base alone, everything is where its map tells. Asked of a stage, it is where the engine has it.
 
@@ -35,21 +35,20 @@ from dataclasses import dataclass
 from enum import Enum
 from functools import cached_property
 from operator import attrgetter
-from threading import Lock
+from threading import Lock, RLock
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Generic, TypeVar, get_args, get_type_hints, overload
+from typing import Annotated, Any, ClassVar, Generic, Protocol, TypeVar, get_args, get_type_hints, overload
 from weakref import ref
 
 import msgspec
 
 from mindstage.errors import AmbiguousNameError, InvalidArgumentError, NameNotFoundError, QuestionNotFoundError
-from mindstage.knowledge.names import EntityType
+from mindstage.knowledge.map_statistics import MapStatistics
+from mindstage.knowledge.names import EntityType, NameIndex
 from mindstage.knowledge.rdf import local_name
-from mindstage.scene import BodyId, Iri, World
+from mindstage.knowledge.reasoner import Reasoner
+from mindstage.scene import Body, BodyId, Iri, IriRef, Joint, Light, Literal, Pose, PropertyAssertion, Tag, World
 from mindstage.scene.display import counted, html_table
-
-if TYPE_CHECKING:
-    from mindstage.knowledge.knowledge_base import KnowledgeBase
 
 __all__ = [
     "MAP_SOURCE",
@@ -63,13 +62,50 @@ __all__ = [
     "PropertyName",
     "Question",
     "QuestionArgument",
+    "QuestionContext",
     "StateAccess",
     "ValueName",
     "WorldState",
+    "answers_to_builtins",
+    "cell_text",
     "get_question",
     "list_questions",
     "question",
+    "subject_column",
 ]
+
+
+class QuestionContext(Protocol):
+    """The part of `KnowledgeBase` that questions use."""
+
+    lock: RLock
+    """Held while a question is answered."""
+
+    @property
+    def reasoner(self) -> Reasoner:
+        """The reasoner over all loaded statements."""
+
+    @property
+    def names(self) -> NameIndex:
+        """The index of names."""
+
+    def maps(self) -> tuple[Iri, ...]:
+        """The maps that are loaded."""
+
+    def world(self, map: str | None = None) -> World:
+        """One map as a world."""
+
+    def facts_of(self, individual: Iri, *, runtime_only: bool = False) -> tuple[PropertyAssertion, ...]:
+        """The assertions about an individual."""
+
+    def scene_entity(self, individual: Iri, map: Iri) -> Body | Joint | Light | None:
+        """The body, joint or light of a map that an individual describes."""
+
+    def map_statistics(self, map: str | None = None) -> MapStatistics:
+        """The statistics of one map."""
+
+    def explain(self, question: Question[Any] | str, row: Any) -> tuple[str, ...]:
+        """The statements that led to an answer."""
 
 
 MAP_SOURCE = "map"
@@ -97,7 +133,7 @@ class WorldState(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 class StateAccess:
     """What a question sees of the present: made for one asking, and looked up only if it is wanted."""
 
-    def __init__(self, kb: KnowledgeBase, fetch_state: Callable[[], WorldState] | None = None) -> None:
+    def __init__(self, kb: QuestionContext, fetch_state: Callable[[], WorldState] | None = None) -> None:
         """Nothing is looked at yet.
 
         Args:
@@ -244,8 +280,6 @@ class AnswerRow(msgspec.Struct, frozen=True, kw_only=True, dict=True):
         return self._origin().members(self.subject)
 
     def __repr__(self) -> str:
-        from mindstage.knowledge.answer_format import cell_text
-
         fields = ((name, getattr(self, name)) for name in self.__struct_fields__)
         return f"{type(self).__name__}({', '.join(f'{name}={cell_text(value)}' for name, value in fields)})"
 
@@ -283,7 +317,7 @@ class Answers(Sequence[R]):
         rows: Sequence[R],
         missing: Sequence[MissingKnowledge],
         *,
-        kb: KnowledgeBase | None = None,
+        kb: QuestionContext | None = None,
     ) -> None:
         self.question = question
         self.args: Mapping[str, object] = MappingProxyType(dict(args))
@@ -346,8 +380,6 @@ class Answers(Sequence[R]):
 
     def _repr_html_(self) -> str:
         """A table for notebooks."""
-        from mindstage.knowledge.answer_format import cell_text
-
         columns = self.question.row.__struct_fields__
         rows = [[cell_text(getattr(row, column)) for column in columns] for row in self._rows]
         missing = [lack.reason for lack in self.missing]
@@ -388,7 +420,7 @@ class Question(Generic[R]):
         )
         """What to type after `mindstage ask`."""
         self._function = function
-        self._explain: Callable[[KnowledgeBase, R], Iterator[str]] | None = None
+        self._explain: Callable[[QuestionContext, R], Iterator[str]] | None = None
         self._find_missing: Callable[..., Iterator[MissingKnowledge]] | None = None
 
     @cached_property
@@ -432,7 +464,7 @@ class Question(Generic[R]):
         hints = get_type_hints(self.row, include_extras=True)
         return {name: _value_type(hints[name]) for name in self.row.__struct_fields__}
 
-    def explain(self, function: Callable[[KnowledgeBase, R], Iterator[str]]) -> Callable[..., Iterator[str]]:
+    def explain(self, function: Callable[[QuestionContext, R], Iterator[str]]) -> Callable[..., Iterator[str]]:
         """Declares how it explains an answer."""
         self._explain = function
         return function
@@ -442,7 +474,7 @@ class Question(Generic[R]):
         self._find_missing = function
         return function
 
-    def ask(self, kb: KnowledgeBase, args: Mapping[str, object], *, present: StateAccess | None = None) -> Answers[R]:
+    def ask(self, kb: QuestionContext, args: Mapping[str, object], *, present: StateAccess | None = None) -> Answers[R]:
         """All answers.
 
         Args:
@@ -461,12 +493,12 @@ class Question(Generic[R]):
         with kb.lock:
             return self._answers(kb, args, now)
 
-    def explain_answer(self, kb: KnowledgeBase, row: R) -> tuple[str, ...]:
+    def explain_answer(self, kb: QuestionContext, row: R) -> tuple[str, ...]:
         """The statements and classes that led to an answer, one a line."""
         with kb.lock:
             return tuple(self._explain(kb, row)) if self._explain else ()
 
-    def _answers(self, kb: KnowledgeBase, args: Mapping[str, object], state_access: StateAccess) -> Answers[R]:
+    def _answers(self, kb: QuestionContext, args: Mapping[str, object], state_access: StateAccess) -> Answers[R]:
         found = {
             name: value
             for name in args
@@ -483,7 +515,7 @@ class Question(Generic[R]):
         missing = () if answers or self._find_missing is None else tuple(self._find_missing(kb, **found, **view))
         return Answers(self, found, answers, missing, kb=kb)
 
-    def _parse_argument(self, kb: KnowledgeBase, state_access: StateAccess, name: str, value: object) -> object:
+    def _parse_argument(self, kb: QuestionContext, state_access: StateAccess, name: str, value: object) -> object:
         argument = self._arguments_by_name.get(name)
         if argument is None:
             known = ", ".join(argument.name for argument in self.arguments) or "none"
@@ -504,7 +536,7 @@ class Question(Generic[R]):
             remedy = f"there is {choices}" if choices else ""
             raise InvalidArgumentError(f"{self.name}, {name}", cause=cause, remedy=remedy) from error
 
-    def _resolve_name(self, kb: KnowledgeBase, state_access: StateAccess, name: str, entity_type: EntityType) -> Iri:
+    def _resolve_name(self, kb: QuestionContext, state_access: StateAccess, name: str, entity_type: EntityType) -> Iri:
         """What a name stands for; of a question that looks at the present also what only the engine knows."""
         try:
             return kb.names.find(name, entity_type)
@@ -556,3 +588,75 @@ def _value_type(hint: Any) -> EntityType | type:
     if len(alternatives) == 1 and type(None) in get_args(hint):
         return _value_type(alternatives[0])
     return hint  # type: ignore[no-any-return]
+
+
+# -- answers as plain values ------------------------------------------------------------------------------------------
+
+
+def answers_to_builtins(kb: QuestionContext, answers: Answers[Any], *, explain: bool = False) -> dict[str, Any]:
+    """What `mindstage ask --json` promises, as dicts, lists, texts and numbers.
+
+    Each answer has its fields, and besides `iri`, `id` and `class` of what was asked for (see `subject_column`). The
+    class of a class is itself.
+    """
+    about = subject_column(answers)
+    return {
+        "question": answers.question.name,
+        "args": dict(answers.args),
+        "answers": [_answer(kb, answers, about, row, explain=explain) for row in answers],
+        "missing": [{"class": lack.cls, "property": lack.property, "why": lack.reason} for lack in answers.missing],
+    }
+
+
+def subject_column(answers: Answers[Any]) -> str | None:
+    """The column of what was asked for; maps, which most answers name besides, only where there is nothing else."""
+    return answers.answer_column(EntityType.CLASS, EntityType.INDIVIDUAL, EntityType.PROPERTY) or answers.answer_column(
+        EntityType.MAP
+    )
+
+
+def cell_text(value: object) -> str | int | float | None:  # noqa: PLR0911 (one a kind)
+    """A field as people read it in a table: names short, numbers as numbers."""
+    match value:
+        case bool():
+            return "yes" if value else "no"
+        case None | int() | float():
+            return value
+        case Enum():
+            return str(value.value)
+        case str():
+            return local_name(value) if "://" in value else value
+        case tuple():
+            return ", ".join(str(cell_text(each)) for each in value)
+        case Pose(position, quaternion):
+            return f"{_numbers(position)} turned {_numbers(quaternion)}"
+        case Tag():
+            return f"{value.key} {value.value}"
+        case PropertyAssertion(property, IriRef(iri)):
+            return f"{local_name(property)} {local_name(iri)}"
+        case PropertyAssertion(property, Literal(text)):
+            return f"{local_name(property)} {text}"
+        case PropertyAssertion(property):
+            return f"{local_name(property)} …"
+        case msgspec.Struct() if type(value).__str__ is not msgspec.Struct.__str__:
+            return str(value)
+        case _:
+            return msgspec.json.encode(value).decode()
+
+
+def _numbers(numbers: tuple[float, ...]) -> str:
+    return " ".join(f"{number:.6g}" for number in numbers)
+
+
+def _answer(
+    kb: QuestionContext, answers: Answers[Any], subject_column: str | None, row: AnswerRow, *, explain: bool
+) -> dict[str, Any]:
+    told: dict[str, Any] = {}
+    if subject_column is not None:
+        iri: Iri = getattr(row, subject_column)
+        is_individual = answers.question.columns[subject_column] in {EntityType.INDIVIDUAL, EntityType.MAP}
+        told = {"iri": iri, "id": local_name(iri), "class": kb.reasoner.class_of(iri) if is_individual else iri}
+    told |= msgspec.to_builtins(row)
+    if explain:
+        told["why"] = list(kb.explain(answers.question, row))
+    return told

@@ -29,7 +29,7 @@ from contextlib import contextmanager
 from enum import StrEnum
 from functools import cache
 from itertools import count
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 import msgspec
 import pyoxigraph as ox
@@ -37,16 +37,15 @@ import pyoxigraph as ox
 from mindstage.knowledge.vocabulary import XSD
 from mindstage.scene import BodyId, FactValue, Iri, IriRef, Literal, PropertyAssertion
 
-if TYPE_CHECKING:
-    from mindstage.knowledge.store import SparqlResult
-
 __all__ = [
     "Finding",
     "FindingSink",
     "Graph",
     "ObjectNode",
     "QuadSource",
+    "RdfTerm",
     "Severity",
+    "SparqlResult",
     "SubjectNode",
     "TripleStore",
     "assign_ids",
@@ -176,6 +175,25 @@ class QuadSource(Protocol):
         /,
     ) -> Iterator[ox.Quad]:
         """All statements that fit, of one graph or of all; None fits everything."""
+
+
+class RdfTerm(msgspec.Struct, frozen=True, omit_defaults=True):
+    """One value of a solution."""
+
+    kind: str
+    """iri, blank, literal or triple."""
+    value: str
+    datatype: str | None = None
+    language: str | None = None
+
+
+class SparqlResult(msgspec.Struct, frozen=True):
+    """What a query found: a truth (ASK), triples (CONSTRUCT, DESCRIBE) or solutions (SELECT)."""
+
+    columns: tuple[str, ...]
+    rows: tuple[tuple[RdfTerm | None, ...], ...]
+    boolean: bool | None = None
+    """The answer of ASK, and None of any other."""
 
 
 class TripleStore(QuadSource, Protocol):

@@ -26,12 +26,12 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import NoReturn
 
-import msgspec
 import pyoxigraph as ox
 
 from mindstage.errors import SparqlSyntaxError, SparqlTimeoutError, StoreError
 from mindstage.knowledge import sparql_worker as query_process
 from mindstage.knowledge.names import PREFIXES
+from mindstage.knowledge.rdf import RdfTerm, SparqlResult
 from mindstage.knowledge.sparql_worker import MEMORY_LIMIT, REPLY_LIMIT, serve
 
 __all__ = [
@@ -39,8 +39,6 @@ __all__ = [
     "OxigraphStore",
     "QueryWorker",
     "QueryWorkerPool",
-    "RdfTerm",
-    "SparqlResult",
     "check_query",
     "fork_worker",
     "short_syntax_error",
@@ -49,25 +47,6 @@ __all__ = [
     "term_from_node",
     "triples_table",
 ]
-
-
-class RdfTerm(msgspec.Struct, frozen=True, omit_defaults=True):
-    """One value of a solution."""
-
-    kind: str
-    """iri, blank, literal or triple."""
-    value: str
-    datatype: str | None = None
-    language: str | None = None
-
-
-class SparqlResult(msgspec.Struct, frozen=True):
-    """What a query found: a truth (ASK), triples (CONSTRUCT, DESCRIBE) or solutions (SELECT)."""
-
-    columns: tuple[str, ...]
-    rows: tuple[tuple[RdfTerm | None, ...], ...]
-    boolean: bool | None = None
-    """The answer of ASK, and None of any other."""
 
 
 # -- what may be asked -------------------------------------------------------------------------------------------------

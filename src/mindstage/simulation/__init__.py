@@ -4,7 +4,8 @@ from mindstage.engines.base import EngineStats, SpawnNoteKind
 from mindstage.simulation.highlights import HighlightGroup, HighlightResult, Marker, MarkerType, UnhighlightedItem
 from mindstage.simulation.interaction import JointAxisState, JointHandle
 from mindstage.simulation.joint_motion import JointMotion, SimulationJoint
-from mindstage.simulation.simulation import ClientDirectory, ConnectedClient, Simulation, StateSnapshot
+from mindstage.simulation.simulation import ClientDirectory, ConnectedClient, Simulation
+from mindstage.simulation.state import StateSnapshot
 from mindstage.simulation.undo import SpawnRecord, UndoHistory, UndoStack
 
 __all__ = [

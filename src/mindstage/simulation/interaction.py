@@ -10,7 +10,7 @@ mass that is pulled: one that suits a fridge door would shake a teaspoon to piec
 
 from __future__ import annotations
 
-from collections.abc import Container, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import msgspec
@@ -29,10 +29,9 @@ from mindstage.scene.transforms import (
     pose_multiply,
     quat_rotate,
 )
-from mindstage.simulation.simulation import StateSnapshot
 from mindstage.simulation.undo import SpawnRecord
 
-__all__ = ["JointAxisState", "JointHandle", "Perturbations", "PullTarget", "SpringPerturbation", "poses_in"]
+__all__ = ["JointAxisState", "JointHandle", "Perturbations", "PullTarget", "SpringPerturbation"]
 
 
 _SUBSTEP_S = 0.004
@@ -237,17 +236,6 @@ class JointHandle:
         arms = [float(np.linalg.norm(np.cross(side - joint[:3], axis))) for side in sides]
         farthest: Array = sides[int(np.argmax(arms))]
         return farthest
-
-
-def poses_in(frame: StateSnapshot, ids: Container[BodyId]) -> dict[BodyId, Array]:
-    """The poses of some bodies, by id: seven numbers with a unit quaternion."""
-    found = {}
-    for row, id in enumerate(frame.ids):
-        if id in ids:
-            pose = frame.poses[row].copy()
-            pose[3:] = normalize(pose[3:])
-            found[id] = pose
-    return found
 
 
 def _spawn_pose(spawn_record: SpawnRecord, bodies: Mapping[BodyId, Body], id: BodyId) -> Array:

@@ -8,18 +8,18 @@ print(f"something is in the way at {door.openness:.0%}")
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
-from typing import Protocol, TypeVar
+from collections.abc import Iterator, Mapping
+from typing import TypeVar
 
 import msgspec
 import numpy as np
 
-from mindstage.engines.base import Capability, Engine
+from mindstage.engines.base import Capability
 from mindstage.errors import AmbiguousNameError, BodyNotFoundError, InvalidArgumentError, NameNotFoundError
-from mindstage.scene import BodyId, Vector, World
+from mindstage.scene import BodyId, World
 from mindstage.scene.transforms import Array, normalized_pose_array, pose_inverse, pose_multiply
-from mindstage.simulation.interaction import JointAxisState, JointHandle, poses_in
-from mindstage.simulation.simulation import StateSnapshot
+from mindstage.simulation.interaction import JointAxisState, JointHandle
+from mindstage.simulation.state import EngineSession, poses_in
 from mindstage.simulation.undo import SpawnRecord
 
 __all__ = ["JointMotion", "SimulationJoint", "find_joint"]
@@ -56,24 +56,6 @@ class JointMotion(msgspec.Struct, frozen=True, kw_only=True):
         return self.arrived
 
 
-class _Simulation(Protocol):
-    """The part of a simulation that moves joints."""
-
-    @property
-    def worlds(self) -> tuple[World, ...]: ...
-    @property
-    def state(self) -> StateSnapshot: ...
-    @property
-    def capabilities(self) -> frozenset[Capability]: ...
-    def snapshot(self) -> World: ...
-    def step(self, duration_s: float) -> None: ...
-    def pull(self, id: BodyId, *, point: Vector, target: Vector) -> None: ...
-    def release(self, id: BodyId | None = None) -> None: ...
-    def run_on_engine(
-        self, function: Callable[[Engine], T], *, label: str = "", timeout_s: float | None = None, edits: bool = False
-    ) -> T: ...
-
-
 class SimulationJoint:
     """A joint of a simulation: where it is, how far it is open, and the means to move it.
 
@@ -81,7 +63,7 @@ class SimulationJoint:
     joint, which is closed, in meters for a slide and in radians for a hinge.
     """
 
-    def __init__(self, simulation: _Simulation, joint: JointHandle, world: World) -> None:
+    def __init__(self, simulation: EngineSession, joint: JointHandle, world: World) -> None:
         """See `find_joint`.
 
         Args:
@@ -282,7 +264,7 @@ class SimulationJoint:
         return told[axes.index(name)] - self._joint.positions(self._poses())[name]
 
 
-def find_joint(simulation: _Simulation, name: str) -> SimulationJoint:
+def find_joint(simulation: EngineSession, name: str) -> SimulationJoint:
     """The joint of that id or IRI, or the only one that moves the body of that id or IRI.
 
     Raises:

@@ -11,7 +11,6 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import msgspec
 import numpy as np
@@ -50,9 +49,7 @@ from mindstage.scene.transforms import (
     quat_multiply,
     quat_rotate,
 )
-
-if TYPE_CHECKING:
-    from mindstage.simulation.simulation import Simulation
+from mindstage.simulation.state import EngineSession
 
 __all__ = ["PlacementResult", "PlacementSampler", "PlacementSurface", "make_body", "place_body", "support_surfaces"]
 
@@ -252,7 +249,7 @@ class PlacementResult(msgspec.Struct, frozen=True, kw_only=True, rename={"suppor
     """How many spots it took."""
 
 
-def make_body(simulation: Simulation, cls: str, *, id: str | None = None, size: Vector | None = None) -> Body:
+def make_body(simulation: EngineSession, cls: str, *, id: str | None = None, size: Vector | None = None) -> Body:
     """A thing of a class, as heavy and, unless told otherwise, as large as such things are.
 
     Raises:
@@ -273,7 +270,7 @@ def make_body(simulation: Simulation, cls: str, *, id: str | None = None, size: 
 
 
 def place_body(
-    simulation: Simulation, body: Body, geometry: BodyGeometry | None, *, support_id: str, inside: bool
+    simulation: EngineSession, body: Body, geometry: BodyGeometry | None, *, support_id: str, inside: bool
 ) -> PlacementResult:
     """Puts a body on another one, or into it.
 
@@ -322,7 +319,7 @@ def place_body(
 
 
 def _placement_surfaces(
-    simulation: Simulation,
+    simulation: EngineSession,
     id: BodyId,
     bodies: dict[BodyId, Body],
     geometry: GeometryMap,
@@ -361,7 +358,7 @@ def _attached_bodies(worlds: Iterable[World], id: BodyId) -> list[BodyId]:
     return [*list(fixed)[1:], *joined]
 
 
-def _enclosing_body_ids(simulation: Simulation) -> frozenset[str]:
+def _enclosing_body_ids(simulation: EngineSession) -> frozenset[str]:
     """What encloses the place, and so is in nobody's way."""
     return frozenset(id for report in simulation.reports for id in report.ids_with_note(SpawnNoteKind.ENCLOSURE))
 
@@ -377,7 +374,7 @@ def _sample_poses(poses: list[Pose], count: int) -> Iterator[Pose]:
 # -- whether it stays --------------------------------------------------------------------------------------------------
 
 
-def _try_placement(simulation: Simulation, body: Body, geometry: BodyGeometry | None) -> Pose | None:
+def _try_placement(simulation: EngineSession, body: Body, geometry: BodyGeometry | None) -> Pose | None:
     """Where a body comes to rest, if it stays; then it is there, and else it never was."""
     world = World(iri=simulation.worlds[0].iri, name=simulation.worlds[0].name, bodies=(body,))
     forms = {body.id: geometry} if geometry is not None else {}

@@ -19,9 +19,8 @@ from __future__ import annotations
 
 import os
 import time
-from abc import ABC, abstractmethod
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from contextlib import ExitStack, suppress
 from functools import partial
 from threading import Lock
@@ -34,8 +33,6 @@ from msgspec.structs import replace
 from mindstage.engines.base import (
     Capability,
     Engine,
-    EngineStats,
-    PoseArray,
     SavedState,
     SpawnFailure,
     SpawnNote,
@@ -51,7 +48,6 @@ from mindstage.scene.colors import color_from
 from mindstage.scene.display import counted, short_name
 from mindstage.simulation.engine_thread import EngineThread, RealTimeClock
 from mindstage.simulation.highlights import (
-    HighlightGroup,
     HighlightResult,
     Highlights,
     Marker,
@@ -61,6 +57,7 @@ from mindstage.simulation.highlights import (
 from mindstage.simulation.interaction import Perturbations
 from mindstage.simulation.joint_motion import SimulationJoint, find_joint
 from mindstage.simulation.placement import PlacementResult, make_body, place_body
+from mindstage.simulation.state import StateSnapshot
 from mindstage.simulation.undo import UndoStack
 
 if TYPE_CHECKING:
@@ -71,9 +68,7 @@ __all__ = [
     "ClientDirectory",
     "ConnectedClient",
     "GeometryProvider",
-    "Showing",
     "Simulation",
-    "StateSnapshot",
     "with_geometry_notes",
 ]
 
@@ -205,115 +200,8 @@ def with_geometry_notes(report: SpawnReport, fitted: FittedGeometry, ids: Iterab
     return replace(report, notes=(*report.notes, *notes)) if notes else report
 
 
-class StateSnapshot(msgspec.Struct, frozen=True, eq=False):
-    """The world at one moment; a new one replaces it, this one never changes."""
-
-    time_s: float
-    ids: tuple[BodyId, ...]
-    poses: PoseArray
-    """n x 7, in the order of `ids`."""
-    highlights: Mapping[BodyId, Color]
-    highlight_groups: tuple[HighlightGroup, ...]
-    """The same bodies in groups, with the reason why each is lit; the latest last."""
-    markers: tuple[Marker, ...]
-    """What programs want to be seen beside the bodies; the same object until it changes."""
-    revision: int
-    """Counts up when bodies, materials or lights came, went or changed, not when they moved."""
-    playing: bool
-    speed: float
-    real_time_factor: float
-    stats: EngineStats | None = None
-    """How busy the engine is; None where it cannot say."""
-    error: str = ""
-    """Why the world stands still although nobody paused it."""
-
-
 T = TypeVar("T")
 R = TypeVar("R", bound=AnswerRow)
-
-
-class Showing(ABC):
-    """The part of a stage that asks, lights up and marks."""
-
-    knowledge: KnowledgeBase
-    _highlights: Highlights
-    _markers: MarkerStore
-
-    @abstractmethod
-    def run_on_engine(
-        self, function: Callable[[Engine], T], *, label: str = "", timeout_s: float | None = None, edits: bool = False
-    ) -> T:
-        """Runs any function on the engine in the stage's thread."""
-
-    @abstractmethod
-    def current_state(self) -> WorldState:
-        """The place as it is now."""
-
-    # -- questions -----------------------------------------------------------------------------------------
-
-    @overload
-    def ask(self, question: Question[R], **args: object) -> Answers[R]: ...
-    @overload
-    def ask(self, question: str, **args: object) -> Answers[Any]: ...
-    def ask(self, question: Question[Any] | str, **args: object) -> Answers[Any]:
-        """All answers, for the place as it is now; see `KnowledgeBase.ask`.
-
-        The engine is only asked by questions that look at the present, and once by each.
-        """
-        asked = get_question(question) if isinstance(question, str) else question
-        return asked.ask(self.knowledge, args, present=StateAccess(self.knowledge, self.current_state))
-
-    def highlight(
-        self,
-        shown: str | AnswerRow | Answers[Any] | Iterable[str | AnswerRow],
-        color: Color | str | None,
-        *,
-        label: str = "",
-        replace: bool = False,
-        missing_ok: bool = False,
-    ) -> HighlightResult:
-        """Highlights bodies in a color, or removes their highlight.
-
-        Highlights add up; a body that is highlighted twice has the later color, and highlighting something again with
-        the same label replaces what was highlighted with it before. An IRI, or an answer, that has no body here is
-        listed in the result with the reason.
-
-        Args:
-            shown: a body's id or IRI, an answer, several of these, or all answers to a question. Of answers it is what
-                was asked for: the handle of a door that was given.
-            color: a name ("green"), "#rrggbb", or red, green and blue from 0 to 1; None or "none" removes the
-                highlight.
-            label: the reason, in one line; of `Answers` by default the question.
-            replace: whether all other highlights are removed first.
-            missing_ok: whether an id that is not there is listed in the result, as an IRI is, instead of raising.
-
-        Returns:
-            What is highlighted, and what has no body, with the reason.
-
-        Raises:
-            BodyNotFoundError: for the first id that is not there, unless `missing_ok`; nothing changes then.
-            InvalidColorError: the color is none.
-        """
-        wish = highlight_request(shown, label)
-        rgb = color_from(color)
-        light = partial(self._highlights.apply, request=wish, color=rgb, replace=replace, strict=not missing_ok)
-        return self.run_on_engine(light, label="highlight", edits=True)
-
-    def clear_highlights(self) -> None:
-        """Puts out everything that is lit."""
-        self.run_on_engine(
-            lambda engine: engine.highlight(tuple(engine.highlights()), None), label="put out", edits=True
-        )
-
-    def add_markers(self, markers: Iterable[Marker], *, lifetime_s: float | None = None) -> None:
-        """Shows markers, in the place of those of the same ids, for so long [s] or until they are taken away."""
-        shown = tuple(markers)
-        self.run_on_engine(lambda _: self._markers.add(shown, lifetime_s=lifetime_s), label="mark")
-
-    def remove_markers(self, ids: Iterable[str]) -> tuple[str, ...]:
-        """Takes markers away; gives the ids of those that were there."""
-        wanted = tuple(ids)
-        return self.run_on_engine(lambda _: self._markers.remove(wanted), label="unmark")
 
 
 _TICK_S = 1 / 60
@@ -322,7 +210,7 @@ _STEP_CHUNK_S = 0.1
 """Long steps are cut into pieces of this simulated length, so that other calls get their turn."""
 
 
-class Simulation(Showing):
+class Simulation:
     """Spawns what the knowledge base knows into an engine, and lets it live."""
 
     def __init__(
@@ -522,6 +410,72 @@ class Simulation(Showing):
 
         name = label or getattr(function, "__name__", "the call")
         return self._thread.run(run, label=name, timeout_s=self.timeout_s if timeout_s is None else timeout_s)
+
+    # -- questions -----------------------------------------------------------------------------------------
+
+    @overload
+    def ask(self, question: Question[R], **args: object) -> Answers[R]: ...
+    @overload
+    def ask(self, question: str, **args: object) -> Answers[Any]: ...
+    def ask(self, question: Question[Any] | str, **args: object) -> Answers[Any]:
+        """All answers, for the place as it is now; see `KnowledgeBase.ask`.
+
+        The engine is only asked by questions that look at the present, and once by each.
+        """
+        asked = get_question(question) if isinstance(question, str) else question
+        return asked.ask(self.knowledge, args, present=StateAccess(self.knowledge, self.current_state))
+
+    def highlight(
+        self,
+        shown: str | AnswerRow | Answers[Any] | Iterable[str | AnswerRow],
+        color: Color | str | None,
+        *,
+        label: str = "",
+        replace: bool = False,
+        missing_ok: bool = False,
+    ) -> HighlightResult:
+        """Highlights bodies in a color, or removes their highlight.
+
+        Highlights add up; a body that is highlighted twice has the later color, and highlighting something again with
+        the same label replaces what was highlighted with it before. An IRI, or an answer, that has no body here is
+        listed in the result with the reason.
+
+        Args:
+            shown: a body's id or IRI, an answer, several of these, or all answers to a question. Of answers it is what
+                was asked for: the handle of a door that was given.
+            color: a name ("green"), "#rrggbb", or red, green and blue from 0 to 1; None or "none" removes the
+                highlight.
+            label: the reason, in one line; of `Answers` by default the question.
+            replace: whether all other highlights are removed first.
+            missing_ok: whether an id that is not there is listed in the result, as an IRI is, instead of raising.
+
+        Returns:
+            What is highlighted, and what has no body, with the reason.
+
+        Raises:
+            BodyNotFoundError: for the first id that is not there, unless `missing_ok`; nothing changes then.
+            InvalidColorError: the color is none.
+        """
+        wish = highlight_request(shown, label)
+        rgb = color_from(color)
+        light = partial(self._highlights.apply, request=wish, color=rgb, replace=replace, strict=not missing_ok)
+        return self.run_on_engine(light, label="highlight", edits=True)
+
+    def clear_highlights(self) -> None:
+        """Puts out everything that is lit."""
+        self.run_on_engine(
+            lambda engine: engine.highlight(tuple(engine.highlights()), None), label="put out", edits=True
+        )
+
+    def add_markers(self, markers: Iterable[Marker], *, lifetime_s: float | None = None) -> None:
+        """Shows markers, in the place of those of the same ids, for so long [s] or until they are taken away."""
+        shown = tuple(markers)
+        self.run_on_engine(lambda _: self._markers.add(shown, lifetime_s=lifetime_s), label="mark")
+
+    def remove_markers(self, ids: Iterable[str]) -> tuple[str, ...]:
+        """Takes markers away; gives the ids of those that were there."""
+        wanted = tuple(ids)
+        return self.run_on_engine(lambda _: self._markers.remove(wanted), label="unmark")
 
     # -- time ----------------------------------------------------------------------------------------------
 

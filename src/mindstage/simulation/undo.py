@@ -19,7 +19,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 import msgspec
 
@@ -34,9 +34,7 @@ from mindstage.errors import (
 )
 from mindstage.scene import Attachment, BodyId, BodyPhysics, GeometryMap, Joint, Material, Pose, World
 from mindstage.scene.transforms import Array, normalized_pose_array, pose_from_array, pose_inverse, pose_multiply
-
-if TYPE_CHECKING:
-    from mindstage.simulation.simulation import Simulation
+from mindstage.simulation.state import EngineSession
 
 __all__ = [
     "AttachAt",
@@ -389,7 +387,7 @@ class UndoHistory(msgspec.Struct, frozen=True):
 class UndoStack:
     """Changes of a stage's world; calls may come from any thread and wait as the stage's own do."""
 
-    def __init__(self, simulation: Simulation) -> None:
+    def __init__(self, simulation: EngineSession) -> None:
         self._simulation = simulation
         self._undo_edits: list[EditCommand] = []
         self._redo_edits: list[EditCommand] = []

@@ -35,7 +35,7 @@ from mindstage.knowledge.tell import parse_value
 from mindstage.scene import BodyId
 from mindstage.scene.colors import hex_color, parse_color
 from mindstage.simulation import Simulation, StateSnapshot
-from mindstage.viewer.server import BoundedExecutor, ClientSession, RpcChannel
+from mindstage.viewer.server import BoundedExecutor, ClientSession, EmptyRequest, RpcChannel
 
 __all__ = [
     "MAX_ROWS",
@@ -44,7 +44,6 @@ __all__ = [
     "AskRequest",
     "ClearHighlightRequest",
     "CompleteNameRequest",
-    "EmptyRequest",
     "ExplainRequest",
     "HighlightAnswersRequest",
     "MissingFact",
@@ -305,10 +304,6 @@ class ClearHighlightRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=T
     """What is lit for a reason; everything without one."""
 
     label: str | None = None
-
-
-class EmptyRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """All that there is."""
 
 
 _MAX_KEPT_ANSWERS = 8

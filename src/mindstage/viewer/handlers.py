@@ -34,13 +34,13 @@ from mindstage.scene import Body, BodyId, BodyPhysics, Iri, Joint, Material, Mob
 from mindstage.scene.colors import parse_color
 from mindstage.scene.transforms import pose_from_array
 from mindstage.simulation import JointHandle, Simulation, SpawnRecord, StateSnapshot
-from mindstage.simulation.interaction import poses_in
 from mindstage.simulation.placement import make_body
+from mindstage.simulation.state import poses_in
 from mindstage.simulation.undo import MoveBody
 from mindstage.viewer.ask import AskHandler
 from mindstage.viewer.camera import ClientViews, GizmoMode, LabelMode
 from mindstage.viewer.inspector import BodyDetails, StatusHandler, StorageHint, body_details, live_details, scene_tree
-from mindstage.viewer.server import ClientSession, RpcChannel, session_key_of
+from mindstage.viewer.server import ClientSession, EmptyRequest, RpcChannel, session_key_of
 
 __all__ = ["SELECTED", "ClockMessage", "EditHandler", "FileHandler", "Handlers", "ViewHandler", "WorldHandler"]
 
@@ -175,10 +175,6 @@ class StepRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Lets some time pass, and no more."""
 
     duration_s: Annotated[float, msgspec.Meta(gt=0.0, le=_MAX_STEP_S)] = 0.1
-
-
-class EmptyRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What needs no more words."""
 
 
 class DetailsRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

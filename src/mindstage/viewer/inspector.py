@@ -25,8 +25,7 @@ from mindstage.scene.colors import hex_color
 from mindstage.scene.kinematics import joint_reach
 from mindstage.scene.transforms import Array, normalize, pose_from_array
 from mindstage.simulation import ConnectedClient, EngineStats, JointAxisState, JointHandle, Simulation, StateSnapshot
-from mindstage.viewer.handlers import EmptyRequest
-from mindstage.viewer.server import ClientSession, RpcChannel
+from mindstage.viewer.server import ClientSession, EmptyRequest, RpcChannel
 
 __all__ = [
     "BodyDetails",

@@ -57,6 +57,7 @@ __all__ = [
     "BoundedExecutor",
     "ClientSession",
     "ConnectionClosed",
+    "EmptyRequest",
     "Handler",
     "HttpRoutes",
     "RpcChannel",
@@ -338,6 +339,10 @@ class _Method(msgspec.Struct, frozen=True):
     request_type: type[msgspec.Struct]
     handler: Handler[Any]
     queue: str
+
+
+class EmptyRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """The parameters of a request that has none."""
 
 
 class RpcChannel:

@@ -1,4 +1,4 @@
-"""Meeting: finds out who answers at an address, and makes the engine that speaks with it."""
+"""Connecting to a remote engine: finds out which services an address offers, and makes the engine for them."""
 
 from __future__ import annotations
 
@@ -20,9 +20,28 @@ _ENGINE_SERVICES = ("/mindstage/describe", "/spawn_semantic_map")
 """How services end that tell where an engine is."""
 
 
-def connect(address: RemoteUrl, *, profile: RemoteProfile | None, timeout_s: float, control_time: bool) -> RemoteEngine:
-    """See `RemoteEngine.connect`."""
-    link = ServiceClient(address, timeout_s=timeout_s)
+def connect(
+    address: RemoteUrl | str,
+    *,
+    profile: RemoteProfile | None = None,
+    timeout_s: float = 10.0,
+    control_time: bool = True,
+) -> RemoteEngine:
+    """Connects to an engine behind a rosbridge.
+
+    Args:
+        address: such as `ros://127.0.0.1:9090/unreal`.
+        profile: the set of services to use; by default the one in the address, otherwise the one that is offered there.
+        timeout_s: the timeout of a call; a spawn has more time, by the size of its world [s].
+        control_time: whether simulated time passes there only by `step`, from now until `close`; False observes a
+            world that runs by itself. Unreal's time always runs by itself.
+
+    Raises:
+        EngineUnavailableError: nothing answers at the address, or no engine does.
+    """
+    url = RemoteUrl.parse(address) if isinstance(address, str) else address
+    profile = profile or url.profile
+    link = ServiceClient(url, timeout_s=timeout_s)
     try:
         # In this order: a Mindstage answers as Unreal's plugin does, too.
         if profile is not RemoteProfile.UNREAL and MindstageRemoteEngine.is_available(link):
@@ -31,7 +50,7 @@ def connect(address: RemoteUrl, *, profile: RemoteProfile | None, timeout_s: flo
             return UnrealEngine(link)
         what = f"no engine of the profile {profile.value}" if profile else "no engine"
         raise EngineUnavailableError(
-            link.name, cause=f"{what} answers below /{address.namespace} there", remedy=_alternatives(link)
+            link.name, cause=f"{what} answers below /{url.namespace} there", remedy=_alternatives(link)
         )
     except BaseException:
         link.close()

@@ -11,7 +11,7 @@ from __future__ import annotations
 from abc import abstractmethod
 
 from mindstage.engines.base import Engine, EngineStats
-from mindstage.engines.remote.client import RemoteProfile, RemoteUrl, ServiceClient
+from mindstage.engines.remote.client import RemoteProfile, ServiceClient
 from mindstage.errors import EngineClosedError, UnsupportedByEngineError
 
 __all__ = ["RemoteEngine"]
@@ -25,31 +25,6 @@ class RemoteEngine(Engine):
     def __init__(self, link: ServiceClient) -> None:
         self._client = link
         self._closed = False
-
-    @staticmethod
-    def connect(
-        address: RemoteUrl | str,
-        *,
-        profile: RemoteProfile | None = None,
-        timeout_s: float = 10.0,
-        control_time: bool = True,
-    ) -> RemoteEngine:
-        """Meets an engine that runs somewhere else.
-
-        Args:
-            address: such as `ros://127.0.0.1:9090/unreal`.
-            profile: what to speak; by default what the address says, and else whatever is understood there.
-            timeout_s: how long a call may take; a spawn has more, by the size of its world [s].
-            holds_time: whether time passes there by `step` only from now until `close`, as the contract has it; False
-                to look at a world that lives by itself. Unreal's time is always its own.
-
-        Raises:
-            EngineUnavailableError: nobody is there, or no engine.
-        """
-        from mindstage.engines.remote.connect import connect
-
-        where = RemoteUrl.parse(address) if isinstance(address, str) else address
-        return connect(where, profile=profile or where.profile, timeout_s=timeout_s, control_time=control_time)
 
     @property
     def name(self) -> str:

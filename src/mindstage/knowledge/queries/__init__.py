@@ -1,6 +1,5 @@
 """The questions: each declared once, for Python, shell and whatever else asks."""
 
-from mindstage.knowledge.answer_format import answers_to_builtins, cell_text, subject_column
 from mindstage.knowledge.queries.individuals import (
     HandleOf,
     IndividualDescription,
@@ -54,9 +53,12 @@ from mindstage.knowledge.questions import (
     Question,
     QuestionArgument,
     ValueName,
+    answers_to_builtins,
+    cell_text,
     get_question,
     list_questions,
     question,
+    subject_column,
 )
 
 __all__ = [

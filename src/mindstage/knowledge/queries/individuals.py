@@ -6,7 +6,7 @@ Questions about what things are made of.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import msgspec
 
@@ -18,14 +18,31 @@ from mindstage.knowledge.explain import (
     statement_line,
     subclass_line,
 )
-from mindstage.knowledge.questions import AnswerRow, ClassName, IndividualName, MapName, MissingKnowledge, question
+from mindstage.knowledge.questions import (
+    AnswerRow,
+    ClassName,
+    IndividualName,
+    MapName,
+    MissingKnowledge,
+    QuestionContext,
+    question,
+)
 from mindstage.knowledge.rdf import local_name
 from mindstage.knowledge.reasoner import PartOfStep, Reasoner
 from mindstage.knowledge.vocabulary import CHILD, CONSTRAINT, THING, TYPE, knowrob
-from mindstage.scene import AngularLimits, Body, Iri, Joint, LinearLimits, Pose, PropertyAssertion, Tag, Vector, World
-
-if TYPE_CHECKING:
-    from mindstage.knowledge.knowledge_base import KnowledgeBase
+from mindstage.scene import (
+    AngularLimits,
+    AxisMotion,
+    Body,
+    Iri,
+    Joint,
+    LinearLimits,
+    Pose,
+    PropertyAssertion,
+    Tag,
+    Vector,
+    World,
+)
 
 __all__ = [
     "HandleOf",
@@ -56,7 +73,7 @@ class PartOf(AnswerRow, frozen=True, kw_only=True):
 
 @question
 def part_of(
-    kb: KnowledgeBase,
+    kb: QuestionContext,
     part: IndividualName | None = None,
     whole: IndividualName | None = None,
     map: MapName | None = None,
@@ -83,13 +100,13 @@ def part_of(
 
 
 @part_of.explain
-def _explain_part(kb: KnowledgeBase, row: PartOf) -> Iterator[str]:
+def _explain_part(kb: QuestionContext, row: PartOf) -> Iterator[str]:
     yield from _part_lines(kb.reasoner.parts(row.whole), row.part)
 
 
 @part_of.missing
 def _missing_parts(
-    kb: KnowledgeBase, part: Iri | None = None, whole: Iri | None = None, map: Iri | None = None
+    kb: QuestionContext, part: Iri | None = None, whole: Iri | None = None, map: Iri | None = None
 ) -> Iterator[MissingKnowledge]:
     if thing := whole or part:
         if map and map not in kb.reasoner.maps_of.get(thing, ()):
@@ -114,7 +131,7 @@ class HandleOf(AnswerRow, frozen=True, kw_only=True):
 
 @question
 def handle_of(
-    kb: KnowledgeBase,
+    kb: QuestionContext,
     individual: IndividualName | None = None,
     handle: IndividualName | None = None,
     map: MapName | None = None,
@@ -146,14 +163,14 @@ def _find_handles(reasoner: Reasoner, individual: Iri) -> Iterator[Iri]:
 
 
 @handle_of.explain
-def _explain_handle(kb: KnowledgeBase, row: HandleOf) -> Iterator[str]:
+def _explain_handle(kb: QuestionContext, row: HandleOf) -> Iterator[str]:
     yield from _part_lines(kb.reasoner.parts(row.individual, through_joints=True), row.handle)
     yield from membership_lines(kb.reasoner, row.handle, _HANDLE_CLASS)
 
 
 @handle_of.missing
 def _missing_handle(
-    kb: KnowledgeBase, individual: Iri | None = None, handle: Iri | None = None, map: Iri | None = None
+    kb: QuestionContext, individual: Iri | None = None, handle: Iri | None = None, map: Iri | None = None
 ) -> Iterator[MissingKnowledge]:
     index = kb.reasoner
     if handle and not index.is_member(handle, _HANDLE_CLASS):
@@ -186,6 +203,20 @@ class JointSummary(msgspec.Struct, frozen=True, kw_only=True):
     linear: LinearLimits
     angular: AngularLimits
 
+    def __str__(self) -> str:
+        return f"{local_name(self.parent)} to {local_name(self.child)}, {', '.join(_unlocked_axes(self)) or 'fixed'}"
+
+
+def _unlocked_axes(joint: JointSummary) -> Iterator[str]:
+    """The axes that are not locked."""
+    linear, angular = joint.linear, joint.angular
+    for axis in ("x", "y", "z", "twist", "swing2", "swing1"):
+        slides = axis in {"x", "y", "z"}
+        motion = getattr(linear if slides else angular, axis)
+        limit = f" {linear.limit:g} m" if slides else f" {getattr(angular, f'{axis}_limit', 0.0):g} rad"
+        if motion is not AxisMotion.LOCKED:
+            yield f"{axis} {motion.name.lower()}{limit if motion is AxisMotion.LIMITED else ''}"
+
 
 class IndividualDescription(AnswerRow, frozen=True, kw_only=True):
     """What is known of an individual."""
@@ -210,7 +241,7 @@ class IndividualDescription(AnswerRow, frozen=True, kw_only=True):
 
 @question
 def what_is(
-    kb: KnowledgeBase, individual: IndividualName | None = None, map: MapName | None = None
+    kb: QuestionContext, individual: IndividualName | None = None, map: MapName | None = None
 ) -> Iterator[IndividualDescription]:
     """What an individual is: classes, pose, size, mass, mesh, tags, how a constraint moves, and every other fact.
 
@@ -238,7 +269,7 @@ def _most_specific_first(reasoner: Reasoner, individual: Iri) -> tuple[Iri, ...]
 
 
 def _description(
-    kb: KnowledgeBase, individual: Iri, classes: tuple[Iri, ...], map: Iri | None
+    kb: QuestionContext, individual: Iri, classes: tuple[Iri, ...], map: Iri | None
 ) -> IndividualDescription:
     placed = kb.scene_entity(individual, map) if map else None
     if placed is None:
@@ -270,7 +301,7 @@ def _joint_summary(world: World, constraint: Joint) -> JointSummary:
 
 
 @what_is.explain
-def _explain_individual(kb: KnowledgeBase, row: IndividualDescription) -> Iterator[str]:
+def _explain_individual(kb: QuestionContext, row: IndividualDescription) -> Iterator[str]:
     classes = kb.reasoner.classes
     for cls in row.classes:
         farthest = max(classes.above(cls), key=lambda above: classes.above(cls)[above])
@@ -280,7 +311,7 @@ def _explain_individual(kb: KnowledgeBase, row: IndividualDescription) -> Iterat
 
 @what_is.missing
 def _missing_individual(
-    kb: KnowledgeBase, individual: Iri | None = None, map: Iri | None = None
+    kb: QuestionContext, individual: Iri | None = None, map: Iri | None = None
 ) -> Iterator[MissingKnowledge]:
     yield from missing_description(kb.reasoner, individual, map)
 
@@ -297,7 +328,7 @@ class MapCounts(AnswerRow, frozen=True, kw_only=True):
 
 
 @question
-def analyse(kb: KnowledgeBase, map: MapName | None = None) -> Iterator[MapCounts]:
+def analyse(kb: QuestionContext, map: MapName | None = None) -> Iterator[MapCounts]:
     """A map in numbers, as its files tell it: what the thesis's analyse_semantic_map counts.
 
     Examples:
@@ -316,7 +347,7 @@ def analyse(kb: KnowledgeBase, map: MapName | None = None) -> Iterator[MapCounts
 
 
 @analyse.explain
-def _explain_counts(kb: KnowledgeBase, row: MapCounts) -> Iterator[str]:
+def _explain_counts(kb: QuestionContext, row: MapCounts) -> Iterator[str]:
     name = local_name(row.map)
     yield f"{row.individuals} individuals say describedInMap {name}; their poses and limits are not counted"
     yield f"{row.constraints} of them are of a class that is a Constraint, and the other {row.objects} are objects"
@@ -325,5 +356,5 @@ def _explain_counts(kb: KnowledgeBase, row: MapCounts) -> Iterator[str]:
 
 
 @analyse.missing
-def _missing_counts(kb: KnowledgeBase, map: Iri | None = None) -> Iterator[MissingKnowledge]:
+def _missing_counts(kb: QuestionContext, map: Iri | None = None) -> Iterator[MissingKnowledge]:
     yield from missing_description(kb.reasoner, None, None) if map is None else missing_file(map)

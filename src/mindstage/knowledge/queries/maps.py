@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from operator import itemgetter
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import msgspec
 
@@ -19,14 +19,19 @@ from mindstage.knowledge.explain import (
     missing_instance,
     statement_line,
 )
-from mindstage.knowledge.questions import AnswerRow, ClassName, IndividualName, MapName, MissingKnowledge, question
+from mindstage.knowledge.questions import (
+    AnswerRow,
+    ClassName,
+    IndividualName,
+    MapName,
+    MissingKnowledge,
+    QuestionContext,
+    question,
+)
 from mindstage.knowledge.rdf import local_name
 from mindstage.knowledge.reasoner_properties import ObjectTriple
 from mindstage.knowledge.vocabulary import DESCRIBED_IN_MAP, SEMANTIC_MAP, THING, TYPE
 from mindstage.scene import MECHANICAL_KINDS, Iri, WorldDiff, diff
-
-if TYPE_CHECKING:
-    from mindstage.knowledge.knowledge_base import KnowledgeBase
 
 __all__ = [
     "InstanceOfClass",
@@ -50,7 +55,7 @@ class MapInfo(AnswerRow, frozen=True, kw_only=True):
 
 
 @question
-def maps(kb: KnowledgeBase, map: MapName | None = None) -> Iterator[MapInfo]:
+def maps(kb: QuestionContext, map: MapName | None = None) -> Iterator[MapInfo]:
     """Which semantic maps there are.
 
     Examples:
@@ -62,14 +67,14 @@ def maps(kb: KnowledgeBase, map: MapName | None = None) -> Iterator[MapInfo]:
 
 
 @maps.explain
-def _explain_map(kb: KnowledgeBase, row: MapInfo) -> Iterator[str]:
+def _explain_map(kb: QuestionContext, row: MapInfo) -> Iterator[str]:
     if SEMANTIC_MAP in kb.reasoner.types.get(row.map, ()):
         yield statement_line(ObjectTriple(row.map, TYPE, SEMANTIC_MAP))
     yield f"{row.individuals} say describedInMap {local_name(row.map)}; their poses and limits are not counted"
 
 
 @maps.missing
-def _missing_maps(kb: KnowledgeBase, map: Iri | None = None) -> Iterator[MissingKnowledge]:
+def _missing_maps(kb: QuestionContext, map: Iri | None = None) -> Iterator[MissingKnowledge]:
     yield from missing_description(kb.reasoner, None, map)
 
 
@@ -84,7 +89,7 @@ class MapMember(AnswerRow, frozen=True, kw_only=True):
 
 @question
 def everything_in_map(
-    kb: KnowledgeBase, individual: IndividualName | None = None, map: MapName | None = None
+    kb: QuestionContext, individual: IndividualName | None = None, map: MapName | None = None
 ) -> Iterator[MapMember]:
     """Everything that is described in a map: objects and constraints.
 
@@ -99,13 +104,13 @@ def everything_in_map(
 
 
 @everything_in_map.explain
-def _explain_membership(kb: KnowledgeBase, row: MapMember) -> Iterator[str]:
+def _explain_membership(kb: QuestionContext, row: MapMember) -> Iterator[str]:
     yield statement_line(ObjectTriple(row.individual, DESCRIBED_IN_MAP, row.map))
 
 
 @everything_in_map.missing
 def _missing_members(
-    kb: KnowledgeBase, individual: Iri | None = None, map: Iri | None = None
+    kb: QuestionContext, individual: Iri | None = None, map: Iri | None = None
 ) -> Iterator[MissingKnowledge]:
     yield from missing_description(kb.reasoner, individual, map)
 
@@ -120,7 +125,7 @@ class InstanceOfClass(AnswerRow, frozen=True, kw_only=True):
 
 @question
 def individual_of_class(
-    kb: KnowledgeBase,
+    kb: QuestionContext,
     cls: ClassName | None = None,
     individual: IndividualName | None = None,
     map: MapName | None = None,
@@ -146,13 +151,13 @@ def individual_of_class(
 
 
 @individual_of_class.explain
-def _explain_class(kb: KnowledgeBase, row: InstanceOfClass) -> Iterator[str]:
+def _explain_class(kb: QuestionContext, row: InstanceOfClass) -> Iterator[str]:
     yield from membership_lines(kb.reasoner, row.individual, row.cls)
 
 
 @individual_of_class.missing
 def _missing_individuals(
-    kb: KnowledgeBase, cls: Iri | None = None, individual: Iri | None = None, map: Iri | None = None
+    kb: QuestionContext, cls: Iri | None = None, individual: Iri | None = None, map: Iri | None = None
 ) -> Iterator[MissingKnowledge]:
     index = kb.reasoner
     places = index.maps_of.get(individual, ()) if individual else ()
@@ -181,7 +186,7 @@ class MapEquality(AnswerRow, frozen=True, kw_only=True):
 
 @question
 def identical_maps(
-    kb: KnowledgeBase, a: MapName | None = None, b: MapName | None = None, tolerance: float = 0.0
+    kb: QuestionContext, a: MapName | None = None, b: MapName | None = None, tolerance: float = 0.0
 ) -> Iterator[MapEquality]:
     """Whether two maps tell of the same world, and the ids of all that differs by more than the tolerance.
 
@@ -219,7 +224,7 @@ class MapDifference(AnswerRow, frozen=True, kw_only=True):
 
 @question
 def differences(
-    kb: KnowledgeBase, a: MapName | None = None, b: MapName | None = None, tolerance: float = 0.0
+    kb: QuestionContext, a: MapName | None = None, b: MapName | None = None, tolerance: float = 0.0
 ) -> Iterator[MapDifference]:
     """What exactly two maps do not agree on: individuals that only one of them has, and each field that differs.
 
@@ -244,7 +249,7 @@ def differences(
 
 
 @identical_maps.explain
-def _explain_comparison(kb: KnowledgeBase, row: MapEquality) -> Iterator[str]:
+def _explain_comparison(kb: QuestionContext, row: MapEquality) -> Iterator[str]:
     a, b = kb.world(row.a), kb.world(row.b)
     numbers = f"{len(a.bodies)} and {len(b.bodies)} bodies, {len(a.joints)} and {len(b.joints)} constraints"
     yield f"{numbers} were compared, field by field and fact by fact"
@@ -254,14 +259,14 @@ def _explain_comparison(kb: KnowledgeBase, row: MapEquality) -> Iterator[str]:
 
 
 @differences.explain
-def _explain_difference(kb: KnowledgeBase, row: MapDifference) -> Iterator[str]:
+def _explain_difference(kb: QuestionContext, row: MapDifference) -> Iterator[str]:
     yield _difference_text(row)
 
 
 @identical_maps.missing
 @differences.missing
 def _missing_map_pair(
-    kb: KnowledgeBase, a: Iri | None = None, b: Iri | None = None, tolerance: float = 0.0
+    kb: QuestionContext, a: Iri | None = None, b: Iri | None = None, tolerance: float = 0.0
 ) -> Iterator[MissingKnowledge]:
     known = kb.maps()
     for map in dict.fromkeys(map for map in (a, b) if map and map not in known):
@@ -273,7 +278,7 @@ def _missing_map_pair(
 
 
 def _map_pairs(
-    kb: KnowledgeBase, a: Iri | None, b: Iri | None, tolerance: float
+    kb: QuestionContext, a: Iri | None, b: Iri | None, tolerance: float
 ) -> Iterator[tuple[Iri, Iri, WorldDiff]]:
     """Any two maps, or a map and itself where somebody asks for just that."""
     if not tolerance >= 0.0:

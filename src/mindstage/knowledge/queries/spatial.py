@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from enum import StrEnum
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,6 +17,7 @@ from mindstage.knowledge.questions import (
     IndividualName,
     MapName,
     MissingKnowledge,
+    QuestionContext,
     StateAccess,
     WorldState,
     question,
@@ -29,9 +29,6 @@ from mindstage.scene.bounding_boxes import OrientedBoxes, face_coverage
 from mindstage.scene.kinematics import JointDisplacement, RigidGroups, joint_displacement, moving_body
 from mindstage.scene.spatial import SpatialRelation, SpatialRelations
 from mindstage.scene.transforms import normalize, pose_array
-
-if TYPE_CHECKING:
-    from mindstage.knowledge.knowledge_base import KnowledgeBase
 
 __all__ = ["JointOpenness", "OpenState", "SpatialRelationRow", "openings", "source_text", "where_is"]
 
@@ -58,7 +55,7 @@ class SpatialRelationRow(AnswerRow, frozen=True, kw_only=True):
 
 @question
 def where_is(
-    kb: KnowledgeBase,
+    kb: QuestionContext,
     thing: IndividualName | None = None,
     relation: SpatialRelation | None = None,
     other: IndividualName | None = None,
@@ -104,7 +101,7 @@ def where_is(
 
 
 @where_is.explain
-def _explain_relation(kb: KnowledgeBase, row: SpatialRelationRow) -> Iterator[str]:
+def _explain_relation(kb: QuestionContext, row: SpatialRelationRow) -> Iterator[str]:
     thing, other, gap, share = local_name(row.thing), local_name(row.other), f"{row.gap:g} m", f"{row.share:.0%}"
     match row.relation:
         case SpatialRelation.INSIDE:
@@ -125,7 +122,7 @@ def source_text(source: str) -> str:
 
 @where_is.missing
 def _missing_relation(
-    kb: KnowledgeBase,
+    kb: QuestionContext,
     thing: Iri | None = None,
     relation: SpatialRelation | None = None,
     other: Iri | None = None,
@@ -189,7 +186,7 @@ class JointOpenness(AnswerRow, frozen=True, kw_only=True):
 
 @question
 def openings(
-    kb: KnowledgeBase,
+    kb: QuestionContext,
     thing: IndividualName | None = None,
     state: OpenState | None = None,
     front: IndividualName | None = None,
@@ -214,7 +211,7 @@ def openings(
         yield from _find_openings(kb, moment, front)
 
 
-def _find_openings(kb: KnowledgeBase, world_state: WorldState, front: Iri | None = None) -> Iterator[JointOpenness]:
+def _find_openings(kb: QuestionContext, world_state: WorldState, front: Iri | None = None) -> Iterator[JointOpenness]:
     homes = world_state.map_of_body()
     bodies = {body.id: body for body in world_state.world.bodies}
     furniture = _ContainerFinder(kb, world_state.spawned)
@@ -239,7 +236,7 @@ def _find_openings(kb: KnowledgeBase, world_state: WorldState, front: Iri | None
 
 
 @openings.explain
-def _explain_opening(kb: KnowledgeBase, row: JointOpenness) -> Iterator[str]:
+def _explain_opening(kb: QuestionContext, row: JointOpenness) -> Iterator[str]:
     share = "" if row.share is None else f", {row.share:.0%} of its way"
     verb = "slid" if row.unit == "m" else "turned"
     yield f"{local_name(row.front)} of {local_name(row.thing)} has {verb} by {row.way:g} {row.unit}{share}"
@@ -248,7 +245,7 @@ def _explain_opening(kb: KnowledgeBase, row: JointOpenness) -> Iterator[str]:
 
 @openings.missing
 def _missing_opening(
-    kb: KnowledgeBase,
+    kb: QuestionContext,
     thing: Iri | None = None,
     state: OpenState | None = None,
     front: Iri | None = None,
@@ -265,7 +262,7 @@ def _missing_opening(
         yield MissingKnowledge(_CONTAINER, _STATE_PROPERTY, why)
 
 
-def _unopenable_reason(kb: KnowledgeBase, rows: list[JointOpenness], thing: Iri | None, front: Iri | None) -> str:
+def _unopenable_reason(kb: QuestionContext, rows: list[JointOpenness], thing: Iri | None, front: Iri | None) -> str:
     """Why nothing opens a thing, or a front opens nothing, in whatever state it is; empty where something does."""
     owners = {row.front: local_name(row.thing) for row in rows}
     if front is not None and front not in owners:
@@ -282,7 +279,7 @@ def _unopenable_reason(kb: KnowledgeBase, rows: list[JointOpenness], thing: Iri 
     return f"{individual_text(kb.reasoner, thing)} has no door, drawer or lid that a constraint moves"
 
 
-def _is_front(kb: KnowledgeBase, body: Body) -> bool:
+def _is_front(kb: QuestionContext, body: Body) -> bool:
     """Whether something that moves is a door, a drawer or a lid; what no ontology knows may be one."""
     above = kb.reasoner.classes.above(body.cls)
     return len(above) <= 1 or any(kb.reasoner.is_a(body.cls, cls) for cls in _FRONT_CLASSES)
@@ -303,7 +300,7 @@ def _is_open(displacement: JointDisplacement) -> bool:
 class _ContainerFinder:
     """What doors and drawers belong to, by how everything was told: closed."""
 
-    def __init__(self, kb: KnowledgeBase, maps: Iterable[World]) -> None:
+    def __init__(self, kb: QuestionContext, maps: Iterable[World]) -> None:
         self._kb = kb
         self._map_bodies: dict[BodyId, Body] = {}
         self._rigid_neighbors: dict[BodyId, list[Body]] = {}

@@ -13,7 +13,6 @@ They follow restrictions that promise a value of some class, as the questions ab
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
 
 from mindstage.knowledge.explain import (
     expression_text,
@@ -26,15 +25,20 @@ from mindstage.knowledge.explain import (
     subproperty_line,
 )
 from mindstage.knowledge.owl import named_classes
-from mindstage.knowledge.questions import AnswerRow, ClassName, IndividualName, MapName, MissingKnowledge, question
+from mindstage.knowledge.questions import (
+    AnswerRow,
+    ClassName,
+    IndividualName,
+    MapName,
+    MissingKnowledge,
+    QuestionContext,
+    question,
+)
 from mindstage.knowledge.rdf import local_name
 from mindstage.knowledge.reasoner import Reasoner
 from mindstage.knowledge.reasoner_classes import ClassRestriction
 from mindstage.knowledge.vocabulary import THING, knowrob
 from mindstage.scene import Iri
-
-if TYPE_CHECKING:
-    from mindstage.knowledge.knowledge_base import KnowledgeBase
 
 __all__ = [
     "ActionDevice",
@@ -91,7 +95,7 @@ class ActionDevice(AnswerRow, frozen=True, kw_only=True):
 
 @question
 def device_for_action(
-    kb: KnowledgeBase, action: ClassName | None = None, device: ClassName | None = None
+    kb: QuestionContext, action: ClassName | None = None, device: ClassName | None = None
 ) -> Iterator[ActionDevice]:
     """What an action is done with; what its own class says comes before what it inherits.
 
@@ -129,7 +133,7 @@ def _all_actions(reasoner: Reasoner) -> list[Iri]:
 
 
 @device_for_action.explain
-def _explain_device(kb: KnowledgeBase, row: ActionDevice) -> Iterator[str]:
+def _explain_device(kb: QuestionContext, row: ActionDevice) -> Iterator[str]:
     yield from subclass_line(kb.reasoner.classes.path(row.action, row.told_by))
     for owned in _device_restrictions(kb.reasoner, row.told_by):
         if owned.cls == row.told_by and row.device in named_classes(owned.restriction.filler):
@@ -142,7 +146,7 @@ def _explain_device(kb: KnowledgeBase, row: ActionDevice) -> Iterator[str]:
 
 @device_for_action.missing
 def _missing_device(
-    kb: KnowledgeBase, action: Iri | None = None, device: Iri | None = None
+    kb: QuestionContext, action: Iri | None = None, device: Iri | None = None
 ) -> Iterator[MissingKnowledge]:
     property = local_name(_DEVICE_USED)
     if action is not None:
@@ -178,7 +182,7 @@ class ActionDeviceInMap(AnswerRow, frozen=True, kw_only=True):
 
 @question
 def device_for_action_in_environment(
-    kb: KnowledgeBase,
+    kb: QuestionContext,
     action: ClassName | None = None,
     individual: IndividualName | None = None,
     map: MapName | None = None,
@@ -198,7 +202,7 @@ def device_for_action_in_environment(
 
 
 @device_for_action_in_environment.explain
-def _explain_device_in_map(kb: KnowledgeBase, row: ActionDeviceInMap) -> Iterator[str]:
+def _explain_device_in_map(kb: QuestionContext, row: ActionDeviceInMap) -> Iterator[str]:
     for need in _find_devices(kb.reasoner, row.action):
         if need.device == row.device:
             yield from _explain_device(kb, need)
@@ -207,7 +211,7 @@ def _explain_device_in_map(kb: KnowledgeBase, row: ActionDeviceInMap) -> Iterato
 
 @device_for_action_in_environment.missing
 def _missing_device_in_map(
-    kb: KnowledgeBase, action: Iri | None = None, individual: Iri | None = None, map: Iri | None = None
+    kb: QuestionContext, action: Iri | None = None, individual: Iri | None = None, map: Iri | None = None
 ) -> Iterator[MissingKnowledge]:
     needs = list(_find_devices(kb.reasoner, action)) if action else []
     if action and not needs:
@@ -235,7 +239,7 @@ class StoragePlace(AnswerRow, frozen=True, kw_only=True):
 
 @question
 def storage_place(
-    kb: KnowledgeBase, item: ClassName | None = None, place: ClassName | None = None
+    kb: QuestionContext, item: ClassName | None = None, place: ClassName | None = None
 ) -> Iterator[StoragePlace]:
     """Where things of a class are kept, the most special place first.
 
@@ -286,7 +290,7 @@ def _stored_classes(reasoner: Reasoner, place: Iri | None) -> list[Iri]:
 
 
 @storage_place.explain
-def _explain_storage(kb: KnowledgeBase, row: StoragePlace) -> Iterator[str]:
+def _explain_storage(kb: QuestionContext, row: StoragePlace) -> Iterator[str]:
     index = kb.reasoner
     yield from subclass_line(index.classes.path(row.item, row.because_of))
     for owned in index.restrictions_with_filler(_CONTAINER_FOR, row.because_of):
@@ -298,7 +302,7 @@ def _explain_storage(kb: KnowledgeBase, row: StoragePlace) -> Iterator[str]:
 
 @storage_place.missing
 def _missing_storage(
-    kb: KnowledgeBase, item: Iri | None = None, place: Iri | None = None
+    kb: QuestionContext, item: Iri | None = None, place: Iri | None = None
 ) -> Iterator[MissingKnowledge]:
     property = local_name(_CONTAINER_FOR)
     hint = f"; {heir}" if place and (heir := _ancestor_hint(kb.reasoner, place)) else ""
@@ -336,7 +340,7 @@ class StoragePlaceInMap(AnswerRow, frozen=True, kw_only=True):
 
 @question
 def storage_place_in_environment(
-    kb: KnowledgeBase,
+    kb: QuestionContext,
     item: ClassName | None = None,
     individual: IndividualName | None = None,
     map: MapName | None = None,
@@ -359,7 +363,7 @@ def storage_place_in_environment(
 
 
 @storage_place_in_environment.explain
-def _explain_storage_in_map(kb: KnowledgeBase, row: StoragePlaceInMap) -> Iterator[str]:
+def _explain_storage_in_map(kb: QuestionContext, row: StoragePlaceInMap) -> Iterator[str]:
     for storage in _find_storage_places(kb.reasoner, row.item):
         if storage.place == row.place:
             yield from _explain_storage(kb, storage)
@@ -368,7 +372,7 @@ def _explain_storage_in_map(kb: KnowledgeBase, row: StoragePlaceInMap) -> Iterat
 
 @storage_place_in_environment.missing
 def _missing_storage_in_map(
-    kb: KnowledgeBase, item: Iri | None = None, individual: Iri | None = None, map: Iri | None = None
+    kb: QuestionContext, item: Iri | None = None, individual: Iri | None = None, map: Iri | None = None
 ) -> Iterator[MissingKnowledge]:
     storages = _find_storage_places(kb.reasoner, item) if item else []
     if item and not storages:

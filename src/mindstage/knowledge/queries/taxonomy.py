@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
 
 from mindstage.knowledge.explain import expression_text, restriction_line, subclass_line, subproperty_line
 from mindstage.knowledge.owl import Expression, NamedClass
-from mindstage.knowledge.questions import AnswerRow, ClassName, MissingKnowledge, PropertyName, ValueName, question
+from mindstage.knowledge.questions import (
+    AnswerRow,
+    ClassName,
+    MissingKnowledge,
+    PropertyName,
+    QuestionContext,
+    ValueName,
+    question,
+)
 from mindstage.knowledge.rdf import local_name
 from mindstage.knowledge.vocabulary import SUBCLASS_OF, THING
 from mindstage.scene import Iri
-
-if TYPE_CHECKING:
-    from mindstage.knowledge.knowledge_base import KnowledgeBase
 
 __all__ = ["ClassRestrictionRow", "SiblingClasses", "SubclassRelation", "class_properties", "siblings", "subclass_of"]
 
@@ -29,7 +33,7 @@ class SubclassRelation(AnswerRow, frozen=True, kw_only=True):
 
 @question
 def subclass_of(
-    kb: KnowledgeBase, cls: ClassName | None = None, superclass: ClassName | None = None
+    kb: QuestionContext, cls: ClassName | None = None, superclass: ClassName | None = None
 ) -> Iterator[SubclassRelation]:
     """The superclasses of a class, the nearest first, or the subclasses of a superclass; no class is its own.
 
@@ -50,13 +54,13 @@ def subclass_of(
 
 
 @subclass_of.explain
-def _explain_subclass(kb: KnowledgeBase, row: SubclassRelation) -> Iterator[str]:
+def _explain_subclass(kb: QuestionContext, row: SubclassRelation) -> Iterator[str]:
     yield from subclass_line(kb.reasoner.classes.path(row.cls, row.superclass))
 
 
 @subclass_of.missing
 def _missing_subclass(
-    kb: KnowledgeBase, cls: Iri | None = None, superclass: Iri | None = None
+    kb: QuestionContext, cls: Iri | None = None, superclass: Iri | None = None
 ) -> Iterator[MissingKnowledge]:
     if cls and superclass:
         above = ", ".join(local_name(each) for each in kb.reasoner.classes.parents(cls)) or "nothing else"
@@ -77,7 +81,7 @@ class SiblingClasses(AnswerRow, frozen=True, kw_only=True):
 
 @question
 def siblings(
-    kb: KnowledgeBase, cls: ClassName | None = None, sibling: ClassName | None = None
+    kb: QuestionContext, cls: ClassName | None = None, sibling: ClassName | None = None
 ) -> Iterator[SiblingClasses]:
     """Which classes share a direct superclass.
 
@@ -95,14 +99,14 @@ def siblings(
 
 
 @siblings.explain
-def _explain_sibling(kb: KnowledgeBase, row: SiblingClasses) -> Iterator[str]:
+def _explain_sibling(kb: QuestionContext, row: SiblingClasses) -> Iterator[str]:
     yield from subclass_line((row.cls, row.parent))
     yield from subclass_line((row.sibling, row.parent))
 
 
 @siblings.missing
 def _missing_siblings(
-    kb: KnowledgeBase, cls: Iri | None = None, sibling: Iri | None = None
+    kb: QuestionContext, cls: Iri | None = None, sibling: Iri | None = None
 ) -> Iterator[MissingKnowledge]:
     if thing := cls or sibling:
         parents = ", ".join(local_name(each) for each in sorted(kb.reasoner.classes.parents(thing)))
@@ -126,7 +130,7 @@ class ClassRestrictionRow(AnswerRow, frozen=True, kw_only=True):
 
 @question
 def class_properties(
-    kb: KnowledgeBase,
+    kb: QuestionContext,
     cls: ClassName | None = None,
     property: PropertyName | None = None,
     value: ValueName | None = None,
@@ -154,7 +158,7 @@ def class_properties(
                 )
 
 
-def _classes_with_value(kb: KnowledgeBase, value: str | None) -> Iterator[Iri]:
+def _classes_with_value(kb: QuestionContext, value: str | None) -> Iterator[Iri]:
     """The classes that say something, with this value, or inherit it."""
     axioms, classes = kb.reasoner.axioms, kb.reasoner.classes
     telling = (
@@ -170,7 +174,7 @@ def _filler_text(filler: Expression | None) -> str:
 
 
 @class_properties.explain
-def _explain_property(kb: KnowledgeBase, row: ClassRestrictionRow) -> Iterator[str]:
+def _explain_property(kb: QuestionContext, row: ClassRestrictionRow) -> Iterator[str]:
     yield from subclass_line(kb.reasoner.classes.path(row.cls, row.told_by))
     for told in kb.reasoner.axioms.own_restrictions(row.told_by):
         if (told.restriction_type.value, told.cardinality, _filler_text(told.filler)) == (
@@ -186,7 +190,7 @@ def _explain_property(kb: KnowledgeBase, row: ClassRestrictionRow) -> Iterator[s
 
 @class_properties.missing
 def _missing_property(
-    kb: KnowledgeBase, cls: Iri | None = None, property: Iri | None = None, value: str | None = None
+    kb: QuestionContext, cls: Iri | None = None, property: Iri | None = None, value: str | None = None
 ) -> Iterator[MissingKnowledge]:
     who = f"neither {local_name(cls)} nor an ancestor of it" if cls else "no class"
     what = "anything of its members"
