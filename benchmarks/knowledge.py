@@ -59,7 +59,7 @@ start = time.perf_counter()
 knowledge = KnowledgeBase(bundled_ontology=False)
 knowledge.load(sys.argv[1:])
 world = knowledge.world()
-print(time.perf_counter() - start, len(world.bodies) + len(world.constraints))
+print(time.perf_counter() - start, len(world.bodies) + len(world.joints))
 """
 WRITE = """
 import sys, time
@@ -69,13 +69,13 @@ knowledge.load(sys.argv[1:])
 world = knowledge.world()
 start = time.perf_counter()
 write_map(world)
-print(time.perf_counter() - start, len(world.bodies) + len(world.constraints))
+print(time.perf_counter() - start, len(world.bodies) + len(world.joints))
 """
 MULTIPLY = """
 import sys
 from msgspec.structs import replace
 from mindstage.knowledge import KnowledgeBase, save_map
-from mindstage.world import Attachment, BodyId, Iri
+from mindstage.scene import Attachment, BodyId, Iri
 small, large, count = sys.argv[1:]
 knowledge = KnowledgeBase(bundled_ontology=False)
 knowledge.load([small])

@@ -26,12 +26,12 @@ _COLD = """
 import sys, time
 from pathlib import Path
 from mindstage.knowledge import KnowledgeBase
-from mindstage.shapes.fitting import forms_for
+from mindstage.geometry import fit_geometry
 knowledge = KnowledgeBase()
 knowledge.load([Path(sys.argv[1])])
 world = knowledge.world()
 start = time.process_time()
-forms_for(world, knowledge)
+fit_geometry(world, knowledge)
 Path(sys.argv[2]).write_text(str(time.process_time() - start), encoding="utf-8")
 """
 

@@ -102,7 +102,7 @@ def test_a_joint_has_its_name_its_axis_and_its_range() -> None:
     slide = LinearLimits(x=AxisMotion.LIMITED, limit=0.2, x_middle=0.2)
     turned = Pose((0.5, 0.0, 0.0), (0.5**0.5, 0.0, 0.0, 0.5**0.5))
     constraint = replace(joint(slide, AngularLimits()), pose=turned)
-    model = loaded(world_of(thing("base"), thing("arm", at=(1.0, 0.0, 0.0), dynamic=True), constraints=(constraint,)))
+    model = loaded(world_of(thing("base"), thing("arm", at=(1.0, 0.0, 0.0), dynamic=True), joints=(constraint,)))
     found = model.joint("joint")
     assert found.type == mujoco.mjtJoint.mjJNT_SLIDE
     np.testing.assert_allclose(found.axis, (0.0, 1.0, 0.0), atol=1e-12)
@@ -112,7 +112,7 @@ def test_a_joint_has_its_name_its_axis_and_its_range() -> None:
 def test_each_axis_of_a_joint_has_a_name() -> None:
     angular = AngularLimits(swing1=AxisMotion.LIMITED, swing1_limit=0.5, twist=AxisMotion.FREE)
     constraint = joint(LinearLimits(z=AxisMotion.LIMITED, limit=0.1), angular)
-    model = loaded(world_of(thing("base"), thing("arm", dynamic=True), constraints=(constraint,)))
+    model = loaded(world_of(thing("base"), thing("arm", dynamic=True), joints=(constraint,)))
     assert {model.joint(number).name for number in range(model.njnt)} == {"joint:z", "joint:swing1", "joint:twist"}
 
 
@@ -124,7 +124,7 @@ def test_it_moves_as_in_here() -> None:
         thing("base", at=(0.2, 0.0, 0.0)),
         thing("arm", at=(1.0, 0.0, 0.0), dynamic=True),
         thing("box", at=(-2.0, 0.0, 0.5), dynamic=True),
-        constraints=(door,),
+        joints=(door,),
     )
     names = [body.id for body in world.bodies]
     engine = MujocoEngine()

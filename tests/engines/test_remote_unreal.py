@@ -222,7 +222,7 @@ def test_what_the_plugin_has_no_service_for_is_said_to_be_impossible(engine: Unr
     assert engine.joint_positions() == {}
 
 
-@pytest.mark.parametrize(("colour", "code"), [((1, 0, 0), 2), ((0, 0.9, 0.1), 4), ((0.1, 0.1, 0.1), 1), (None, 0)])
+@pytest.mark.parametrize(("color", "code"), [((1, 0, 0), 2), ((0, 0.9, 0.1), 4), ((0.1, 0.1, 0.1), 1), (None, 0)])
 def test_bodies_are_outlined_in_the_nearest_color_that_there_is(
     color: tuple[float, float, float] | None, code: int, engine: UnrealEngine, peer: FakeUnrealPlugin
 ) -> None:

@@ -175,7 +175,7 @@ UNUSUAL = {
         CUP,
         TABLE,
         attachments=(Attachment(parent=TABLE.id, child=CUP.id),),
-        constraints=(
+        joints=(
             Joint(
                 id=BodyId("j"), iri=individual("j"), parent=CUP.id, child=TABLE.id, pose=Pose(), disable_collision=False
             ),

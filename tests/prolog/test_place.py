@@ -94,7 +94,7 @@ def test_the_reason_is_told_to_who_watches(console: PrologConsole, stage: Simula
 
 
 @pytest.mark.parametrize(
-    ("colour", "expected"),
+    ("color", "expected"),
     [("red", COLORS["red"]), ("'#ff0080'", (1.0, 0.0, 128 / 255)), ("rgb(1, 0, 0.5)", (1.0, 0.0, 0.5))],
 )
 def test_lights_have_colors(

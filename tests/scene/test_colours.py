@@ -18,7 +18,7 @@ def test_the_named_colors_are_those_of_the_wire_in_its_order() -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "colour"),
+    ("text", "color"),
     [
         ("red", COLORS["red"]),
         (" Red ", COLORS["red"]),

@@ -192,7 +192,7 @@ def _error_text(error: MindstageError) -> str:
 
 def _print_error(error: Exception, message: str, *, as_json: bool) -> None:
     if as_json:
-        print_json({"error": {"kind": type(error).__name__, "message": message}})
+        print_json({"error": {"kind": getattr(error, "code", type(error).__name__), "message": message}})
     typer.echo(f"mindstage: error: {one_line(message)}", err=True)
 
 

@@ -87,7 +87,7 @@ def find_godot(program_name: str | Path | None = None) -> GodotExecutable:
 
 
 def _candidates() -> Iterator[Path]:
-    checkout = Path(__file__).resolve().parents[4]
+    checkout = Path(__file__).resolve().parents[3]
     on_path = (found for name in _PROGRAM_NAMES if (found := shutil.which(name)))
     home = Path.home()
     more = (home / ".local/bin/godot", home / "Applications/Godot.app/Contents/MacOS/Godot", checkout / _INSTALLED_PATH)
@@ -136,7 +136,7 @@ def bundled_project() -> Path:
     Raises:
         EngineUnavailableError: it did not come along.
     """
-    package = Path(__file__).resolve().parents[2]
+    package = Path(__file__).resolve().parents[1]
     places = (package / "godot_project", package.parents[1] / "godot")
     found = next((place for place in places if (place / _PROJECT_FILE).is_file()), None)
     if found is None:

@@ -161,7 +161,7 @@ JOINT_FIELDS: Mapping[str, ChangeKind] = {
     },
     **{
         f"{soft}.{part}": kind
-        for soft in ("linear.soft", "angular.swing_soft", "angular.twist_soft")
+        for soft in ("linear.soft_limit", "angular.swing_soft_limit", "angular.twist_soft_limit")
         for part, kind in (
             ("enabled", ChangeKind.MOTION),
             ("stiffness", ChangeKind.STIFFNESS),
@@ -173,9 +173,9 @@ JOINT_FIELDS: Mapping[str, ChangeKind] = {
 
 LIGHT_FIELDS: Mapping[str, ChangeKind] = {
     "iri": ChangeKind.NAME,
-    "kind": ChangeKind.CLASS,
+    "type": ChangeKind.CLASS,
     **_POSE,
-    "colour": ChangeKind.COLOR,
+    "color": ChangeKind.COLOR,
     "intensity": ChangeKind.INTENSITY,
 }
 
@@ -186,7 +186,7 @@ class FieldChange(msgspec.Struct, frozen=True, kw_only=True):
     id: str
     """Of a body, a constraint, a light; the IRI of a resource or of the world itself."""
     field: str
-    """Dotted, as the values have it: `pose.qpos_address`, `srgb_to_linear.limit`."""
+    """The path of the attribute: `pose.position`, `linear.limit`."""
     kind: ChangeKind
     a: Any
     """What the first world has; None for nothing. For tags and facts: those that the second lacks."""
@@ -216,7 +216,7 @@ def compare_materials(ids: Sequence[str], a: Sequence[Body], b: Sequence[Body]) 
     slot = 0
     while rows := [row for row in rows if min(len(a[row].materials), len(b[row].materials)) > slot]:
         colors = [[side[row].materials[slot].color for row in rows] for side in (a, b)]
-        yield from compare_column(f"materials[{slot}].colour", ChangeKind.COLOR, [ids[row] for row in rows], *colors)
+        yield from compare_column(f"materials[{slot}].color", ChangeKind.COLOR, [ids[row] for row in rows], *colors)
         slot += 1
 
 
@@ -753,11 +753,21 @@ def _shown(value: object) -> str:
     return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}…"
 
 
+_JSON_NAMES = {
+    "soft_limit": "soft",
+    "swing_soft_limit": "swing_soft",
+    "twist_soft_limit": "twist_soft",
+    "type": "kind",
+    "color": "colour",
+}
+"""Attributes whose name in JSON differs."""
+
+
 def _change_rows(changes: Iterable[FieldChange]) -> list[dict[str, Any]]:
     return [
         {
             "id": change.id,
-            "field": change.field,
+            "field": ".".join(_JSON_NAMES.get(part, part) for part in change.field.split(".")),
             "kind": change.kind.value,
             "a": _jsonable(change.a),
             "b": _jsonable(change.b),

@@ -139,7 +139,7 @@ class BodyGeometry:
     """What a body is made of. Forms of one key are the same, so engines and pages build each only once."""
 
     key: str
-    """A digest of everything below but `source_xml` and `why`."""
+    """A digest of everything below but `source` and `reason`."""
     visuals: tuple[VisualMesh, ...]
     collision_shapes: tuple[CollisionShape, ...]
     source: GeometrySource = GeometrySource.MAP
@@ -155,11 +155,11 @@ class BodyGeometry:
     support_surfaces: tuple[SupportSurface, ...] = ()
     lights: tuple[AttachedLight, ...] = ()
     _draw: Callable[[], tuple[str, tuple[VisualMesh, ...]]] | None = field(default=None, repr=False, compare=False)
-    """Computes `key` and `skins` when one of them is first read, unless they were given."""
+    """Computes `key` and `visuals` when one of them is first read, unless they were given."""
 
     @classmethod
     def deferred(cls, draw: Callable[[], tuple[str, tuple[VisualMesh, ...]]], **fields: Any) -> Self:
-        """A form whose `key` and `skins` are computed when they are first read: physics alone needs neither.
+        """A form whose `key` and `visuals` are computed when they are first read: physics alone needs neither.
 
         Args:
             draw: computes both; it is called at most once a thread, and must return the same objects each time.
@@ -168,18 +168,18 @@ class BodyGeometry:
         form = cls(key="", visuals=(), _draw=draw, **fields)
         # A slot that is not set is looked up by `__getattr__`.
         object.__delattr__(form, "key")
-        object.__delattr__(form, "skins")
+        object.__delattr__(form, "visuals")
         return form
 
     if not TYPE_CHECKING:  # mypy would take any attribute for one that exists
 
         def __getattr__(self, name: str) -> Any:
-            if name not in ("key", "skins"):
+            if name not in ("key", "visuals"):
                 raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
-            key, skins = self._draw()
+            key, visuals = self._draw()
             object.__setattr__(self, "key", key)
-            object.__setattr__(self, "skins", skins)
-            return key if name == "key" else skins
+            object.__setattr__(self, "visuals", visuals)
+            return key if name == "key" else visuals
 
 
 GeometryMap = Mapping[BodyId, BodyGeometry]

@@ -13,6 +13,6 @@ __all__ = ["MjcfExport", "MujocoEngine", "world_to_mjcf"]
 
 def __getattr__(name: str) -> object:
     # Writing models needs an XML library, which running them does not.
-    if name in ("Mjcf", "mjcf"):
+    if name in ("MjcfExport", "world_to_mjcf"):
         return getattr(import_module("mindstage.engines.mujoco.mjcf"), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

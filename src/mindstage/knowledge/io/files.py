@@ -69,7 +69,7 @@ def bundled_ontology() -> Path:
 
 def _bundled_path(name: str) -> Path:
     # Wheels are always unpacked, so that a resource of ours is a file.
-    return Path(__file__).parent / "bundled" / name
+    return Path(__file__).parents[1] / "bundled" / name
 
 
 RDF_XML, TURTLE, N_TRIPLES = ox.RdfFormat.RDF_XML, ox.RdfFormat.TURTLE, ox.RdfFormat.N_TRIPLES
