@@ -63,7 +63,7 @@ MALFORMED: dict[str, Malformed] = {
         "]>\n", '\t<!ENTITY m "http://example.org/other#">\n]>\n', 7, "entity 'm' is declared twice"
     ),
     "an entity that nobody declares": _malformed_case(
-        '\t<!ENTITY xsd "http://www.w3.org/2001/XMLSchema#">\n', "\n", 14, "nothing declares the entity 'xsd'"
+        '\t<!ENTITY xsd "http://www.w3.org/2001/XMLSchema#">\n', "\n", 14, "the entity 'xsd' is not declared"
     ),
     "an entity with a colon": _malformed_case('"&m;cup"', '"&m:cup"', 12, "used with a colon"),
     "an attribute twice": _malformed_case(
@@ -81,23 +81,23 @@ MALFORMED: dict[str, Malformed] = {
     ),
     "a tag without its >": _malformed_case("</rdfs:label>\n", "</rdfs:label\n", 15, "an end tag has no >"),
     "a namespace that only an entity tells": _malformed_case(
-        ' xmlns:knowrob="http://knowrob.org/kb/knowrob.owl#"', "", 14, "nothing declares the prefix 'knowrob'"
+        ' xmlns:knowrob="http://knowrob.org/kb/knowrob.owl#"', "", 14, "the prefix 'knowrob' is not declared"
     ),
     "a namespace that everyone knows": _malformed_case(
-        ' xmlns:rdfs="http://www.w3.org/2000/01/rdf-schema#"', "", 15, "nothing declares the prefix 'rdfs'"
+        ' xmlns:rdfs="http://www.w3.org/2000/01/rdf-schema#"', "", 15, "the prefix 'rdfs' is not declared"
     ),
     "a namespace that nobody knows": _malformed_case(
-        "rdfs:label>", "foo:label>", 15, "nothing declares the prefix 'foo'", same_statements=False
+        "rdfs:label>", "foo:label>", 15, "the prefix 'foo' is not declared", same_statements=False
     ),
-    "attributes without a prefix": _malformed_case("rdf:about", "about", 11, "says 'about' without a prefix"),
-    "an & alone": _malformed_case("A cup", "A cup & saucer", 15, "an & stands alone", same_statements=False),
-    "a < alone": _malformed_case("A cup", "1 < 2", 15, "a < stands in a text", same_statements=False),
+    "attributes without a prefix": _malformed_case("rdf:about", "about", 11, "has the attribute 'about' without a prefix"),
+    "an & alone": _malformed_case("A cup", "A cup & saucer", 15, "there is an unescaped &", same_statements=False),
+    "a < alone": _malformed_case("A cup", "1 < 2", 15, "there is a < in a text", same_statements=False),
     "an end that began as another name": _malformed_case(
-        "</rdfs:label>", "</rdfs:Label>", 15, "ends what never began", same_statements=False
+        "</rdfs:label>", "</rdfs:Label>", 15, "has no start tag", same_statements=False
     ),
     "an end too few": _malformed_case("  </owl:NamedIndividual>\n", "\n", 17, "<owl:NamedIndividual> has no end tag"),
     "an end too many": _malformed_case(
-        "</rdf:RDF>", "</owl:Thing></rdf:RDF>", 17, "</owl:Thing> ends what never began"
+        "</rdf:RDF>", "</owl:Thing></rdf:RDF>", 17, "</owl:Thing> has no start tag"
     ),
     "a statement without its end": _malformed_case(
         '<rdf:type rdf:resource="&knowrob;Cup"/>',
@@ -110,11 +110,11 @@ MALFORMED: dict[str, Malformed] = {
         '<rdf:type rdf:resource="&knowrob;Cup"/>',
         '<rdf:type><owl:Class rdf:about="&knowrob;Cup"/><owl:Class rdf:about="&knowrob;Mug"/></rdf:type>',
         13,
-        "<rdf:type> holds several things",
+        "<rdf:type> contains several nodes",
         same_statements=False,
     ),
-    "text between things": _malformed_case("  <owl:Named", "  stray <owl:Named", 11, "takes none"),
-    "text beside a reference": _malformed_case('Cup"/>', 'Cup">x</rdf:type>', 13, "takes none"),
+    "text between things": _malformed_case("  <owl:Named", "  stray <owl:Named", 11, "is not allowed in"),
+    "text beside a reference": _malformed_case('Cup"/>', 'Cup">x</rdf:type>', 13, "is not allowed in"),
     "a blank in a name": _malformed_case("&m;cup", "&m;a cup", 12, "letters that no IRI has", same_statements=False),
     "a backslash in a name": _malformed_case(
         '"&m;cup"', '"file:///C:\\maps\\a.owl"', 12, "letters that no IRI", same_statements=False
@@ -124,7 +124,7 @@ MALFORMED: dict[str, Malformed] = {
     ),
     "a language of no letters": _malformed_case("<rdfs:label>", '<rdfs:label xml:lang="">', 15, "which is none"),
     "an id that is no name": _malformed_case(
-        'rdf:about="&m;cup"', 'rdf:ID="1cup"', 12, "is no XML name", same_statements=False
+        'rdf:about="&m;cup"', 'rdf:ID="1cup"', 12, "is not an XML name", same_statements=False
     ),
     "an id twice": _malformed_case(
         "</rdf:RDF>",

@@ -93,7 +93,7 @@ def test_what_was_assumed_is_told_with_its_evidence(tmp_path: Path) -> None:
     }
     assert "0.86 m large" in told["units"].evidence
     assert "heights go from 0.35 to 0.97 m" in told["frame"].evidence
-    assert "as xyzw 5 of 5 stand upright and 5 are not turned" in told["quaternion"].evidence
+    assert "as xyzw 5 of 5 are upright and 5 are not rotated" in told["quaternion"].evidence
     assert not any(assumption.overridden for assumption in told.values())
     assert all(assumption.map == individual("room") for assumption in told.values())
 
@@ -107,7 +107,7 @@ def test_the_user_decides_what_numbers_mean(tmp_path: Path) -> None:
     assert world.body("fridge").pose == Pose((0.1, 0.2, 0.075), (0.0, 0.0, 0.0, 1.0))
     assumptions = {assumption.topic: assumption for assumption in knowledge.assumptions()}
     assert assumptions["units"].overridden
-    assert "by evidence it would be cm" in assumptions["units"].evidence
+    assert "the evidence indicates cm" in assumptions["units"].evidence
     assert not assumptions["joints"].overridden
 
 

@@ -169,7 +169,7 @@ def test_an_import_that_cannot_be_read_is_named_with_its_cause(tmp_path: Path) -
     (finding,) = knowledge.findings()
     assert finding.severity is Severity.ERROR
     assert "bad.owl" in finding.problem
-    assert "cut off" in finding.problem
+    assert "truncated" in finding.problem
     assert len(knowledge.world().bodies) == 1
 
 

@@ -124,7 +124,7 @@ def test_letters_of_another_encoding_than_told_are_read_and_told(tmp_path: Path)
     file, statements = reading(path)
     assert any("Küche" in str(quad.object) for quad in statements)
     assert file.repairs[0].line == 15
-    assert "0xfc is no UTF-8" in file.repairs[0].problem
+    assert "0xfc is not valid UTF-8" in file.repairs[0].problem
 
 
 @pytest.mark.parametrize("encoding", ["klingon", "utf-16", "UTF-32LE", "ucs-2"])

@@ -49,17 +49,17 @@ def test_semlog_maps_are_in_meters_whatever_their_size_and_say_so(tmp_path: Path
 def test_lengths_that_no_household_has_are_doubted(tmp_path: Path) -> None:
     knowledge = read_as(tmp_path, room_map(*MUGS))
     knowledge.world()
-    (finding,) = [finding for finding in knowledge.findings() if "look like" in finding.problem]
+    (finding,) = [finding for finding in knowledge.findings() if "indicate" in finding.problem]
     assert finding.individual == individual("room")
-    assert "look like cm" in finding.problem
+    assert "indicate cm" in finding.problem
     assert finding.action == "they are read as m; --units cm would change that"
 
 
 def test_rotations_that_would_lay_everything_down_are_doubted(tmp_path: Path) -> None:
     knowledge = read_as(tmp_path, room_map(*TURNED, *LYING))
     knowledge.world()
-    (finding,) = [finding for finding in knowledge.findings() if "look like" in finding.problem]
-    assert "look like xyzw" in finding.problem
+    (finding,) = [finding for finding in knowledge.findings() if "indicate" in finding.problem]
+    assert "indicate xyzw" in finding.problem
 
 
 def test_nothing_is_doubted_that_the_user_decided(tmp_path: Path) -> None:
@@ -89,7 +89,7 @@ def test_a_map_may_declare_its_conventions(tmp_path: Path) -> None:
     knowledge = read_as(tmp_path, room_map(declared, body_turtle("cup", position="100 200 300", quaternion="0 0 0 1")))
     world = knowledge.world()
     assert world.body("cup").pose == Pose((1.0, -2.0, 3.0), (1.0, 0.0, 0.0, 0.0))
-    assert all("the map says so" in assumption.evidence for assumption in knowledge.assumptions())
+    assert all("declared in the map" in assumption.evidence for assumption in knowledge.assumptions())
     save_map(world, tmp_path / "out.ttl")
     assert_worlds_equal(world, knowledge_base_from(tmp_path / "out.ttl").world())
 
@@ -165,7 +165,7 @@ def test_a_crowd_in_one_place_is_named(read: ReadMap) -> None:
         room_map(*(body_turtle(f"cup{n}") for n in range(10)), body_turtle("pan", position="0 0 0"))
     )
     assert len(world.bodies) == 11
-    assert finding.problem == "10 bodies are in one place (1 2 3)"
+    assert finding.problem == "10 bodies are at one position (1 2 3)"
 
 
 def test_nine_in_one_place_are_no_crowd(read: ReadMap) -> None:

@@ -86,7 +86,7 @@ def test_a_link_that_no_description_has_and_one_that_nobody_names_are_told(linke
     assert len(knowledge.world().joints) == 2
     told = str(knowledge.findings())
     assert "as the link 'freezer'" in told
-    assert "no map names one of its links" in told
+    assert "no map refers to one of its links" in told
 
 
 def test_what_is_given_as_a_description_must_be_one(linked: Path) -> None:

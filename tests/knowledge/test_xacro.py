@@ -39,7 +39,7 @@ def test_macros_are_expanded_and_packages_found(tmp_path: Path) -> None:
     path.write_text(robot_urdf(include, extra_attributes=_XACRO), encoding="utf-8")
     world = LoadedRobot(path, ontologies=(tmp_path / "packages",)).world
     assert world.body("table").size == (0.5, 1.0, 1.0)
-    with pytest.raises(SourceParseError, match="no folder of packages has 'kitchen_parts'"):
+    with pytest.raises(SourceParseError, match="no package folder contains 'kitchen_parts'"):
         LoadedRobot(path)
 
 

@@ -1,8 +1,8 @@
 """Membership: which maps a graph contains, and which individuals belong to each of them.
 
 In KnowRob 1 a part belongs to the map of its whole, and the oldest maps do not state membership at all. KnowRob 2 has
-no map class: a file is a map. What follows from this is added as `describedInMap` statements of dialect 1, so that readers
-and queries need only these.
+no map class: a file is a map. What follows from this is added as `describedInMap` statements of dialect 1, so that
+readers and queries need only these.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Normalization of other dialects to the vocabulary of dialect 1.
 
 The reader of another dialect adds the poses, sizes, attachments and joints that it finds to a `DialectNormalizer`,
-which states them in the vocabulary of dialect 1. The statements of the source are kept beside these, so `read_semlog` builds
-the world from both without loss, and reading the written map gives the same world.
+which states them in the vocabulary of dialect 1. The statements of the source are kept beside these, so `read_semlog`
+builds the world from both without loss, and reading the written map gives the same world.
 """
 
 from __future__ import annotations
