@@ -89,16 +89,16 @@ MALFORMED: dict[str, Malformed] = {
     "a namespace that nobody knows": _malformed_case(
         "rdfs:label>", "foo:label>", 15, "the prefix 'foo' is not declared", same_statements=False
     ),
-    "attributes without a prefix": _malformed_case("rdf:about", "about", 11, "has the attribute 'about' without a prefix"),
+    "attributes without a prefix": _malformed_case(
+        "rdf:about", "about", 11, "has the attribute 'about' without a prefix"
+    ),
     "an & alone": _malformed_case("A cup", "A cup & saucer", 15, "there is an unescaped &", same_statements=False),
     "a < alone": _malformed_case("A cup", "1 < 2", 15, "there is a < in a text", same_statements=False),
     "an end that began as another name": _malformed_case(
         "</rdfs:label>", "</rdfs:Label>", 15, "has no start tag", same_statements=False
     ),
     "an end too few": _malformed_case("  </owl:NamedIndividual>\n", "\n", 17, "<owl:NamedIndividual> has no end tag"),
-    "an end too many": _malformed_case(
-        "</rdf:RDF>", "</owl:Thing></rdf:RDF>", 17, "</owl:Thing> has no start tag"
-    ),
+    "an end too many": _malformed_case("</rdf:RDF>", "</owl:Thing></rdf:RDF>", 17, "</owl:Thing> has no start tag"),
     "a statement without its end": _malformed_case(
         '<rdf:type rdf:resource="&knowrob;Cup"/>',
         '<rdf:type><owl:Class rdf:about="&knowrob;Cup"/>',
@@ -115,14 +115,16 @@ MALFORMED: dict[str, Malformed] = {
     ),
     "text between things": _malformed_case("  <owl:Named", "  stray <owl:Named", 11, "is not allowed in"),
     "text beside a reference": _malformed_case('Cup"/>', 'Cup">x</rdf:type>', 13, "is not allowed in"),
-    "a blank in a name": _malformed_case("&m;cup", "&m;a cup", 12, "letters that no IRI has", same_statements=False),
+    "a blank in a name": _malformed_case(
+        "&m;cup", "&m;a cup", 12, "characters that IRIs exclude", same_statements=False
+    ),
     "a backslash in a name": _malformed_case(
-        '"&m;cup"', '"file:///C:\\maps\\a.owl"', 12, "letters that no IRI", same_statements=False
+        '"&m;cup"', '"file:///C:\\maps\\a.owl"', 12, "characters that IRIs exclude", same_statements=False
     ),
     "a language with an underscore": _malformed_case(
         "<rdfs:label>", '<rdfs:label xml:lang="en_US">', 15, "en-US", same_statements=False
     ),
-    "a language of no letters": _malformed_case("<rdfs:label>", '<rdfs:label xml:lang="">', 15, "which is none"),
+    "a language of no letters": _malformed_case("<rdfs:label>", '<rdfs:label xml:lang="">', 15, "the invalid language"),
     "an id that is no name": _malformed_case(
         'rdf:about="&m;cup"', 'rdf:ID="1cup"', 12, "is not an XML name", same_statements=False
     ),
@@ -130,7 +132,7 @@ MALFORMED: dict[str, Malformed] = {
         "</rdf:RDF>",
         '<knowrob:Cup rdf:ID="a"/><knowrob:Cup rdf:ID="a"/></rdf:RDF>',
         17,
-        "used before",
+        "already used",
         same_statements=False,
     ),
     "a name and an id": _malformed_case('"&m;cup">', '"&m;cup" rdf:ID="cup2">', 12, "both rdf:about and rdf:ID"),

@@ -211,7 +211,7 @@ def test_members_of_a_map_that_is_nowhere_are_in_it_all_the_same(read: ReadMap) 
     text = fridge().replace(":room a owl:NamedIndividual, k:SemanticEnvironmentMap .", "")
     world, findings = read(text)
     assert len(world.bodies) == 3
-    assert any("nothing calls it a map" in finding.problem for finding in findings)
+    assert any("it has no map class" in finding.problem for finding in findings)
 
 
 # -- the way back ------------------------------------------------------------------------------------------------------

@@ -174,7 +174,7 @@ def test_entities_that_stand_for_themselves_are_refused(tmp_path: Path) -> None:
 )
 def test_entities_from_outside_are_refused(outside: str, tmp_path: Path) -> None:
     error = refused(tmp_path, with_entities(f"<!ENTITY last {outside}>"))
-    assert "outside" in error.cause
+    assert "another file" in error.cause
     assert error.line == 2
 
 

@@ -90,7 +90,7 @@ def test_a_package_is_not_left(way_out: str, packages: Path, tmp_path: Path) -> 
     (finding,) = knowledge.findings()
     assert finding.severity is Severity.ERROR
     assert not knows(knowledge)
-    with pytest.raises(SourceParseError, match="leads out"):
+    with pytest.raises(SourceParseError, match="outside of every package"):
         knowledge_base_from(map, ontologies=(packages, way_out))
 
 
@@ -127,7 +127,7 @@ def test_what_a_stranger_wrote_reads_no_other_file(tmp_path: Path) -> None:
     knowledge.load(map, follow_imports=False)
     assert not knows(knowledge)
     (finding,) = knowledge.findings()
-    assert "imports of it are not followed" in finding.problem
+    assert "its imports are not followed" in finding.problem
     assert len(knowledge.world().bodies) == 1
 
 

@@ -115,7 +115,7 @@ def test_classes_that_an_ontology_knows_tell_the_units(tmp_path: Path) -> None:
     knowledge = knowledge_base_from(path, ontologies=(ontology,))
     assert knowledge.world().body("cup").size == (0.08, 0.08, 0.11)
     assert values(knowledge)["units"] == "mm"
-    assert "1 of 1 classes that ontologies know" in knowledge.assumptions()[0].evidence
+    assert "1 of 1 classes agree with those in ontologies" in knowledge.assumptions()[0].evidence
 
 
 @pytest.mark.parametrize(

@@ -142,7 +142,7 @@ def test_a_thing_without_a_name_is_there_and_said_to_have_none(read: ReadMap, tm
     text = soma_map(nameless, located("mug"))
     world = check_round_trip(read, text, tmp_path)
     assert {body.id for body in world.bodies} == {"mug", "unnamed1"}
-    assert any("it has no name" in finding.problem for finding in read(text)[1])
+    assert any("it has no IRI" in finding.problem for finding in read(text)[1])
 
 
 def test_whoever_loads_a_map_may_know_better_how_its_numbers_are_meant(tmp_path: Path) -> None:

@@ -73,7 +73,7 @@ def test_rdf_xml_can_lean_on_a_description_too(linked: Path, file: Path, tmp_pat
 def test_without_its_description_a_map_says_which_links_it_needs(linked: Path) -> None:
     knowledge = knowledge_base_from(linked)
     assert knowledge.world().bodies == ()
-    assert "as the link 'fridge'" in str(knowledge.findings())
+    assert "that of the link 'fridge'" in str(knowledge.findings())
     assert "--urdf FILE" in str(knowledge.findings())
 
 
@@ -85,7 +85,7 @@ def test_a_link_that_no_description_has_and_one_that_nobody_names_are_told(linke
     knowledge.load(linked, urdf_files=[file, other])
     assert len(knowledge.world().joints) == 2
     told = str(knowledge.findings())
-    assert "as the link 'freezer'" in told
+    assert "that of the link 'freezer'" in told
     assert "no map refers to one of its links" in told
 
 
