@@ -1,4 +1,4 @@
-"""Small maps of each dialect with statements that make no sense: read and written in time, and nothing is made up.
+"""Mutated small maps of each dialect: each is read and written, or refused, within its limits.
 
 Hypothesis makes them in rounds of a few, each from its number, and cuts a finding down to the statements that matter.
 """
@@ -17,11 +17,11 @@ from hypothesis.strategies import SearchStrategy
 
 from tests.knowledge.fuzz_budget import fuzz_seeds, save_case
 from tests.knowledge.fuzz_maps import LINKED_MAP, MAPS_BY_DIALECT, MutatedMap, mutated_maps, mutated_urdfs
-from tests.knowledge.fuzz_watch import VERBS, WorkerSupervisor
-from tests.knowledge.small_robot import KITCHEN_URDF
+from tests.knowledge.fuzz_supervisor import VERBS, WorkerSupervisor
+from tests.knowledge.small_urdf import KITCHEN_URDF
 
 EXAMPLES = 10
-"""Of one round."""
+"""Number of examples per round."""
 
 
 @pytest.fixture(scope="module")
@@ -31,7 +31,7 @@ def watch(tmp_path_factory: pytest.TempPathFactory) -> Iterator[WorkerSupervisor
 
 
 def fuzz(inputs: SearchStrategy[Any], check: Callable[[Any, str], None]) -> None:
-    """Checks as many inputs as there is time for."""
+    """Checks inputs until the time is used up."""
     few = settings(
         max_examples=EXAMPLES,
         database=None,
@@ -55,7 +55,7 @@ def read(watch: WorkerSupervisor, file: Path, verb: str, called: str, robots: Se
 
 
 @pytest.mark.parametrize("dialect", MAPS_BY_DIALECT)
-def test_a_map_of_any_statements_is_read_or_refused(dialect: str, tmp_path: Path, watch: WorkerSupervisor) -> None:
+def test_a_mutated_map_is_read_or_refused(dialect: str, tmp_path: Path, watch: WorkerSupervisor) -> None:
     robots = []
     if MAPS_BY_DIALECT[dialect] is LINKED_MAP:
         robots = [tmp_path / "kitchen.urdf"]
@@ -69,7 +69,7 @@ def test_a_map_of_any_statements_is_read_or_refused(dialect: str, tmp_path: Path
     fuzz(mutated_maps(dialect), check)
 
 
-def test_a_description_of_any_elements_is_read_or_refused(tmp_path: Path, watch: WorkerSupervisor) -> None:
+def test_a_mutated_robot_description_is_read_or_refused(tmp_path: Path, watch: WorkerSupervisor) -> None:
     file = tmp_path / "kitchen.urdf"
 
     def check(text: str, verb: str) -> None:
@@ -79,7 +79,7 @@ def test_a_description_of_any_elements_is_read_or_refused(tmp_path: Path, watch:
     fuzz(mutated_urdfs(), check)
 
 
-def test_a_map_finds_any_description_beside_it(tmp_path: Path, watch: WorkerSupervisor) -> None:
+def test_a_map_with_a_mutated_robot_description_is_read_or_refused(tmp_path: Path, watch: WorkerSupervisor) -> None:
     file, robot = tmp_path / "linked.ttl", tmp_path / "kitchen.urdf"
     file.write_text(LINKED_MAP, encoding="utf-8")
 
@@ -93,7 +93,7 @@ def test_a_map_finds_any_description_beside_it(tmp_path: Path, watch: WorkerSupe
 
 
 @pytest.mark.parametrize("dialect", MAPS_BY_DIALECT)
-def test_what_is_spoilt_here_was_good(dialect: str, tmp_path: Path, watch: WorkerSupervisor) -> None:
+def test_the_maps_are_valid_before_mutation(dialect: str, tmp_path: Path, watch: WorkerSupervisor) -> None:
     robot, file = tmp_path / "kitchen.urdf", tmp_path / "map.ttl"
     robot.write_text(KITCHEN_URDF, encoding="utf-8")
     file.write_text(MAPS_BY_DIALECT[dialect], encoding="utf-8")

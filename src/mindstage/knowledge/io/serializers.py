@@ -159,7 +159,8 @@ class _RdfXmlSerializer:
             if illegal := find_forbidden_character(value.text):
                 cause = f"the text of {fact.property} contains the character U+{ord(illegal[0]):04X}, which XML forbids"
                 raise MapWriteError(subject, cause=cause, remedy=_REMEDY)
-            yield f"{indent}<{element}{self._literal_attribute(fact.property, value)}>{value.text.translate(_TEXT)}</{element}>\n"
+            attribute = self._literal_attribute(fact.property, value)
+            yield f"{indent}<{element}{attribute}>{value.text.translate(_TEXT)}</{element}>\n"
         else:
             yield f"{indent}<{element}>\n"
             yield from self._node(subject, value.facts, "", indent + "\t")
