@@ -122,7 +122,7 @@ def double_door(unit: Cabinet, stem: str, bottom: int, height: int, handle_heigh
 
 
 def build_main_run(scene: Scene) -> None:
-    """Adds the cabinets to the right of the fridge: drawers, oven and hob, drawers, and the dishwasher after the sink."""
+    """Adds the cabinets to the right of the fridge: drawers, oven and hob; the dishwasher is after the sink."""
     unit = base_unit(scene, "drawer_unit_left", NORTH, -1050, 500)
     unit.drawer("drawer_left_1", 718, 140, use="ms:CutleryDrawer")
     unit.drawer("drawer_left_2", 538, 180, use="ms:UtensilDrawer")

@@ -125,7 +125,7 @@ def test_masses_are_realistic(kitchen: Scene) -> None:
             assert box.mass == 0, box.id
         else:
             density = box.mass / np.prod(box.size)
-            assert 20 <= density <= 2700, f"{box.id} weighs {density:.0f} kg for a cubic metre"
+            assert 20 <= density <= 2700, f"{box.id} weighs {density:.0f} kg per cubic meter"
 
 
 def test_tags_name_the_class_and_the_id(kitchen: Scene) -> None:

@@ -22,7 +22,7 @@ import numpy as np
 from mindstage.knowledge.dialects.conventions import Handedness, LengthUnit, QuaternionOrder, UnitConventions
 from mindstage.knowledge.dialects.membership import types_of
 from mindstage.knowledge.dialects.semlog import read_semlog, with_tag_properties
-from mindstage.knowledge.dialects.source_map import SourceMap
+from mindstage.knowledge.dialects.source_map import SourceMap, ignore_finding
 from mindstage.knowledge.dialects.unit_conversion import convert_source_map, is_converted, original_property
 from mindstage.knowledge.dialects.units import infer_conventions
 from mindstage.knowledge.rdf import Severity, local_name, part_name
@@ -99,7 +99,7 @@ class _AmevaJointReader:
     def __init__(self, source_map: SourceMap) -> None:
         self.source_map = source_map
         self.graph: dict[Iri, Sequence[PropertyAssertion]] = dict(source_map.graph)
-        self.sizes = ClassSizes([source_map.graph, *source_map.ontologies], source_map.hierarchy, _ignore_finding)
+        self.sizes = ClassSizes([source_map.graph, *source_map.ontologies], source_map.hierarchy, ignore_finding)
         self.parents = _parents(source_map)
         self.joined_pairs: set[tuple[Iri, Iri]] = set()
         """Pairs (parent, child) that already have a joint."""
@@ -249,10 +249,6 @@ def _parents(source_map: SourceMap) -> Mapping[Iri, Iri]:
 
 def _referenced_iris(facts: Sequence[PropertyAssertion], property: Iri) -> list[Iri]:
     return [fact.value.iri for fact in facts if fact.property == property and isinstance(fact.value, IriRef)]
-
-
-def _ignore_finding(severity: Severity, individual: str, property: str, problem: str, action: str) -> None:
-    """Discards findings: the SemLog reader reports the same ones."""
 
 
 AMEVA_DIALECT = "AMEVA"

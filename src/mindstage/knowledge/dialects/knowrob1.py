@@ -260,9 +260,11 @@ class _Knowrob1JointReader:
             self.normalizer.add_joint(
                 joint, parent, child, self._joint_limits(joint, joint_type or JointType.FIXED, *ends), name=joint
             )
-        for what, joints in self.inferred.items():
+        for attribute, joints in self.inferred.items():
             evidence = f"{len(joints)} joints do not give it, such as {abbreviated_names(joints)}"
-            self.normalizer.source_map.record_assumption(f"joints: {what}", "inferred from poses and sizes", evidence)
+            self.normalizer.source_map.record_assumption(
+                f"joints: {attribute}", "inferred from poses and sizes", evidence
+            )
 
     # -- connected bodies ----------------------------------------------------------------------------------------------
 
@@ -283,8 +285,8 @@ class _Knowrob1JointReader:
         if len(bodies) < 2:
             return None
         if len(bodies) > 2:
-            what = f"it is related to {len(bodies)} bodies: {abbreviated_names(bodies)}"
-            self.normalizer.warn(joint, "", what, "the first whole and its part are joined")
+            problem = f"it is related to {len(bodies)} bodies: {abbreviated_names(bodies)}"
+            self.normalizer.warn(joint, "", problem, "the first whole and its part are joined")
         pairs = [(one, other) for one in bodies for other in bodies if other in self.parts[one]]
         if pairs:
             return pairs[0]
@@ -316,9 +318,9 @@ class _Knowrob1JointReader:
         range = self._range(joint, joint_type)
         origin, axis = self._origin(joint), self._axis(joint)
         if origin is None or (axis is None and joint_type is not JointType.FIXED):
-            for what, given in (("position", origin), ("axis", axis)):
+            for attribute, given in (("position", origin), ("axis", axis)):
                 if given is None and joint_type is not JointType.FIXED:
-                    self.inferred.setdefault(what, []).append(joint)
+                    self.inferred.setdefault(attribute, []).append(joint)
             boxes = self._box(parent), self._box(child), self._find_handle(child)
             if joint_type is JointType.REVOLUTE:
                 radius = next(iter(self._numbers(joint, _TURN_RADIUS)), None)
@@ -339,8 +341,8 @@ class _Knowrob1JointReader:
             self.normalizer.warn(joint, missing[0], "it has no valid limit", "it may move without limits")
             return None
         if lower > upper:
-            what = f"its lower limit {lower:g} is above its upper limit {upper:g}"
-            self.normalizer.warn(joint, JOINT_VALUES[0], what, "the two are swapped")
+            problem = f"its lower limit {lower:g} is above its upper limit {upper:g}"
+            self.normalizer.warn(joint, JOINT_VALUES[0], problem, "the two are swapped")
             lower, upper = upper, lower
         if joint_type is JointType.PRISMATIC:
             lower, upper = self.number_reader.lengths((lower, upper))
@@ -526,8 +528,8 @@ def _attach_parts(normalizer: DialectNormalizer) -> None:
                     property in (HINGED_TO, PRISMATICALLY_CONNECTED_TO)
                     and frozenset((member, other)) not in normalizer.joined_pairs
                 ):
-                    what = f"it is connected to {local_name(other)}, but no joint gives their motion"
-                    normalizer.warn(member, property, what, "they are attached rigidly")
+                    problem = f"it is connected to {local_name(other)}, but no joint gives their motion"
+                    normalizer.warn(member, property, problem, "they are attached rigidly")
     for whole, part in pairs:
         if normalizer.can_attach(whole, part) and part not in attached:
             normalizer.attach(whole, part)

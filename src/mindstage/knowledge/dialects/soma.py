@@ -26,7 +26,7 @@ from mindstage.knowledge.dialects.poses import NumberReader
 from mindstage.knowledge.dialects.soma_nodes import RdfNode, RdfNodes
 from mindstage.knowledge.dialects.source_map import SourceMap
 from mindstage.knowledge.rdf import local_name
-from mindstage.knowledge.rdf_mapping import properties as words
+from mindstage.knowledge.rdf_mapping import properties as codecs
 from mindstage.knowledge.vocabulary import (
     CHILD,
     HAS_COLOR,
@@ -100,8 +100,8 @@ class _SomaJointReader:
         for end, role in ((parent, _PARENT_LINK), (child, _CHILD_LINK)):
             if end not in self.normalizer.poses:
                 name = "it" if end is None else end
-                what = f"one end of its joint is missing: {name} is not a body of this map"
-                self.normalizer.warn(owner, role[0], what, "the joint is kept as a fact")
+                problem = f"one end of its joint is missing: {name} is not a body of this map"
+                self.normalizer.warn(owner, role[0], problem, "the joint is kept as a fact")
                 return
         assert child is not None
         if parent == child:
@@ -117,8 +117,8 @@ class _SomaJointReader:
         names = self._class_names(node)
         joint_type = next((_JOINT_TYPES[name] for name in names if name in _JOINT_TYPES), None)
         if joint_type is None:
-            what = f"{', '.join(node.types()) or 'a joint without a class'} is an unknown type of joint"
-            self.normalizer.warn(owner, HAS_JOINT, what, "the two bodies are joined rigidly")
+            problem = f"{', '.join(node.types()) or 'a joint without a class'} is an unknown type of joint"
+            self.normalizer.warn(owner, HAS_JOINT, problem, "the two bodies are joined rigidly")
         range = (
             self._range(owner, node)
             if joint_type in (JointType.REVOLUTE, JointType.PRISMATIC) and _CONTINUOUS not in names
@@ -129,9 +129,11 @@ class _SomaJointReader:
 
     def report_inferred(self) -> None:
         """Reports as assumptions what the joints do not give."""
-        for what, children in self.inferred.items():
+        for attribute, children in self.inferred.items():
             evidence = f"{len(children)} joints do not give it, such as those of {abbreviated_names(children)}"
-            self.normalizer.source_map.record_assumption(f"joints: {what}", "inferred from poses and sizes", evidence)
+            self.normalizer.source_map.record_assumption(
+                f"joints: {attribute}", "inferred from poses and sizes", evidence
+            )
 
     def _referenced_iri(self, node: RdfNode, properties: Sequence[Iri]) -> Iri | None:
         return next((value.iri for value in node.values(*properties) if isinstance(value, IriRef)), None)
@@ -157,8 +159,8 @@ class _SomaJointReader:
                 self.normalizer.warn(owner, _LIMITS[0], "its limits are not two finite numbers", "they are ignored")
                 continue
             if lower > upper:
-                what = f"its lower limit {lower:g} is above its upper limit {upper:g}"
-                self.normalizer.warn(owner, _LOWER[0], what, "the two are swapped")
+                problem = f"its lower limit {lower:g} is above its upper limit {upper:g}"
+                self.normalizer.warn(owner, _LOWER[0], problem, "the two are swapped")
                 lower, upper = upper, lower
             if JointType.PRISMATIC in (_JOINT_TYPES.get(name) for name in self._class_names(node)):
                 lower, upper = self.number_reader.lengths((lower, upper))
@@ -187,9 +189,9 @@ class _SomaJointReader:
                 inferred = infer_hinge_axis(base, self._box(child), handle, range, origin=origin)
             else:
                 inferred = infer_prismatic_axis(base, self._box(child), handle)
-            for what, given in (("position", origin), ("axis", axis)):
+            for attribute, given in (("position", origin), ("axis", axis)):
                 if given is None:
-                    self.inferred.setdefault(what, []).append(child)
+                    self.inferred.setdefault(attribute, []).append(child)
             origin = inferred.origin if origin is None else origin
             axis = inferred.axis if axis is None else axis
         origin = self._box(child).center if origin is None else origin
@@ -300,8 +302,8 @@ class _SomaReader:
             if len(position) == 3 and len(rotation) == 4 and any(rotation):
                 x, y, z = position
                 return self.number_reader.pose(Pose((x, y, z), self.number_reader.quaternion(rotation))), path
-            what = "its pose is not three finite numbers, and four that are not all 0"
-            self.normalizer.warn(individual, HAS_LOCALIZATION, what, "it has no pose")
+            problem = "its pose is not three finite numbers, and four that are not all 0"
+            self.normalizer.warn(individual, HAS_LOCALIZATION, problem, "it has no pose")
             return None
         self.normalizer.warn(individual, HAS_LOCALIZATION, "its localization has no pose", "it has no pose")
         return None
@@ -311,15 +313,15 @@ class _SomaReader:
         for value in (value for node in path for value in node.values(*_REFERENCE_FRAME)):
             if isinstance(value, IriRef) and value.iri in self.normalizer.members and value.iri != individual:
                 return value.iri
-            name = local_name(value.iri) if isinstance(value, IriRef) else words.literal_text(value) or ""
+            name = local_name(value.iri) if isinstance(value, IriRef) else codecs.literal_text(value) or ""
             if name.strip("/").lower() not in {
                 "map",
                 "world",
                 "odom",
                 local_name(self.normalizer.source_map.map).lower(),
             }:
-                what = f"its pose is relative to {name!r}, which has no pose in this map"
-                self.normalizer.warn(individual, HAS_LOCALIZATION, what, "it is read as relative to the map")
+                problem = f"its pose is relative to {name!r}, which has no pose in this map"
+                self.normalizer.warn(individual, HAS_LOCALIZATION, problem, "it is read as relative to the map")
         return None
 
     def _to_map_frame(self, poses: dict[Iri, Pose], parents: Mapping[Iri, Iri]) -> Mapping[Iri, Pose]:
@@ -341,8 +343,8 @@ class _SomaReader:
                 else:
                     rows[individual] = pose_multiply(base, normalized_pose_array(poses[individual]))
         for individual, end in unresolved.items():
-            what = f"its pose is relative to {local_name(end)}, which has no pose in the map frame"
-            self.normalizer.warn(individual, HAS_LOCALIZATION, what, "it is read as relative to the map")
+            problem = f"its pose is relative to {local_name(end)}, which has no pose in the map frame"
+            self.normalizer.warn(individual, HAS_LOCALIZATION, problem, "it is read as relative to the map")
         return poses | {each: pose_from_array(rows[each]) for each in parents if each in rows}
 
     def add_existing_poses(self) -> None:
@@ -374,16 +376,16 @@ class _SomaReader:
                     if extents[0] == extents[2] and not shape.has(_LENGTH)
                     else PrimitiveType.CYLINDER
                 )
-            if shape_type is not PrimitiveType.BOX and self.normalizer.first_value(individual, words.SHAPE) is None:
+            if shape_type is not PrimitiveType.BOX and self.normalizer.first_value(individual, codecs.SHAPE) is None:
                 self.normalizer.set_shape(individual, shape_type)
         path = next(
-            (text for node in shapes for value in node.values(*_PATH) if (text := words.literal_text(value))), None
+            (text for node in shapes for value in node.values(*_PATH) if (text := codecs.literal_text(value))), None
         )
-        if path is not None and self.normalizer.first_value(individual, words.MESH) is None:
+        if path is not None and self.normalizer.first_value(individual, codecs.MESH) is None:
             self.normalizer.set_mesh(individual, path)
         if shape is None and path is None:
-            what = "its shape has no extents of 0 or more, no radius and no mesh"
-            self.normalizer.warn(individual, HAS_SHAPE, what, "it has no size")
+            problem = "its shape has no extents of 0 or more, no radius and no mesh"
+            self.normalizer.warn(individual, HAS_SHAPE, problem, "it has no size")
 
     def _extents(self, node: RdfNode) -> tuple[float, ...]:
         """Returns the extents along x, y and z; empty if one is missing or negative."""
@@ -407,8 +409,8 @@ class _SomaReader:
                 continue
             rgb = node.numbers(*_COLOR)
             if len(rgb) not in (3, 4) or min(rgb) < 0.0 or max(rgb[:3]) > 255.0:
-                what = "its color is not three or four numbers from 0 to 1, or to 255"
-                self.normalizer.warn(individual, HAS_COLOR, what, "it has none")
+                problem = "its color is not three or four numbers from 0 to 1, or to 255"
+                self.normalizer.warn(individual, HAS_COLOR, problem, "it has none")
                 return
             red, green, blue = (part / 255.0 if max(rgb[:3]) > 1.0 else part for part in rgb[:3])
             self.normalizer.set_materials(individual, [Material(name="colour", color=(red, green, blue))])
@@ -434,8 +436,8 @@ class _SomaReader:
                 if other.iri in normalizer.poses and member in normalizer.poses:
                     pairs.setdefault(pair, property)
                 else:
-                    what = f"{other.iri} is not a body of this map"
-                    normalizer.warn(member, property, what, "the relation is kept as a fact")
+                    problem = f"{other.iri} is not a body of this map"
+                    normalizer.warn(member, property, problem, "the relation is kept as a fact")
         for whole, part in pairs:
             if normalizer.can_attach(whole, part) and part not in attached:
                 normalizer.attach(whole, part)

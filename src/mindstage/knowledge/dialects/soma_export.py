@@ -250,7 +250,7 @@ class _SomaWriter:
         self.world, self.blocks = world, blocks
         self.bodies = {body.id: body for body in world.bodies}
         self.parents = {attachment.child: attachment.parent for attachment in world.attachments}
-        self.non_bodies = {thing.iri for thing in world.joints} | {thing.iri for thing in world.lights}
+        self.non_bodies = {each.iri for each in world.joints} | {each.iri for each in world.lights}
         self.classes: list[SubjectBlock] = []
 
     def write(self) -> None:

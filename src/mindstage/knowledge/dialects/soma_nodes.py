@@ -236,7 +236,7 @@ class _RestatementRemover:
             else:
                 is_restated = True
                 if is_restatement_of(inner, HAS_POSE):
-                    kept += [PropertyAssertion(HAS_POSE, place) for place in self._restated_poses(inner)]
+                    kept += [PropertyAssertion(HAS_POSE, pose) for pose in self._restated_poses(inner)]
         if is_restated:
             kept = [
                 PropertyAssertion(_SHELVED_PROPERTIES.get(fact.property, fact.property), fact.value) for fact in kept

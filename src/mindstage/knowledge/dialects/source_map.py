@@ -6,11 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from mindstage.knowledge.dialects.conventions import Assumption, AssumptionSink, UnitConventions
-from mindstage.knowledge.rdf import FindingSink, Graph
+from mindstage.knowledge.rdf import FindingSink, Graph, Severity
 from mindstage.knowledge.taxonomy import ClassHierarchy
 from mindstage.scene import Iri
 
-__all__ = ["SourceMap"]
+__all__ = ["SourceMap", "ignore_finding"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -41,3 +41,7 @@ class SourceMap:
         """
         overridden = getattr(self.conventions, topic, None) is not None
         self.add_assumption(Assumption(self.map, topic, value, evidence, overridden))
+
+
+def ignore_finding(severity: Severity, individual: str, property: str, problem: str, action: str) -> None:
+    """Discards a finding; a `FindingSink` for repeated reading of statements whose findings are already reported."""

@@ -49,13 +49,13 @@ Decimals = tuple[Decimal, ...]
 
 _DECLARATIONS = (UNITS, FRAME, QUATERNION_ORDER)
 _LENGTH_CODECS: dict[Iri, PropertyCodec[float]] = {
-    word.property: word for word in (*SIZE, LIMIT, X_MIDDLE, Y_MIDDLE, Z_MIDDLE)
+    codec.property: codec for codec in (*SIZE, LIMIT, X_MIDDLE, Y_MIDDLE, Z_MIDDLE)
 }
-_ANGLE_CODECS: dict[Iri, PropertyCodec[float]] = {word.property: word for word in (TWIST_MIDDLE, SWING1_MIDDLE)}
+_ANGLE_CODECS: dict[Iri, PropertyCodec[float]] = {codec.property: codec for codec in (TWIST_MIDDLE, SWING1_MIDDLE)}
 """Angles whose sign changes in a mirrored frame."""
 
 _CODECS: dict[Iri, PropertyCodec[Any]] = (
-    _LENGTH_CODECS | _ANGLE_CODECS | {word.property: word for word in (TRANSLATION, QUATERNION)}
+    _LENGTH_CODECS | _ANGLE_CODECS | {codec.property: codec for codec in (TRANSLATION, QUATERNION)}
 )
 CONVERTED_PROPERTIES = frozenset({HAS_VALUE, *_CODECS})
 """Properties whose values may be converted."""

@@ -16,7 +16,7 @@ from typing import Any, TypeVar
 
 from mindstage.knowledge.dialects.conventions import Handedness, LengthUnit, QuaternionOrder, UnitConventions
 from mindstage.knowledge.dialects.membership import types_of
-from mindstage.knowledge.dialects.source_map import SourceMap
+from mindstage.knowledge.dialects.source_map import SourceMap, ignore_finding
 from mindstage.knowledge.rdf import Graph, Severity
 from mindstage.knowledge.rdf_mapping.fields import ClassSizes
 from mindstage.knowledge.rdf_mapping.properties import QUATERNION, SIZE, TRANSLATION, literal_text
@@ -129,8 +129,8 @@ def collect_evidence(source_map: SourceMap) -> ConventionEvidence:
     """Collects the numbers of a sample of a map's individuals."""
     members = source_map.members[:: max(1, len(source_map.members) // _SAMPLE_SIZE)]
     poses = [list(_pose_facts(source_map.graph, source_map.graph.get(member, ()))) for member in members]
-    own = ClassSizes([_class_graph(source_map, members)], source_map.hierarchy, _ignore_finding)
-    known = ClassSizes(source_map.ontologies, source_map.hierarchy, _ignore_finding)
+    own = ClassSizes([_class_graph(source_map, members)], source_map.hierarchy, ignore_finding)
+    known = ClassSizes(source_map.ontologies, source_map.hierarchy, ignore_finding)
     sizes: dict[Iri, tuple[float, ...]] = {}
     largest: list[float] = []
     for member in members:
@@ -192,10 +192,6 @@ def _is_upright(rotation: tuple[float, ...]) -> bool:
 
 def _is_unrotated(rotation: tuple[float, ...]) -> bool:
     return abs(rotation[0]) / math.hypot(*rotation) > _UPRIGHT_COSINE
-
-
-def _ignore_finding(severity: Severity, individual: str, property: str, problem: str, action: str) -> None:
-    """Discards findings: reading the map reports the same ones."""
 
 
 ConventionT = TypeVar("ConventionT", bound=Enum)
@@ -279,8 +275,10 @@ def _declared_value(source_map: SourceMap, property: Iri, enum_type: type[Conven
             text = literal_text(fact.value)
             if text is not None and text.strip().lower() in names:
                 return names[text.strip().lower()]
-            what = f"{text if text is not None else 'its value'!r} is not one of {', '.join(names)}"
-            source_map.report(Severity.WARNING, source_map.map, property, what, "it is ignored, and evidence decides")
+            problem = f"{text if text is not None else 'its value'!r} is not one of {', '.join(names)}"
+            source_map.report(
+                Severity.WARNING, source_map.map, property, problem, "it is ignored, and evidence decides"
+            )
     return None
 
 

@@ -183,8 +183,8 @@ def _as_utf8(data: bytes) -> tuple[bytes, tuple[XmlRepair, ...]]:
     except (LookupError, UnicodeError):
         data, others = _utf8_or_latin(data)
         text = data.decode()
-        what = f"it declares the encoding {encoding!r}, but is not in that encoding"
-        repairs = (XmlRepair(1, what, "it is read as UTF-8"), *others)
+        problem = f"it declares the encoding {encoding!r}, but is not in that encoding"
+        repairs = (XmlRepair(1, problem, "it is read as UTF-8"), *others)
     # The declaration would be wrong now, and UTF-8 is the default of XML.
     head, _, rest = text.partition("\n")
     return f"{_DECLARATION.sub('', head, count=1)}\n{rest}".encode("utf-8", "surrogatepass"), repairs
@@ -197,9 +197,9 @@ def _utf8_or_latin(data: bytes) -> tuple[bytes, tuple[XmlRepair, ...]]:
         if b"\0" in data[:4096]:
             return data.decode("utf-8", "replace").encode(), ()  # binary; the parser reports it
         line = data.count(b"\n", 0, error.start) + 1
-        what = f"the byte {data[error.start]:#04x} is not valid UTF-8"
+        problem = f"the byte {data[error.start]:#04x} is not valid UTF-8"
         # Code page 1252 contains ISO 8859-1 and defines all bytes but five.
-        repair = XmlRepair(line, what, "the file is read as code page 1252")
+        repair = XmlRepair(line, problem, "the file is read as code page 1252")
         return data.decode("cp1252", "replace").encode(), (repair,)
     return data, ()
 

@@ -269,8 +269,8 @@ class LoadTransaction:
         elif iri.startswith("file:"):
             path = file_from_iri(iri, importer.path)
             if path is not None and path not in self.sources and path.suffix.lower() not in SUFFIXES:
-                what = f"but its suffix {path.suffix!r} is not that of a known format"
-                self._report_missing_import(importer, iri, what, Severity.ERROR)
+                problem = f"but its suffix {path.suffix!r} is not that of a known format"
+                self._report_missing_import(importer, iri, problem, Severity.ERROR)
                 return None
         if path is not None and path in self.sources:
             return path

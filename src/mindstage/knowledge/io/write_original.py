@@ -20,7 +20,7 @@ from mindstage.knowledge.dialects.knowrob1 import KNOWROB1_DIALECT, perception_b
 from mindstage.knowledge.dialects.membership import individuals_by_map
 from mindstage.knowledge.dialects.soma_export import SOMA_DIALECT, SomaPoseWriter, write_as_soma
 from mindstage.knowledge.dialects.soma_nodes import SAME_DIALECT, dual_dialect_info, without_restatements
-from mindstage.knowledge.dialects.source_map import SourceMap
+from mindstage.knowledge.dialects.source_map import SourceMap, ignore_finding
 from mindstage.knowledge.dialects.unit_conversion import (
     CONVERTED_PROPERTIES,
     is_converted,
@@ -30,7 +30,6 @@ from mindstage.knowledge.dialects.unit_conversion import (
     restore_facts,
 )
 from mindstage.knowledge.graph_diff import SourceMapView, canonical_statement
-from mindstage.knowledge.rdf import Severity
 from mindstage.knowledge.rdf_mapping.nested import NESTED_RESOURCES, nest_blank_nodes
 from mindstage.knowledge.rdf_mapping.serialize import DocumentSection, SubjectBlock
 from mindstage.knowledge.vocabulary import CHILD, DIALECT, FRAME, HAS_POSE, PARENT, QUATERNION_ORDER, UNITS
@@ -209,7 +208,7 @@ class _SourceDialectWriter:
             self.source_map,
             graph=graph,
             members=individuals_by_map(graph).get(self.source_map.map, ()),
-            report=_ignore_finding,
+            report=ignore_finding,
             add_assumption=_ignore_assumption,
             conventions=UnitConventions(),
         )
@@ -263,10 +262,6 @@ def _restore_role(fact: PropertyAssertion, source_facts: Container[PropertyAsser
         if fact.property == original_property(role) and PropertyAssertion(role, fact.value) in source_facts:
             return PropertyAssertion(role, fact.value)
     return fact
-
-
-def _ignore_finding(severity: Severity, individual: str, property: str, problem: str, action: str) -> None:
-    """Discards findings: they were reported when the map was read."""
 
 
 def _ignore_assumption(assumption: Assumption) -> None:

@@ -111,9 +111,9 @@ def is_too_deep(data: bytes) -> bool:
     """Whether elements are nested too deep, estimated from the numbers of tags, which is fast."""
     depth = 0
     for start in range(0, len(data), _CHUNK):
-        piece = data[start : start + _CHUNK]
-        ends, others = piece.count(b"</"), piece.count(b"<!") + piece.count(b"<?")
-        depth += piece.count(b"<") - 2 * ends - others - piece.count(b"/>")
+        chunk = data[start : start + _CHUNK]
+        ends, others = chunk.count(b"</"), chunk.count(b"<!") + chunk.count(b"<?")
+        depth += chunk.count(b"<") - 2 * ends - others - chunk.count(b"/>")
         if depth > DEPTH_LIMIT:
             return True
     return False

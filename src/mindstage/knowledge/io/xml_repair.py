@@ -332,8 +332,8 @@ class _XmlRepairer:
         self.entities[name] = value
         if _STRICT_ENTITY.fullmatch(entity[0].rstrip()):
             return entity[0]
-        what = f"the declaration of the entity {name!r} is not well-formed"
-        self.repairs.append(XmlRepair(line, what, "it is read nevertheless"))
+        problem = f"the declaration of the entity {name!r} is not well-formed"
+        self.repairs.append(XmlRepair(line, problem, "it is read nevertheless"))
         return f'<!ENTITY {name} "{value.replace(chr(34), "&#34;")}">{breaks}'
 
     # -- tags ----------------------------------------------------------------------------------------------------------
@@ -363,8 +363,8 @@ class _XmlRepairer:
         tag = parse_start_tag(self.text, self.position)
         if tag.is_truncated:
             raise XmlNotRepairable(self._line(), "the file ends within a tag", is_truncated=True)
-        for what in tag.issues:
-            self._warn(f"<{tag.name}>: {what}", "it is read nevertheless")
+        for problem in tag.issues:
+            self._warn(f"<{tag.name}>: {problem}", "it is read nevertheless")
         self._close_full_property(tag.name)
         parent = self.open_elements[-1] if self.open_elements else None
         element = OpenElement.child_of(parent, tag.name, is_root=self.root_end is None)
@@ -464,7 +464,7 @@ class _XmlRepairer:
         return "rdf:about", self._iri(tag, "rdf:ID", f"#{value}")
 
     def _iri(self, tag: str, key: str, value: str) -> str:
-        fixed = _NOT_IN_IRIS.sub(lambda letter: "".join(f"%{byte:02X}" for byte in letter[0].encode()), value)
+        fixed = _NOT_IN_IRIS.sub(lambda found: "".join(f"%{byte:02X}" for byte in found[0].encode()), value)
         if fixed != value:
             self._warn(
                 f"<{tag}> has the {key} {value!r}, with characters that IRIs exclude", f"it is read as {fixed!r}"

@@ -151,7 +151,7 @@ class UrdfSources:
             problem = issue.problem if iri or not issue.subject else f"{issue.subject}: {issue.problem}"
             self.findings.append(Finding(severity, iri or str(path), "", problem, issue.action))
         world = urdf_world.world
-        evidence = f"{len(world.joints)} joints are movable; a robot description does not define the mounting of its root"
+        evidence = f"{len(world.joints)} joints are movable; the description does not define the mounting of its root"
         value = "links with a movable joint are dynamic, the root and all links fixed to it static"
         self._record_assumption(urdf_world, "mobility", value, evidence)
 
