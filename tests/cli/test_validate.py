@@ -119,7 +119,7 @@ def test_a_wrong_guess_can_be_seen(verb: str, run: Run, write_map: WriteMap) -> 
     more = ["--no-viewport"] if verb == "spawn" else []
     result = run(verb, write_map(), "--engine", "null", *more, "--units", "mm")
     assert "Extent: 0.002 x 0 x 0 m" in result.stdout
-    assert "the user says so" in result.stdout
+    assert "chosen by the user" in result.stdout
     verdict = json_output(run(verb, write_map(), "--engine", "null", *more, "--json"))
     assert verdict["extent"]["height_m"] == 0.0
     assert len(verdict["assumptions"]) == 3

@@ -184,7 +184,7 @@ def _robot_trees(draw: st.DrawFn) -> Any:
                 element.tag = draw(st.sampled_from(["link", "joint", "mesh", "box", "origin", "limit", "robot", "x"]))
             case _:
                 key = draw(st.sampled_from([*element.keys(), "name", "link", "filename", "scale"]))
-                names = [told.get(key) or "" for told in root.iter() if told.get(key)]
+                names = [other.get(key) or "" for other in root.iter() if other.get(key)]
                 element.set(key, draw(st.sampled_from([*names, *filter(_is_valid_xml_text, INVALID_TEXTS)])))
     return root
 

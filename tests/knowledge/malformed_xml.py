@@ -1,4 +1,4 @@
-"""Documents that are not well-formed, or no RDF/XML, in the ways that maps in the wild are; each from one good one."""
+"""Documents that are not well-formed or not RDF/XML, as real maps may be, each made from one valid document."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Malformed(NamedTuple):
     expected_text: str
     """A part of what is reported."""
     is_equivalent: bool
-    """Whether it means just what the good one means."""
+    """Whether its statements equal those of the valid document."""
 
 
 def _malformed_case(old: str, new: str, line: int, problem: str, *, same_statements: bool = True) -> Malformed:
@@ -62,7 +62,7 @@ MALFORMED: dict[str, Malformed] = {
     "an entity declared twice": _malformed_case(
         "]>\n", '\t<!ENTITY m "http://example.org/other#">\n]>\n', 7, "entity 'm' is declared twice"
     ),
-    "an entity that nobody declares": _malformed_case(
+    "an undeclared entity": _malformed_case(
         '\t<!ENTITY xsd "http://www.w3.org/2001/XMLSchema#">\n', "\n", 14, "the entity 'xsd' is not declared"
     ),
     "an entity with a colon": _malformed_case('"&m;cup"', '"&m:cup"', 12, "used with a colon"),
@@ -80,13 +80,13 @@ MALFORMED: dict[str, Malformed] = {
         same_statements=False,
     ),
     "a tag without its >": _malformed_case("</rdfs:label>\n", "</rdfs:label\n", 15, "an end tag has no >"),
-    "a namespace that only an entity tells": _malformed_case(
+    "a prefix declared as an entity only": _malformed_case(
         ' xmlns:knowrob="http://knowrob.org/kb/knowrob.owl#"', "", 14, "the prefix 'knowrob' is not declared"
     ),
-    "a namespace that everyone knows": _malformed_case(
+    "a well-known prefix without a declaration": _malformed_case(
         ' xmlns:rdfs="http://www.w3.org/2000/01/rdf-schema#"', "", 15, "the prefix 'rdfs' is not declared"
     ),
-    "a namespace that nobody knows": _malformed_case(
+    "an unknown prefix without a declaration": _malformed_case(
         "rdfs:label>", "foo:label>", 15, "the prefix 'foo' is not declared", same_statements=False
     ),
     "attributes without a prefix": _malformed_case(
@@ -113,7 +113,7 @@ MALFORMED: dict[str, Malformed] = {
         "<rdf:type> contains several nodes",
         same_statements=False,
     ),
-    "text between things": _malformed_case("  <owl:Named", "  stray <owl:Named", 11, "is not allowed in"),
+    "text between nodes": _malformed_case("  <owl:Named", "  stray <owl:Named", 11, "is not allowed in"),
     "text beside a reference": _malformed_case('Cup"/>', 'Cup">x</rdf:type>', 13, "is not allowed in"),
     "a blank in a name": _malformed_case(
         "&m;cup", "&m;a cup", 12, "characters that IRIs exclude", same_statements=False

@@ -28,7 +28,7 @@ def laboratory(shared_data: Path) -> OntologyClasses:
 
 
 @pytest.fixture(scope="module")
-def community(shared_data: Path) -> OntologyClasses:
+def knowrob(shared_data: Path) -> OntologyClasses:
     return OntologyClasses(*ontologies(shared_data))
 
 
@@ -100,7 +100,7 @@ def test_containers_are_containers_and_actions_are_actions(household: OntologyCl
         assert all("HumanScaleObject" in household.class_and_ancestors(filler) for filler in each.fillers), each
     for each in actions:
         assert "ActionOnObject" in household.ancestors(each.subject), each
-        # The community has sinks among the furniture, and uses them all the same.
+        # KnowRob classifies sinks as furniture and not as devices.
         assert all({"PhysicalDevice", "Sink"} & household.class_and_ancestors(filler) for filler in each.fillers), each
 
 
@@ -182,14 +182,12 @@ def classes_of(classes: OntologyClasses, individuals: list[str]) -> list[str]:
     )
 
 
-def test_shared_classes_have_the_superclasses_of_knowrob(
-    household: OntologyClasses, community: OntologyClasses
-) -> None:
-    theirs = community.declared | set(community.parents)
-    shared = household.declared & (theirs | {parent for parents in community.parents.values() for parent in parents})
+def test_shared_classes_have_the_superclasses_of_knowrob(household: OntologyClasses, knowrob: OntologyClasses) -> None:
+    theirs = knowrob.declared | set(knowrob.parents)
+    shared = household.declared & (theirs | {parent for parents in knowrob.parents.values() for parent in parents})
     assert len(shared) >= 500
     for cls in shared:
-        ours, known = household.ancestors(cls) & shared, community.ancestors(cls) & shared
+        ours, known = household.ancestors(cls) & shared, knowrob.ancestors(cls) & shared
         assert known <= ours, f"{cls} is not under {known - ours}"
         placed = "SpatialThing" in known or "TemporalThing" in known
         extra = ours - known - ADDED

@@ -124,8 +124,8 @@ def test_units_are_inferred_from_known_sizes_of_classes(tmp_path: Path) -> None:
 def test_units_are_inferred_from_distances_where_there_are_no_sizes(
     at: tuple[str, ...], units: str, tmp_path: Path
 ) -> None:
-    things = [body_turtle(f"a{n}", 'k:maskColor "FF"', position=place) for n, place in enumerate(at)]
-    knowledge = read_as(tmp_path, room_map(*things))
+    bodies = [body_turtle(f"a{n}", 'k:maskColor "FF"', position=place) for n, place in enumerate(at)]
+    knowledge = read_as(tmp_path, room_map(*bodies))
     knowledge.world()
     assert values(knowledge)["units"] == units
 

@@ -117,12 +117,12 @@ def test_the_kitchen_of_the_thesis_as_an_early_map_is_the_same_kitchen(
         if any("&knowrob;Constraint" in line for line in lines):
             lines = [line for line in lines if "describedInMap" not in line]
         early.append("\n".join(lines))
-    spoilt = "\n\n".join(early)
+    corrupted = "\n\n".join(early)
     if spoil:
-        spoilt = spoilt.replace('<!ENTITY owl "', '<!ENTITY owl"').replace(
+        corrupted = corrupted.replace('<!ENTITY owl "', '<!ENTITY owl"').replace(
             "<owl:Ontology rdf:about=", '<owl:Ontology rdf:about="x" rdf:about='
         )
-    (tmp_path / "early.owl").write_text(spoilt, encoding="utf-8")
+    (tmp_path / "early.owl").write_text(corrupted, encoding="utf-8")
     world = knowledge_base_from(tmp_path / "early.owl").world()
     assert len(world.joints) == len(expected.joints) == 22
     assert [body.physics.mobility for body in world.bodies] == [body.physics.mobility for body in expected.bodies]

@@ -22,15 +22,15 @@ MANY = 1500
 
 
 @pytest.fixture(scope="module")
-def watch(tmp_path_factory: pytest.TempPathFactory) -> Iterator[WorkerSupervisor]:
-    with WorkerSupervisor(tmp_path_factory.mktemp("worker")) as watch:
-        yield watch
+def supervisor(tmp_path_factory: pytest.TempPathFactory) -> Iterator[WorkerSupervisor]:
+    with WorkerSupervisor(tmp_path_factory.mktemp("worker")) as supervisor:
+        yield supervisor
 
 
 @pytest.fixture
-def trap() -> Iterator[tuple[str, list[str]]]:
-    """An HTTP server and the requests that it has received."""
-    came: list[str] = []
+def tcp_server() -> Iterator[tuple[str, list[str]]]:
+    """A TCP server and the clients that have connected to it."""
+    connections: list[str] = []
     with socket.create_server(("127.0.0.1", 0)) as server:
         server.settimeout(0.1)
         over = threading.Event()
@@ -41,12 +41,12 @@ def trap() -> Iterator[tuple[str, list[str]]]:
                     connection, address = server.accept()
                 except TimeoutError:
                     continue
-                came.append(str(address))
+                connections.append(str(address))
                 connection.close()
 
         thread = threading.Thread(target=serve)
         thread.start()
-        yield f"127.0.0.1:{server.getsockname()[1]}", came
+        yield f"127.0.0.1:{server.getsockname()[1]}", connections
         over.set()
         thread.join(timeout=30)
 
@@ -95,33 +95,33 @@ def imports(iri: str) -> str:
     ],
 )
 def test_nothing_is_downloaded(
-    made: Callable[[str], str], tmp_path: Path, watch: WorkerSupervisor, trap: tuple[str, list[str]]
+    create_map: Callable[[str], str], tmp_path: Path, supervisor: WorkerSupervisor, tcp_server: tuple[str, list[str]]
 ) -> None:
-    at, came = trap
-    text = made(at)
+    at, connections = tcp_server
+    text = create_map(at)
     file = tmp_path / ("map.owl" if text.startswith("<") else "map.ttl")
     file.write_text(text, encoding="utf-8")
-    assert watch.read(file, ontologies=[tmp_path]).defect == ""
-    assert came == []
+    assert supervisor.read(file, ontologies=[tmp_path]).defect == ""
+    assert connections == []
 
 
 def test_meshes_of_robot_descriptions_are_not_downloaded(
-    tmp_path: Path, watch: WorkerSupervisor, trap: tuple[str, list[str]]
+    tmp_path: Path, supervisor: WorkerSupervisor, tcp_server: tuple[str, list[str]]
 ) -> None:
-    at, came = trap
+    at, connections = tcp_server
     meshes = (
         f'<visual><geometry><mesh filename="{scheme}://{at}/a.stl"/></geometry></visual>' for scheme in ("http", "file")
     )
     file = tmp_path / "kitchen.urdf"
     file.write_text(robot_urdf(link_urdf("a", *meshes)), encoding="utf-8")
-    assert watch.read(file).defect == ""
-    assert came == []
+    assert supervisor.read(file).defect == ""
+    assert connections == []
 
 
 def test_the_sandbox_detects_network_and_file_access(
-    tmp_path: Path, watch: WorkerSupervisor, trap: tuple[str, list[str]]
+    tmp_path: Path, supervisor: WorkerSupervisor, tcp_server: tuple[str, list[str]]
 ) -> None:
-    at, came = trap
+    at, connections = tcp_server
     code = f"""
 import sys
 from pathlib import Path
@@ -138,7 +138,7 @@ print(len(audit.attempts), audit.opened_files)
     completed = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=120)
     assert completed.stdout.split()[0] != "0"
     assert "/etc/passwd" in completed.stdout
-    assert came == []
+    assert connections == []
 
 
 @pytest.mark.parametrize(
@@ -151,13 +151,13 @@ print(len(audit.attempts), audit.opened_files)
     ],
 )
 def test_an_import_outside_of_packages_or_of_a_special_file_is_reported_and_skipped(
-    iri: str, tmp_path: Path, watch: WorkerSupervisor
+    iri: str, tmp_path: Path, supervisor: WorkerSupervisor
 ) -> None:
     (tmp_path / "loop").symlink_to(tmp_path / "loop")
     os.mkfifo(tmp_path / "pipe")
     file = tmp_path / "map.owl"
     file.write_text(imports(iri), encoding="utf-8")
-    answer = watch.read(file, ontologies=[tmp_path])
+    answer = supervisor.read(file, ontologies=[tmp_path])
     assert (answer.defect, answer.error, answer.maps) == ("", "", 1)
     assert answer.exit_code == 1
     assert any("it imports" in finding and "it is skipped" in finding for finding in answer.findings)
@@ -166,14 +166,14 @@ def test_an_import_outside_of_packages_or_of_a_special_file_is_reported_and_skip
 @pytest.mark.parametrize(
     "name", ["/dev/zero", "file:///dev/zero", "pipe.stl", "/proc/kcore", "loop.obj", "package://../a.stl"]
 )
-def test_a_mesh_that_is_not_a_regular_file_has_no_size(name: str, tmp_path: Path, watch: WorkerSupervisor) -> None:
+def test_a_mesh_that_is_not_a_regular_file_has_no_size(name: str, tmp_path: Path, supervisor: WorkerSupervisor) -> None:
     (tmp_path / "loop.obj").symlink_to(tmp_path / "loop.obj")
     os.mkfifo(tmp_path / "pipe.stl")
     file = tmp_path / "kitchen.urdf"
     file.write_text(
         robot_urdf(link_urdf("a", f'<visual><geometry><mesh filename="{name}"/></geometry></visual>')), encoding="utf-8"
     )
-    answer = watch.read(file)
+    answer = supervisor.read(file)
     assert (answer.defect, answer.bodies) == ("", 1)
 
 
@@ -196,13 +196,13 @@ LAUGHS = "".join(f'<!ENTITY a{n} "{f"&a{n - 1};" * 10}">' for n in range(1, 12))
 )
 @pytest.mark.parametrize("suffix", [".owl", ".xml", ".urdf"])
 def test_entities_that_expand_exponentially_are_refused(
-    text: str, suffix: str, tmp_path: Path, watch: WorkerSupervisor
+    text: str, suffix: str, tmp_path: Path, supervisor: WorkerSupervisor
 ) -> None:
     file = tmp_path / f"map{suffix}"
     file.write_text(text.replace("rdf:RDF", "robot") if suffix == ".urdf" else text, encoding="utf-8")
-    answer = watch.read(file)
+    answer = supervisor.read(file)
     assert answer.defect == ""
-    assert "SourceUnreadable" in answer.error
+    assert "SourceParseError" in answer.error
     assert answer.exit_code == 2
 
 
@@ -227,7 +227,7 @@ def nested_individuals() -> str:
 LARGE: dict[str, Callable[[], str]] = {
     "a web of ways": web,
     "poses relative to one another in a circle": relative_frames,
-    "things inside things": nested_individuals,
+    "nested individuals": nested_individuals,
     "parents in a circle": lambda: room_map(
         *(body_turtle(f"b{n}", f"k:child :b{(n + 1) % MANY}") for n in range(MANY))
     ),
@@ -235,11 +235,11 @@ LARGE: dict[str, Callable[[], str]] = {
         body_turtle("b0", f"k:child {', '.join(f':b{n}' for n in range(MANY))}"),
         *(body_turtle(f"b{n}") for n in range(1, MANY)),
     ),
-    "joints between two things": lambda: room_map(
+    "joints between two bodies": lambda: room_map(
         body_turtle("a"), body_turtle("b"), *(slide_joint(f"j{n}", "a", "b") for n in range(MANY // 3))
     ),
-    "things with one id": lambda: room_map(*(body_turtle(f"b{n}", 'ms:id "b"') for n in range(MANY))),
-    "things with one local name": lambda: room_map(
+    "bodies with one id": lambda: room_map(*(body_turtle(f"b{n}", 'ms:id "b"') for n in range(MANY))),
+    "bodies with one local name": lambda: room_map(
         *(
             body_turtle("b").replace(":b ", f"<http://example.org/{n}#b> ").replace(":b-p", f":b{n}-p")
             for n in range(MANY)
@@ -262,18 +262,18 @@ LARGE: dict[str, Callable[[], str]] = {
 
 
 @pytest.mark.parametrize("name", LARGE)
-def test_large_numbers_of_statements_are_read_in_time(name: str, tmp_path: Path, watch: WorkerSupervisor) -> None:
+def test_large_numbers_of_statements_are_read_in_time(name: str, tmp_path: Path, supervisor: WorkerSupervisor) -> None:
     file = tmp_path / "map.ttl"
     file.write_text(LARGE[name](), encoding="utf-8")
-    answer = watch.read(file)
+    answer = supervisor.read(file)
     assert (answer.defect, answer.error) == ("", "")
     assert answer.maps
 
 
-def test_a_literal_that_exceeds_the_memory_is_refused(tmp_path: Path, watch: WorkerSupervisor) -> None:
+def test_a_literal_that_exceeds_the_memory_is_refused(tmp_path: Path, supervisor: WorkerSupervisor) -> None:
     file = tmp_path / "map.ttl"
     file.write_text(room_map(body_turtle("cup", f'rdfs:label "{"x" * 20_000_000}"')), encoding="utf-8")
-    answer = watch.read(file)
+    answer = supervisor.read(file)
     assert (answer.defect, answer.exit_code) == ("", 2)
     assert "too long to be held in memory" in answer.error
 
@@ -302,13 +302,15 @@ def test_a_literal_that_exceeds_the_memory_is_refused(tmp_path: Path, watch: Wor
     ids=range(17),
 )
 @pytest.mark.parametrize("suffix", [".owl", ".ttl", ".urdf"])
-def test_repeated_characters_are_read_in_time(text: str, suffix: str, tmp_path: Path, watch: WorkerSupervisor) -> None:
+def test_repeated_characters_are_read_in_time(
+    text: str, suffix: str, tmp_path: Path, supervisor: WorkerSupervisor
+) -> None:
     file = tmp_path / f"map{suffix}"
     file.write_text(text, encoding="utf-8")
-    assert watch.read(file).defect == ""
+    assert supervisor.read(file).defect == ""
 
 
-def test_a_robot_with_many_links_is_read_in_time(tmp_path: Path, watch: WorkerSupervisor) -> None:
+def test_a_robot_with_many_links_is_read_in_time(tmp_path: Path, supervisor: WorkerSupervisor) -> None:
     many = MANY // 3
     links = [link_urdf(f"l{n}", box_urdf("1 1 1")) for n in range(many)]
     joints = [
@@ -316,7 +318,7 @@ def test_a_robot_with_many_links_is_read_in_time(tmp_path: Path, watch: WorkerSu
     ]
     file = tmp_path / "kitchen.urdf"
     file.write_text(robot_urdf(*links, *joints), encoding="utf-8")
-    answer = watch.read(file)
+    answer = supervisor.read(file)
     assert (answer.defect, answer.bodies) == ("", many)
 
 
@@ -328,11 +330,13 @@ def test_a_failed_worker_is_replaced(code: str, message: str, tmp_path: Path, mo
     monkeypatch.setattr("tests.knowledge.fuzz_supervisor.CPU_LIMIT_S", 1.0)
     good = tmp_path / "map.ttl"
     good.write_text(room_map(body_turtle("cup")), encoding="utf-8")
-    with WorkerSupervisor(tmp_path) as watch:
-        monkeypatch.setattr(watch, "_command", [sys.executable, "-c", f"import os, sys\nsys.stdin.readline()\n{code}"])
-        assert message in watch.read(good).defect
+    with WorkerSupervisor(tmp_path) as supervisor:
+        monkeypatch.setattr(
+            supervisor, "_command", [sys.executable, "-c", f"import os, sys\nsys.stdin.readline()\n{code}"]
+        )
+        assert message in supervisor.read(good).defect
         monkeypatch.undo()
-        assert watch.read(good).defect == ""
+        assert supervisor.read(good).defect == ""
 
 
 def test_the_command_line_ends_without_a_traceback(tmp_path: Path) -> None:

@@ -30,7 +30,7 @@ def write_map(path: Path, *statements: str) -> Path:
     return path
 
 
-def knows(knowledge: KnowledgeBase, name: str = "Stem") -> bool:
+def contains_class(knowledge: KnowledgeBase, name: str = "Stem") -> bool:
     return Iri(f"http://example.org/terms#{name}") in knowledge.ancestors(Iri(CLASS))
 
 
@@ -46,20 +46,20 @@ def packages(tmp_path: Path) -> Path:
 def test_packages_are_searched_in_the_package_folders(packages: Path, tmp_path: Path) -> None:
     map = write_map(tmp_path / "map.ttl", importing("package://first/owl/a.ttl"))
     knowledge = knowledge_base_from(map, ontologies=(packages,))
-    assert knows(knowledge)
+    assert contains_class(knowledge)
     assert knowledge.findings() == ()
 
 
 def test_a_folder_may_be_the_package_itself(packages: Path, tmp_path: Path) -> None:
     map = write_map(tmp_path / "map.ttl", importing("package://second/b.ttl"))
-    assert knows(knowledge_base_from(map, ontologies=(packages / "second",)))
+    assert contains_class(knowledge_base_from(map, ontologies=(packages / "second",)))
 
 
 def test_packages_in_subfolders_of_a_workspace_are_found(packages: Path, tmp_path: Path) -> None:
     (packages / "second" / "package.xml").write_text("<package/>", encoding="utf-8")
     packages.rename(tmp_path / "workspace")
     map = write_map(tmp_path / "map.ttl", importing("package://second/b.ttl"))
-    assert knows(knowledge_base_from(map, ontologies=(tmp_path,)))
+    assert contains_class(knowledge_base_from(map, ontologies=(tmp_path,)))
 
 
 def test_a_missing_package_is_reported_with_its_importer(tmp_path: Path) -> None:
@@ -75,7 +75,7 @@ def test_a_missing_package_is_reported_with_its_importer(tmp_path: Path) -> None
 def test_a_loaded_file_satisfies_a_package_import(packages: Path, tmp_path: Path) -> None:
     map = write_map(tmp_path / "map.ttl", importing("package://second/b.ttl"))
     knowledge = knowledge_base_from(map, ontologies=(packages / "second" / "b.ttl",))
-    assert knows(knowledge)
+    assert contains_class(knowledge)
     assert knowledge.findings() == ()
 
 
@@ -89,14 +89,14 @@ def test_paths_outside_of_a_package_are_refused(iri: str, packages: Path, tmp_pa
     knowledge = knowledge_base_from(map, ontologies=(packages,))
     (finding,) = knowledge.findings()
     assert finding.severity is Severity.ERROR
-    assert not knows(knowledge)
+    assert not contains_class(knowledge)
     with pytest.raises(SourceParseError, match="outside of every package"):
         knowledge_base_from(map, ontologies=(packages, iri))
 
 
 def test_an_ontology_may_be_a_package_name(packages: Path, tmp_path: Path) -> None:
     map = write_map(tmp_path / "map.ttl")
-    assert knows(knowledge_base_from(map, ontologies=("package://first/owl/a.ttl", packages)))
+    assert contains_class(knowledge_base_from(map, ontologies=("package://first/owl/a.ttl", packages)))
     with pytest.raises(SourceParseError, match=str(packages)):
         knowledge_base_from(map, ontologies=("package://first/owl/c.ttl", packages))
 
@@ -104,20 +104,20 @@ def test_an_ontology_may_be_a_package_name(packages: Path, tmp_path: Path) -> No
 def test_package_folders_are_used_for_later_loads(packages: Path, tmp_path: Path) -> None:
     knowledge = knowledge_base_from(ontologies=(packages,))
     knowledge.load([write_map(tmp_path / "map.ttl", importing("package://first/owl/a.ttl"))])
-    assert knows(knowledge)
+    assert contains_class(knowledge)
 
 
 @pytest.mark.parametrize("name", ["file:parts/stem.ttl", "parts/stem.ttl", "file:parts/../parts/stem.ttl"])
 def test_file_imports_are_relative_to_the_importer(name: str, tmp_path: Path) -> None:
     write(tmp_path / "in" / "parts" / "stem.ttl", "e:Leaf rdfs:subClassOf e:Stem .")
     knowledge = knowledge_base_from(write_map(tmp_path / "in" / "map.ttl", importing(name)))
-    assert knows(knowledge)
+    assert contains_class(knowledge)
     assert knowledge.findings() == ()
 
 
 def test_file_imports_may_be_absolute(tmp_path: Path) -> None:
     part = write(tmp_path / "with blanks" / "stem.ttl", "e:Leaf rdfs:subClassOf e:Stem .")
-    assert knows(knowledge_base_from(write_map(tmp_path / "map.ttl", importing(part.as_uri()))))
+    assert contains_class(knowledge_base_from(write_map(tmp_path / "map.ttl", importing(part.as_uri()))))
 
 
 def test_imports_of_untrusted_maps_can_be_disabled(tmp_path: Path) -> None:
@@ -125,7 +125,7 @@ def test_imports_of_untrusted_maps_can_be_disabled(tmp_path: Path) -> None:
     map = write_map(tmp_path / "map.ttl", importing(part.as_uri()), body_turtle("cup"))
     knowledge = KnowledgeBase()
     knowledge.load(map, follow_imports=False)
-    assert not knows(knowledge)
+    assert not contains_class(knowledge)
     (finding,) = knowledge.findings()
     assert "its imports are not followed" in finding.problem
     assert len(knowledge.world().bodies) == 1
@@ -158,7 +158,7 @@ def test_cyclic_imports_are_loaded_once(tmp_path: Path) -> None:
     )
     write(tmp_path / "b.ttl", importing("file:a.ttl", iri="http://e/b"))
     knowledge = knowledge_base_from(write_map(tmp_path / "map.ttl", importing("file:a.ttl", "file:map.ttl")))
-    assert knows(knowledge)
+    assert contains_class(knowledge)
     assert knowledge.findings() == ()
 
 

@@ -91,7 +91,7 @@ def test_poses_sizes_parts_and_joints_are_written_in_soma(tmp_path: Path) -> Non
         other = joints[joint.parent, joint.child]
         np.testing.assert_allclose(_axis(other), _axis(joint), atol=1e-9)
         assert _range(other) == pytest.approx(_range(joint))
-        if joint.angular.swing1 is AxisMotion.LIMITED:  # along a slide, any point of the axis is as good
+        if joint.angular.swing1 is AxisMotion.LIMITED:  # the position along a sliding axis is arbitrary
             np.testing.assert_allclose(other.pose.position, joint.pose.position, atol=1e-9)
 
 

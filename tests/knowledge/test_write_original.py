@@ -174,7 +174,7 @@ def test_any_world_survives_a_round_trip(world: World, folder: Path) -> None:
 @settings(max_examples=30)
 @given(quads=mutated_maps())
 def test_any_statements_survive_a_round_trip(quads: list[ox.Quad], folder: Path) -> None:
-    path = folder / "spoilt.ttl"
+    path = folder / "incomplete.ttl"
     ox.serialize(quads, path, ox.RdfFormat.TURTLE)
     knowledge = knowledge_base_from(path)
     for map in knowledge.maps():

@@ -22,8 +22,8 @@ each_malformation = pytest.mark.parametrize("name", MALFORMED)
 
 ASK_SWI = """
 :- use_module(library(rdf)).
-main :- current_prolog_flag(argv, Files), forall(member(File, Files), tell(File)).
-tell(File) :-
+main :- current_prolog_flag(argv, Files), forall(member(File, Files), print_count(File)).
+print_count(File) :-
     load_rdf(file(File), Triples, [base_uri('http://example.org/base')]),
     exclude(of_syntax, Triples, Statements), sort(Statements, Set), length(Set, Count), format("~d~n", [Count]).
 of_syntax(rdf(_, Property, _)) :-
@@ -69,7 +69,7 @@ def test_the_valid_document_needs_no_repair(tmp_path: Path) -> None:
 @each_malformation
 def test_a_malformed_document_is_read_and_its_repair_is_reported_with_the_line(name: str, tmp_path: Path) -> None:
     case = MALFORMED[name]
-    good = reading(written(tmp_path, WELL_FORMED))[1]
+    expected = reading(written(tmp_path, WELL_FORMED))[1]
     path = written(tmp_path, case.text)
     file, statements = reading(path)
     assert any(
@@ -77,7 +77,7 @@ def test_a_malformed_document_is_read_and_its_repair_is_reported_with_the_line(n
         for repair in file.repairs
     )
     if case.is_equivalent:
-        assert statements == good
+        assert statements == expected
     knowledge = knowledge_base_from(path)
     repairs = [finding for finding in knowledge.findings() if finding.individual == str(path)]
     assert repairs
@@ -153,8 +153,8 @@ def test_what_xml_allows_before_a_document_is_not_reported(before: str, tmp_path
 
 
 def test_many_repairs_are_counted(tmp_path: Path) -> None:
-    things = "\n".join(f'<knowrob:Cup rdf:about="&m;a cup {number}"/>' for number in range(1000))
-    path = written(tmp_path, WELL_FORMED.replace("</rdf:RDF>", f"{things}\n</rdf:RDF>"))
+    individuals = "\n".join(f'<knowrob:Cup rdf:about="&m;a cup {number}"/>' for number in range(1000))
+    path = written(tmp_path, WELL_FORMED.replace("</rdf:RDF>", f"{individuals}\n</rdf:RDF>"))
     findings = [finding for finding in knowledge_base_from(path).findings() if finding.individual == str(path)]
     assert len(findings) == 101
     assert "900 more places" in findings[-1].problem

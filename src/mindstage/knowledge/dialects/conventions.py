@@ -29,7 +29,7 @@ class Assumption(msgspec.Struct, frozen=True, rename={"topic": "about"}):
     """Whether the user made the decision; `evidence` then describes the alternative."""
 
     def __str__(self) -> str:
-        how = "chosen by the user" if self.overridden else "assumed"
+        how = "set" if self.overridden else "assumed"
         return f"{self.topic}: {self.value}, {how}: {self.evidence}"
 
 

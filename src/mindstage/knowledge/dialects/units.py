@@ -256,7 +256,10 @@ def _decide(
     declared = _declared_value(source_map, property, enum_type)
     if chosen is not None:
         otherwise = f" indicates {guess.value.value}" if guess.value is not None else ""
-        value, evidence = chosen, f"the evidence{otherwise or ' is inconclusive'} ({guess.evidence})"
+        value, evidence = (
+            chosen,
+            f"chosen by the user; the evidence{otherwise or ' is inconclusive'} ({guess.evidence})",
+        )
     elif declared is not None:
         value, evidence = declared, f"declared in the map by {property}"
     elif guess.value is not None:
