@@ -69,6 +69,13 @@ _PANEL_RATIO = 0.4
 _RIGHT_ANGLE = math.pi / 2
 
 
+AMEVA_DIALECT = "AMEVA"
+AMEVA_DEFAULTS = UnitConventions(units=LengthUnit.CENTIMETERS, frame=Handedness.UNREAL, quaternion=QuaternionOrder.XYZW)
+_DISTINCTIVE_PROPERTIES = frozenset({knowrob("maskColor"), knowrob("levelName")})
+_CLASS_VALUED = (MASS.property, MESH.property)
+"""Properties whose value a class may give for all its members."""
+
+
 @dataclass(frozen=True, slots=True)
 class _ObservedBody:
     """Pose and size of an individual; the size is None if the map does not give it."""
@@ -249,14 +256,6 @@ def _parents(source_map: SourceMap) -> Mapping[Iri, Iri]:
 
 def _referenced_iris(facts: Sequence[PropertyAssertion], property: Iri) -> list[Iri]:
     return [fact.value.iri for fact in facts if fact.property == property and isinstance(fact.value, IriRef)]
-
-
-AMEVA_DIALECT = "AMEVA"
-AMEVA_DEFAULTS = UnitConventions(units=LengthUnit.CENTIMETERS, frame=Handedness.UNREAL, quaternion=QuaternionOrder.XYZW)
-
-_DISTINCTIVE_PROPERTIES = frozenset({knowrob("maskColor"), knowrob("levelName")})
-_CLASS_VALUED = (MASS.property, MESH.property)
-"""Properties whose value a class may give for all its members."""
 
 
 def is_ameva(source_map: SourceMap) -> bool:

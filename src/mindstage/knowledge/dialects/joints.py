@@ -33,6 +33,14 @@ __all__ = [
 ]
 
 
+JointRange = tuple[float, float] | None
+"""Lower and upper limit relative to the initial pose [m or rad]; None for no limits."""
+_OFFSET_TOLERANCE = 0.05
+"""Offset from the center, as a fraction of the half extent, below which a box counts as centered."""
+_DEFAULT_EXTENT_M = 0.1
+"""Extent of a body without a size [m]."""
+
+
 class JointType(StrEnum):
     """The kind of motion that a joint allows."""
 
@@ -42,10 +50,6 @@ class JointType(StrEnum):
     FLOATING = "floating"
     PLANAR = "planar"
     """Translation and rotation in the plane perpendicular to its axis."""
-
-
-JointRange = tuple[float, float] | None
-"""Lower and upper limit relative to the initial pose [m or rad]; None for no limits."""
 
 
 class JointLimits(msgspec.Struct, frozen=True):
@@ -110,12 +114,6 @@ def to_vector(row: Array) -> Vector:
     """Converts an array of three numbers to a tuple."""
     x, y, z = (float(part) for part in row)
     return x, y, z
-
-
-_OFFSET_TOLERANCE = 0.05
-"""Offset from the center, as a fraction of the half extent, below which a box counts as centered."""
-_DEFAULT_EXTENT_M = 0.1
-"""Extent of a body without a size [m]."""
 
 
 class ObservedBox(NamedTuple):

@@ -82,6 +82,20 @@ _DATE = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d.*", re.ASCII)
 _SECONDS = re.compile(r"(\d+(?:\.\d+)?)$", re.ASCII)
 
 
+_JOINT_TYPES = {
+    "HingedJoint": JointType.REVOLUTE,
+    "RevoluteJoint": JointType.REVOLUTE,
+    "PrismaticJoint": JointType.PRISMATIC,
+    "FixedJoint": JointType.FIXED,
+    "RigidJoint": JointType.FIXED,
+}
+_DIRECTION, _TURN_RADIUS = knowrob("direction"), knowrob("turnRadius")
+_VECTOR = tuple(knowrob(f"vector{axis}") for axis in "XYZ")
+_CONNECTION_JOINT_TYPES = {HINGED_TO: JointType.REVOLUTE, PRISMATICALLY_CONNECTED_TO: JointType.PRISMATIC}
+KNOWROB1_DIALECT = "KnowRob 1"
+_RESTATES_POSE = PropertyAssertion(RESTATES, IriRef(HAS_POSE))
+
+
 class _Perception(NamedTuple):
     """A pose at which an individual was perceived."""
 
@@ -196,18 +210,6 @@ def _pose_from_facts(facts: list[PropertyAssertion]) -> Pose | None:
 
 def _value_text(value: FactValue) -> str:
     return repr(value.text) if isinstance(value, Literal) else "a resource"
-
-
-_JOINT_TYPES = {
-    "HingedJoint": JointType.REVOLUTE,
-    "RevoluteJoint": JointType.REVOLUTE,
-    "PrismaticJoint": JointType.PRISMATIC,
-    "FixedJoint": JointType.FIXED,
-    "RigidJoint": JointType.FIXED,
-}
-_DIRECTION, _TURN_RADIUS = knowrob("direction"), knowrob("turnRadius")
-_VECTOR = tuple(knowrob(f"vector{axis}") for axis in "XYZ")
-_CONNECTION_JOINT_TYPES = {HINGED_TO: JointType.REVOLUTE, PRISMATICALLY_CONNECTED_TO: JointType.PRISMATIC}
 
 
 def find_joints(normalizer: DialectNormalizer) -> Mapping[Iri, JointType | None]:
@@ -387,10 +389,6 @@ class _Knowrob1JointReader:
         parts = [part for part in self.parts[child] if part not in self.joints]
         parts.sort(key=lambda part: not self.normalizer.class_name_contains(part, "Handle"))
         return self._box(parts[0]) if parts else None
-
-
-KNOWROB1_DIALECT = "KnowRob 1"
-_RESTATES_POSE = PropertyAssertion(RESTATES, IriRef(HAS_POSE))
 
 
 def perception_blocks(body: Body, graph: Graph, used_names: Container[str]) -> Iterator[SubjectBlock]:

@@ -39,6 +39,9 @@ _SINGULAR_TOLERANCE = 1e-6
 _TOO_LARGE = 1e100
 
 
+_MIRROR = FrameConversion(signs=(1.0, -1.0, 1.0))
+
+
 class MatrixPose(NamedTuple):
     """A pose read from a matrix, and the repairs that were necessary."""
 
@@ -130,9 +133,6 @@ def _compose_along_parents(parents: Mapping[Iri, Iri], poses: Mapping[Iri, Array
             if part not in found:
                 row = found[part] = pose_multiply(row, poses[part])
     return found
-
-
-_MIRROR = FrameConversion(signs=(1.0, -1.0, 1.0))
 
 
 class NumberReader:

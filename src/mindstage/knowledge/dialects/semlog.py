@@ -97,6 +97,17 @@ _MIN_DUPLICATES = 10
 """Number of bodies at one position above which it is reported; a door, its panel and its hinge may share one."""
 
 
+T = TypeVar("T")
+_TAG_CODECS: dict[str, PropertyCodec[Any]] = {
+    "mobility": MOBILITY,
+    "mass": MASS,
+    "gravity": GRAVITY,
+    "overlapevents": OVERLAP_EVENTS,
+}
+"""Codecs of the properties that tags may give, by the tag's key in lower case."""
+_MOBILITY_MARKER = ";mobility,"
+
+
 def check_duplicate_poses(world: World, report: FindingSink) -> None:
     """Reports each position that many bodies share, as in a map whose poses were never written."""
     positions = Counter(body.pose.position for body in world.bodies)
@@ -110,9 +121,6 @@ def check_duplicate_poses(world: World, report: FindingSink) -> None:
                 f"{number:,} bodies are at one position ({where})",
                 "they stay there",
             )
-
-
-T = TypeVar("T")
 
 
 class _SizeSources(NamedTuple):
@@ -355,16 +363,6 @@ class _SemlogReader:
             all_classes=ClassSizes([own, *self.source_map.ontologies], self.source_map.hierarchy, self.report),
             map_classes=map_class_sizes(resources),
         )
-
-
-_TAG_CODECS: dict[str, PropertyCodec[Any]] = {
-    "mobility": MOBILITY,
-    "mass": MASS,
-    "gravity": GRAVITY,
-    "overlapevents": OVERLAP_EVENTS,
-}
-"""Codecs of the properties that tags may give, by the tag's key in lower case."""
-_MOBILITY_MARKER = ";mobility,"
 
 
 def is_early_semlog(source_map: SourceMap) -> bool:

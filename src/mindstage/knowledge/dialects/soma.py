@@ -72,6 +72,20 @@ _AXIS = (urdf("hasAxisVector"), urdf("hasJointAxis"), urdf("hasAxis"))
 _ORIGIN, _XYZ = urdf("hasOrigin"), (urdf("hasXYZ"), urdf("hasTranslation"))
 
 
+_POSITION = (knowrob("translation"), soma("hasPositionVector"), soma("translation"))
+_ROTATION = (knowrob("quaternion"), soma("hasOrientationVector"), soma("quaternion"))
+_REFERENCE_FRAME = (
+    *(soma("isDescribedRelativeTo"), soma("isRelativeTo"), soma("hasReferenceFrame"), soma("relativeTo")),
+    *(knowrob("isDescribedRelativeTo"), knowrob("relativeTo"), knowrob("hasReferenceFrame")),
+)
+_COLOR = (soma("hasRGBValue"), soma("hasRGBAValue"), knowrob("hasRGBValue"))
+_RADIUS, _LENGTH, _PATH = soma("hasRadius"), soma("hasLength"), (soma("hasFilePath"), knowrob("pathToCadModel"))
+_EXTENTS = tuple((soma(name),) for name in ("hasDepth", "hasWidth", "hasHeight"))
+_SIZE_PROPERTIES = (_RADIUS, *(property for properties in _EXTENTS for property in properties))
+_PART_RELATIONS = frozenset((*TO_PARTS, *TO_WHOLES))
+_REGION = (soma("hasSpaceRegion"), dul("hasRegion"))
+
+
 def add_joints(normalizer: DialectNormalizer, nodes: RdfNodes, number_reader: NumberReader) -> None:
     """Adds every joint of a map to the normalizer, with the bodies that it connects and its motion."""
     reader = _SomaJointReader(normalizer, nodes, number_reader)
@@ -222,20 +236,6 @@ class _SomaJointReader:
         parts = [part for part in self.normalizer.references(child, *TO_PARTS) if part in self.normalizer.poses]
         parts.sort(key=lambda part: not self.normalizer.class_name_contains(part, "Handle"))
         return self._box(parts[0]) if parts else None
-
-
-_POSITION = (knowrob("translation"), soma("hasPositionVector"), soma("translation"))
-_ROTATION = (knowrob("quaternion"), soma("hasOrientationVector"), soma("quaternion"))
-_REFERENCE_FRAME = (
-    *(soma("isDescribedRelativeTo"), soma("isRelativeTo"), soma("hasReferenceFrame"), soma("relativeTo")),
-    *(knowrob("isDescribedRelativeTo"), knowrob("relativeTo"), knowrob("hasReferenceFrame")),
-)
-_COLOR = (soma("hasRGBValue"), soma("hasRGBAValue"), knowrob("hasRGBValue"))
-_RADIUS, _LENGTH, _PATH = soma("hasRadius"), soma("hasLength"), (soma("hasFilePath"), knowrob("pathToCadModel"))
-_EXTENTS = tuple((soma(name),) for name in ("hasDepth", "hasWidth", "hasHeight"))
-_SIZE_PROPERTIES = (_RADIUS, *(property for properties in _EXTENTS for property in properties))
-_PART_RELATIONS = frozenset((*TO_PARTS, *TO_WHOLES))
-_REGION = (soma("hasSpaceRegion"), dul("hasRegion"))
 
 
 def is_soma(source_map: SourceMap) -> bool:

@@ -89,6 +89,11 @@ _REGION = dul("hasRegion")
 _DOUBLE = xsd("double")
 
 
+SOMA_DIALECT = "SOMA"
+_AXISLESS_CLASSES = {0: "FixedJoint", 6: "FloatingJoint"}
+_RESTRICTION = Iri(OWL + "Restriction")
+
+
 class DofAxis(NamedTuple):
     """A free or limited axis of a joint."""
 
@@ -201,11 +206,6 @@ def _number_fact(property: Iri, number: float) -> PropertyAssertion:
 
 def _number_row_fact(property: Iri, numbers: Iterable[float]) -> PropertyAssertion:
     return PropertyAssertion(property, Literal(" ".join(repr(float(number) + 0.0) for number in numbers), ARRAY))
-
-
-SOMA_DIALECT = "SOMA"
-_AXISLESS_CLASSES = {0: "FixedJoint", 6: "FloatingJoint"}
-_RESTRICTION = Iri(OWL + "Restriction")
 
 
 def write_as_soma(

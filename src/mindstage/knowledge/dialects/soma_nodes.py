@@ -60,6 +60,17 @@ _BRACKETS = re.compile(r"[\[\]()]")
 _SEPARATORS = re.compile(r"[\s,;]+")
 
 
+ARRAY = soma("array_double")
+SPACE_REGION = soma("hasSpaceRegion")
+POSE_6D = soma("6DPose")
+HAS_COMPONENT = dul("hasComponent")
+SAME_DIALECT = "same"
+"""Value of `ms:dialect` in a map that restates only poses that have changed, in its own dialect."""
+_POSE_CODECS = {TRANSLATION.property: TRANSLATION, QUATERNION.property: QUATERNION}
+_SET_ASIDE_PROPERTIES = {original_property(property): property for property in (HAS_LOCALIZATION, HAS_SHAPE)}
+"""Maps the name under which an outdated statement of another dialect is kept to the original property."""
+
+
 class RdfNode(NamedTuple):
     """A node of the graph with its statements; the name of a blank node is None."""
 
@@ -139,17 +150,6 @@ class RdfNodes:
 
     def _is_nested(self, name: Iri) -> bool:
         return name in self._graph and name not in self._individuals
-
-
-ARRAY = soma("array_double")
-SPACE_REGION = soma("hasSpaceRegion")
-POSE_6D = soma("6DPose")
-HAS_COMPONENT = dul("hasComponent")
-SAME_DIALECT = "same"
-"""Value of `ms:dialect` in a map that restates only poses that have changed, in its own dialect."""
-_POSE_CODECS = {TRANSLATION.property: TRANSLATION, QUATERNION.property: QUATERNION}
-_SHELVED_PROPERTIES = {original_property(property): property for property in (HAS_LOCALIZATION, HAS_SHAPE)}
-"""Maps the name under which an outdated statement of another dialect is kept to the original property."""
 
 
 def is_restatement_of(facts: Sequence[PropertyAssertion], property: Iri) -> bool:
@@ -239,7 +239,7 @@ class _RestatementRemover:
                     kept += [PropertyAssertion(HAS_POSE, pose) for pose in self._restated_poses(inner)]
         if is_restated:
             kept = [
-                PropertyAssertion(_SHELVED_PROPERTIES.get(fact.property, fact.property), fact.value) for fact in kept
+                PropertyAssertion(_SET_ASIDE_PROPERTIES.get(fact.property, fact.property), fact.value) for fact in kept
             ]
         if subject == self.source_map.map:
             kept = [fact for fact in kept if fact.property != DIALECT]

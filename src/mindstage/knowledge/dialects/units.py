@@ -37,6 +37,9 @@ _SIZE_TOLERANCE = 2.0
 _UPRIGHT_COSINE = 0.999
 
 
+ConventionT = TypeVar("ConventionT", bound=Enum)
+
+
 @dataclass(frozen=True, slots=True)
 class ConventionGuess:
     """A convention that the numbers of a map indicate, and the evidence for it."""
@@ -192,9 +195,6 @@ def _is_upright(rotation: tuple[float, ...]) -> bool:
 
 def _is_unrotated(rotation: tuple[float, ...]) -> bool:
     return abs(rotation[0]) / math.hypot(*rotation) > _UPRIGHT_COSINE
-
-
-ConventionT = TypeVar("ConventionT", bound=Enum)
 
 
 def infer_conventions(source_map: SourceMap, defaults: UnitConventions) -> UnitConventions:

@@ -48,6 +48,20 @@ BUNDLED_KITCHEN = "bundled:kitchen"
 """Name under which `KnowledgeBase.load` and all commands of the CLI accept the bundled kitchen."""
 
 
+RDF_XML, TURTLE, N_TRIPLES = ox.RdfFormat.RDF_XML, ox.RdfFormat.TURTLE, ox.RdfFormat.N_TRIPLES
+SUFFIXES = {".owl": RDF_XML, ".rdf": RDF_XML, ".xml": RDF_XML, ".ttl": TURTLE, ".nt": N_TRIPLES}
+MAX_REPORTED_REPAIRS = 100
+"""Maximum number of repairs of one file that are reported individually; others are counted."""
+_BOMS = ((b"\xef\xbb\xbf", "utf-8"), (b"\xff\xfe", "utf-16"), (b"\xfe\xff", "utf-16"))
+_DECLARED_ENCODING = re.compile(rb"""^\s*<\?xml[^>]*?\sencoding\s*=\s*["']([A-Za-z][\w.-]*)["']""")
+_WIDE_ENCODINGS = re.compile(r"utf-?(16|32)|ucs-?[24]", re.IGNORECASE)
+_DECLARATION = re.compile(r"^\s*<\?xml.*?\?>", re.DOTALL)
+_XML_START = re.compile(rb"\s*<(\?xml|!|[\w.-]+:RDF\b)")
+_LATE_START = re.compile(rb"<(\?xml\s|!DOCTYPE\s|[\w.-]*:RDF[\s>])")
+_TURTLE_START = re.compile(rb"(?:\s|#[^\n]*\n)*(?:@prefix|@base|PREFIX|BASE)\s", re.IGNORECASE)
+_STATEMENT_START = re.compile(rb"(?:\s|#[^\n]*\n)*(?:<[^<>\"{}|^`\\\s]+>|_:\S+)\s+(?:<[^<>\"{}|^`\\\s]+>|a)\s")
+
+
 def map_path(name: str | os.PathLike[str]) -> str:
     """Returns the path of a map; the name of the bundled kitchen is replaced by its path."""
     path = os.fspath(name)
@@ -67,22 +81,6 @@ def bundled_ontology() -> Path:
 def _bundled_path(name: str) -> Path:
     # Wheels are always unpacked, so package data are files.
     return Path(__file__).parents[1] / "bundled" / name
-
-
-RDF_XML, TURTLE, N_TRIPLES = ox.RdfFormat.RDF_XML, ox.RdfFormat.TURTLE, ox.RdfFormat.N_TRIPLES
-SUFFIXES = {".owl": RDF_XML, ".rdf": RDF_XML, ".xml": RDF_XML, ".ttl": TURTLE, ".nt": N_TRIPLES}
-
-MAX_REPORTED_REPAIRS = 100
-"""Maximum number of repairs of one file that are reported individually; others are counted."""
-
-_BOMS = ((b"\xef\xbb\xbf", "utf-8"), (b"\xff\xfe", "utf-16"), (b"\xfe\xff", "utf-16"))
-_DECLARED_ENCODING = re.compile(rb"""^\s*<\?xml[^>]*?\sencoding\s*=\s*["']([A-Za-z][\w.-]*)["']""")
-_WIDE_ENCODINGS = re.compile(r"utf-?(16|32)|ucs-?[24]", re.IGNORECASE)
-_DECLARATION = re.compile(r"^\s*<\?xml.*?\?>", re.DOTALL)
-_XML_START = re.compile(rb"\s*<(\?xml|!|[\w.-]+:RDF\b)")
-_LATE_START = re.compile(rb"<(\?xml\s|!DOCTYPE\s|[\w.-]*:RDF[\s>])")
-_TURTLE_START = re.compile(rb"(?:\s|#[^\n]*\n)*(?:@prefix|@base|PREFIX|BASE)\s", re.IGNORECASE)
-_STATEMENT_START = re.compile(rb"(?:\s|#[^\n]*\n)*(?:<[^<>\"{}|^`\\\s]+>|_:\S+)\s+(?:<[^<>\"{}|^`\\\s]+>|a)\s")
 
 
 @dataclass(frozen=True, slots=True)

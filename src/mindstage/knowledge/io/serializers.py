@@ -22,6 +22,15 @@ _ESCAPES = {code: f"\\u{code:04X}" for code in (*range(0x20), 0x7F)}
 _ESCAPES |= {ord('"'): '\\"', ord("\\"): "\\\\", ord("\n"): "\\n", ord("\r"): "\\r", ord("\t"): "\\t"}
 
 
+_REMEDY = "write Turtle (.ttl), which can represent it"
+_RESERVED = frozenset(
+    RDF + name
+    for name in ("RDF", "Description", "ID", "about", "parseType", "resource", "nodeID", "datatype", "li", "aboutEach")
+) | {RDF + "bagID", RDF + "aboutEachPrefix"}
+_TEXT = str.maketrans({"&": "&amp;", "<": "&lt;", ">": "&gt;", "\r": "&#13;"})
+_ATTRIBUTE = str.maketrans({"&": "&amp;", "<": "&lt;", '"': "&quot;"})
+
+
 def to_turtle(sections: Sequence[DocumentSection], prefix_table: PrefixTable) -> str:
     """Serializes statements as Turtle."""
     return "".join(_TurtleSerializer(prefix_table).lines(sections))
@@ -81,15 +90,6 @@ class _TurtleSerializer:
                 name = f"{prefix}:{rest}" if prefix and is_plain_name(rest) else f"<{iri}>"
             self._iris[iri] = name
         return name
-
-
-_REMEDY = "write Turtle (.ttl), which can represent it"
-_RESERVED = frozenset(
-    RDF + name
-    for name in ("RDF", "Description", "ID", "about", "parseType", "resource", "nodeID", "datatype", "li", "aboutEach")
-) | {RDF + "bagID", RDF + "aboutEachPrefix"}
-_TEXT = str.maketrans({"&": "&amp;", "<": "&lt;", ">": "&gt;", "\r": "&#13;"})
-_ATTRIBUTE = str.maketrans({"&": "&amp;", "<": "&lt;", '"': "&quot;"})
 
 
 def to_rdf_xml(sections: Sequence[DocumentSection], prefix_table: PrefixTable) -> str:

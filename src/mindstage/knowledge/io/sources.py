@@ -55,6 +55,10 @@ _END_TAG = re.compile(rb"</([\w.-]+:)?RDF\s*>")
 _POSE_MARKERS = tuple(local_name(property).encode() for property in POSE_PROPERTIES)
 
 
+StrPath = str | os.PathLike[str]
+_CHANGED_MESSAGE = "it has changed since it was stored"
+
+
 def read_map_file(path: Path, urdf_sources: UrdfSources) -> SourceFile:
     """Reads a map file, or a robot description as a map.
 
@@ -312,11 +316,6 @@ class LoadTransaction:
 def _without_trailing_separator(iri: str) -> str:
     """Removes the trailing separator of a namespace, which imports of an ontology may or may not have."""
     return iri.rstrip("#/")
-
-
-StrPath = str | os.PathLike[str]
-
-_CHANGED_MESSAGE = "it has changed since it was stored"
 
 
 class SourceRegistry:

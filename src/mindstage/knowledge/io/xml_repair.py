@@ -41,6 +41,23 @@ _END = re.compile(r"\s*(/?)>")
 _JUNK = re.compile(r"\s*[^\s<>]+")
 
 
+WELL_KNOWN_PREFIXES = {"rdf": RDF, "rdfs": RDFS, "owl": OWL, "xsd": XSD, "knowrob": KNOWROB}
+"""Namespaces of prefixes and entities that are used without a declaration."""
+_XML_ENTITIES = {"amp", "lt", "gt", "quot", "apos"}
+_XML_NAMESPACE = "xml"
+_RDF_ATTRIBUTES = {"about", "ID", "resource", "datatype", "nodeID", "parseType"}
+_AMPERSAND = re.compile(r"&(#\d+;|#x[0-9a-fA-F]+;|([^\W\d][\w.-]*)([;:]))?")
+_ENTITY = re.compile(
+    r"""<!ENTITY\s*(?P<name>[^\W\d][\w.-]*)\s*(?:"(?P<double>[^"]*)"|'(?P<single>[^']*)'|(?P<bare>[^\s"'<>]+))\s*(?P<end>>?)""",
+    re.IGNORECASE,
+)
+_STRICT_ENTITY = re.compile(r"""<!ENTITY\s+\S+\s+(?:"[^"]*"|'[^']*')\s*>""")
+_DOCTYPE_END = re.compile(r"\]\s*>")
+_NOT_IN_IRIS = re.compile(r"[\x00-\x20<>\"{}|\\^`]|%(?![0-9a-fA-F]{2})")
+_LANGUAGE = re.compile(r"[A-Za-z]{1,8}(-[A-Za-z0-9]{1,8})*\Z")
+_XML_NAME = re.compile(r"[^\W\d][\w.-]*\Z")
+
+
 @dataclass(slots=True)
 class StartTag:
     """A start tag, parsed leniently."""
@@ -149,24 +166,6 @@ class OpenElement:
         return self.content_model is ContentModel.LITERAL or (
             self.content_model is ContentModel.VALUE and not self.has_children and not self.has_resource
         )
-
-
-WELL_KNOWN_PREFIXES = {"rdf": RDF, "rdfs": RDFS, "owl": OWL, "xsd": XSD, "knowrob": KNOWROB}
-"""Namespaces of prefixes and entities that are used without a declaration."""
-
-_XML_ENTITIES = {"amp", "lt", "gt", "quot", "apos"}
-_XML_NAMESPACE = "xml"
-_RDF_ATTRIBUTES = {"about", "ID", "resource", "datatype", "nodeID", "parseType"}
-_AMPERSAND = re.compile(r"&(#\d+;|#x[0-9a-fA-F]+;|([^\W\d][\w.-]*)([;:]))?")
-_ENTITY = re.compile(
-    r"""<!ENTITY\s*(?P<name>[^\W\d][\w.-]*)\s*(?:"(?P<double>[^"]*)"|'(?P<single>[^']*)'|(?P<bare>[^\s"'<>]+))\s*(?P<end>>?)""",
-    re.IGNORECASE,
-)
-_STRICT_ENTITY = re.compile(r"""<!ENTITY\s+\S+\s+(?:"[^"]*"|'[^']*')\s*>""")
-_DOCTYPE_END = re.compile(r"\]\s*>")
-_NOT_IN_IRIS = re.compile(r"[\x00-\x20<>\"{}|\\^`]|%(?![0-9a-fA-F]{2})")
-_LANGUAGE = re.compile(r"[A-Za-z]{1,8}(-[A-Za-z0-9]{1,8})*\Z")
-_XML_NAME = re.compile(r"[^\W\d][\w.-]*\Z")
 
 
 class XmlRepair(NamedTuple):

@@ -44,6 +44,24 @@ _TIMEOUT_S = 60.0
 """Time limit for the expansion of a file; a whole robot takes about one second."""
 
 
+_LENGTH_LIMIT = 256 * 1024 * 1024
+T = TypeVar("T")
+Element = ElementTree.Element
+_TOO_LARGE = 1e100
+"""Numbers above this overflow when they are multiplied with each other."""
+_GEOMETRY_TAGS = {geometry_type.value for geometry_type in UrdfGeometryType}
+_JOINT_TYPES = {type.value for type in UrdfJointType}
+LENGTH_LIMIT = 64 * 1024 * 1024
+"""Maximum size of a file [bytes]; the largest robot descriptions have about two million."""
+DEPTH_LIMIT = 200
+"""Maximum depth of elements; URDF needs six, simulator extensions a few more."""
+_HEAD = 64 * 1024
+_PROLOG = rb"(?>\s+|<\?.*?\?>|<!--.*?-->|<!DOCTYPE[^>\[]*(?:\[[^\]]*\]\s*)?>)*+"
+"""What may precede the root element; possessive quantifiers keep matching linear in the number of comments."""
+_ROBOT = re.compile(rb"\A(?:\xef\xbb\xbf)?" + _PROLOG + rb"<robot[\s/>]", re.DOTALL)
+_XACRO = re.compile(rb"xmlns:xacro\s*=|<xacro:")
+
+
 def expand_xacro(path: Path, packages: RosPackagePath, *, timeout_s: float = _TIMEOUT_S) -> bytes:
     """Expands the macros of a xacro file and returns URDF.
 
@@ -78,9 +96,6 @@ def _is_installed() -> bool:
         return find_spec("xacro") is not None
     except ValueError:  # sys.modules["xacro"] is None
         return False
-
-
-_LENGTH_LIMIT = 256 * 1024 * 1024
 
 
 class MeshBounds(NamedTuple):
@@ -143,10 +158,6 @@ def _vertex_lines(data: bytes, keyword: bytes) -> Array | None:
 
 
 _FORMATS = {".obj": _obj_vertices, ".stl": _stl_vertices}
-
-
-T = TypeVar("T")
-Element = ElementTree.Element
 
 
 def parse_robot(root: Element, path: Path, packages: RosPackagePath) -> UrdfRobot:
@@ -363,12 +374,6 @@ class _UrdfParser:
         return number
 
 
-_TOO_LARGE = 1e100
-"""Numbers above this overflow when they are multiplied with each other."""
-_GEOMETRY_TAGS = {geometry_type.value for geometry_type in UrdfGeometryType}
-_JOINT_TYPES = {type.value for type in UrdfJointType}
-
-
 def _parse_number(text: str) -> float | None:
     number = codecs.parse_number(text)
     return number if number is not None and abs(number) < _TOO_LARGE else None
@@ -383,18 +388,6 @@ def _parse_vector(text: str) -> Vector | None:
 def _element_text(element: Element) -> str:
     """Serializes an element, without surrounding white space."""
     return ElementTree.tostring(element, encoding="unicode").strip()
-
-
-LENGTH_LIMIT = 64 * 1024 * 1024
-"""Maximum size of a file [bytes]; the largest robot descriptions have about two million."""
-DEPTH_LIMIT = 200
-"""Maximum depth of elements; URDF needs six, simulator extensions a few more."""
-
-_HEAD = 64 * 1024
-_PROLOG = rb"(?>\s+|<\?.*?\?>|<!--.*?-->|<!DOCTYPE[^>\[]*(?:\[[^\]]*\]\s*)?>)*+"
-"""What may precede the root element; possessive quantifiers keep matching linear in the number of comments."""
-_ROBOT = re.compile(rb"\A(?:\xef\xbb\xbf)?" + _PROLOG + rb"<robot[\s/>]", re.DOTALL)
-_XACRO = re.compile(rb"xmlns:xacro\s*=|<xacro:")
 
 
 def is_urdf(path: Path) -> bool:

@@ -47,6 +47,21 @@ from mindstage.scene.transforms import Array, normalized_pose_array, pose_from_a
 __all__ = ["RestPose", "UrdfWorld", "rest_pose", "urdf_to_world"]
 
 
+_PRIMITIVE_SHAPES = {
+    UrdfGeometryType.BOX: None,
+    UrdfGeometryType.MESH: None,
+    UrdfGeometryType.SPHERE: PrimitiveShape(type=PrimitiveType.SPHERE),
+    UrdfGeometryType.CYLINDER: PrimitiveShape(type=PrimitiveType.CYLINDER),
+}
+_JOINT_TYPES = {
+    UrdfJointType.REVOLUTE: JointType.REVOLUTE,
+    UrdfJointType.CONTINUOUS: JointType.REVOLUTE,
+    UrdfJointType.PRISMATIC: JointType.PRISMATIC,
+    UrdfJointType.FLOATING: JointType.FLOATING,
+    UrdfJointType.PLANAR: JointType.PLANAR,
+}
+
+
 class RestPose(NamedTuple):
     """Forward kinematics of a robot at rest."""
 
@@ -123,21 +138,6 @@ def _joint_transform(joint: UrdfJoint, position: float) -> Array:
     if joint.type is UrdfJointType.PRISMATIC:
         return np.array([*(position * axis), 1.0, 0.0, 0.0, 0.0])
     return np.array([0.0, 0.0, 0.0, np.cos(position / 2), *(np.sin(position / 2) * axis)])
-
-
-_PRIMITIVE_SHAPES = {
-    UrdfGeometryType.BOX: None,
-    UrdfGeometryType.MESH: None,
-    UrdfGeometryType.SPHERE: PrimitiveShape(type=PrimitiveType.SPHERE),
-    UrdfGeometryType.CYLINDER: PrimitiveShape(type=PrimitiveType.CYLINDER),
-}
-_JOINT_TYPES = {
-    UrdfJointType.REVOLUTE: JointType.REVOLUTE,
-    UrdfJointType.CONTINUOUS: JointType.REVOLUTE,
-    UrdfJointType.PRISMATIC: JointType.PRISMATIC,
-    UrdfJointType.FLOATING: JointType.FLOATING,
-    UrdfJointType.PLANAR: JointType.PLANAR,
-}
 
 
 class UrdfWorld(NamedTuple):
