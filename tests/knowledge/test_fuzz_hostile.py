@@ -73,7 +73,7 @@ def imports(iri: str) -> str:
 
 
 @pytest.mark.parametrize(
-    "made",
+    "create_map",
     [
         lambda at: owl(f'[<!ENTITY a SYSTEM "http://{at}/a">]', label="&a;"),
         lambda at: owl(f'[<!ENTITY a PUBLIC "a" "http://{at}/a">]', label="&a;"),
