@@ -58,7 +58,7 @@ class NameIndex:
 
     def add(self, names: Iterable[Iri]) -> None:
         """Adds names that have come up since."""
-        if "_book" in self.__dict__:
+        if "_names" in self.__dict__:
             for name in names:
                 self._add_name(self._names, name)
 

@@ -531,7 +531,7 @@ class Reasoner:
         if not self.axioms.add(told.__getitem__):
             self.axioms = ClassAxioms(self._quads_with_predicate)
         self.individuals.add(told.__getitem__)
-        self._drop_cached("properties", "membership")
+        self._drop_cached("properties", "instance_checker")
         nodes = (node for quads in told.values() for quad in quads for node in (quad.subject, quad.object))
         return {Iri(node.value) for node in nodes if isinstance(node, ox.NamedNode)}
 
@@ -553,16 +553,16 @@ class Reasoner:
                 self.individuals.update(name, self._objects(node, TYPE), self._objects(node, DESCRIBED_IN_MAP))
         becomes = {quad.object.value for quad in quads if isinstance(quad.object, ox.NamedNode)}
         if anew or not (PROPERTY_AXIOM_PROPERTIES.isdisjoint(words) and PROPERTY_TYPES.isdisjoint(becomes)):
-            self._drop_cached("properties", "membership")
+            self._drop_cached("properties", "instance_checker")
         elif of_classes or TYPE in words or DESCRIBED_IN_MAP in words or self._affects_membership(quads):
-            self._drop_cached("membership")
+            self._drop_cached("instance_checker")
         if "properties" in self.__dict__:
             self.properties.clear_usage_cache()
         return of_classes
 
     def _affects_membership(self, quads: Sequence[ox.Quad]) -> bool:
         """Whether the classes that were found to follow for individuals may be others now."""
-        return "membership" in self.__dict__ and self.instance_checker.is_affected_by(quads)
+        return "instance_checker" in self.__dict__ and self.instance_checker.is_affected_by(quads)
 
     def _update_classes(self, quads: Sequence[ox.Quad]) -> bool:
         """Takes in statements about classes; False where expressions have changed, and all was read anew."""
