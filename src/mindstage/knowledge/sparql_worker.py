@@ -73,9 +73,9 @@ def _evaluate(store: ox.Store, query: str, prefixes: dict[str, str]) -> tuple[st
         found = store.query(query, prefixes=prefixes, use_default_graph_as_union=True)
         if isinstance(found, ox.QueryTriples):
             found.serialize(reply, format=_TRIPLES)
-            return "triples", b"".join(reply.parts)
+            return "triples", b"".join(reply.chunks)
         found.serialize(reply, format=_JSON)
-        return "solutions", b"".join(reply.parts)
+        return "solutions", b"".join(reply.chunks)
     except _TooLargeError:
         return "too large", b""
     except SyntaxError as error:
