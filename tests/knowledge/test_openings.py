@@ -59,7 +59,7 @@ def test_a_fridge_is_open_once_its_handle_was_pulled_and_closed_after_a_reset(st
     assert source == "as mujoco has it now"
     (told,) = stage.knowledge.ask(openings, thing="fridge")
     assert (told.state, told.way, told.source) == (OpenState.CLOSED, 0.0, "map")
-    assert stage.knowledge.explain(openings, told)[1] == "as the map tells; no engine was asked"
+    assert stage.knowledge.explain(openings, told)[1] == "as the map has it; no simulation is running"
     stage.reset()
     assert not stage.ask(openings, state="open")
 
@@ -78,7 +78,7 @@ def test_an_engine_without_joints_leaves_the_map_s_word(kitchen: KnowledgeBase) 
         stage.spawn()
         assert {(row.state, row.source) for row in stage.ask(openings)} == {(OpenState.CLOSED, "map")}
         (lack,) = stage.ask(openings, state="open").missing
-        assert lack.reason.startswith("nobody measured what is open")
+        assert lack.reason.startswith("joint positions are unknown")
 
 
 def test_every_front_of_the_kitchen_has_one_answer_whatever_the_roles(kitchen: KnowledgeBase) -> None:

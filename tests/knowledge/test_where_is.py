@@ -109,7 +109,7 @@ def test_why_shows_the_numbers_and_who_says_so(kitchen: KnowledgeBase, stage: Si
     (inside,) = kitchen.ask(where_is, thing="milk_carton_1", relation="inside")
     assert kitchen.explain(where_is, inside) == (
         "100% of milk_carton_1 is in fridge, 0.048 m from its nearest side",
-        "as the map tells; no engine was asked",
+        "as the map has it; no simulation is running",
     )
     (row,) = stage.ask(where_is, thing="milk_carton_1", relation="above", other="egg_box_1")
     assert kitchen.explain(where_is, row) == (
@@ -165,7 +165,7 @@ def test_a_deleted_thing_is_nowhere_and_a_spawned_one_is_known(stage: Simulation
     stage.run_on_engine(lambda engine: engine.delete([BodyId("milk_carton_1")]), edits=True)
     answers = stage.ask(where_is, thing="milk_carton_1")
     assert not answers
-    assert "milk_carton_1 is nowhere" in answers.missing[0].reason
+    assert "milk_carton_1 has no pose" in answers.missing[0].reason
     stage.spawn(world(body("parcel", (-0.1, -0.55, 0.85), (0.2, 0.2, 0.2), "dynamic")))
     assert ("parcel", "on", "table") in told(stage, thing="parcel")
     with pytest.raises(NameNotFoundError, match="parcel"):
@@ -216,8 +216,8 @@ def test_without_an_answer_it_says_what_nobody_told(tmp_path: Path) -> None:
     kb = knowledge_base_from(path, bundled_ontology=True)
     (lack,) = kb.ask(where_is, thing="sizeless").missing
     assert (lack.cls, lack.property) == (KNOWROB + "Cup", KNOWROB + "depthOfObject")
-    assert lack.reason == "sizeless has no size: neither it nor Cup tells one"
+    assert lack.reason == "sizeless has no size: neither it nor Cup states one"
     (lack,) = kb.ask(where_is, other="lost", relation="on").missing
     assert (lack.cls, lack.property) == (KNOWROB + "Cup", KNOWROB + "pose")
-    assert lack.reason.startswith("lost is nowhere")
+    assert lack.reason.startswith("lost has no pose")
     assert ROOM_NAMESPACE + "lost" not in lack.reason
