@@ -20,10 +20,10 @@ from mindstage.errors import (
 from mindstage.knowledge import KnowledgeBase, SparqlEndpoint, bundled_kitchen, bundled_ontology
 from mindstage.knowledge.queries import list_questions
 from mindstage.knowledge.rdf import local_name
-from tests.knowledge.misbehaving import FaultyServerStarter, misbehaving
+from tests.knowledge.faulty_server import FaultyServerStarter, start_faulty_server
 from tests.knowledge.serving import SparqlServer
 
-__all__ = ["misbehaving"]
+__all__ = ["start_faulty_server"]
 
 CONTAINER_FOR = "typePrimaryFunction-containerFor"
 ENDLESS = "SELECT (COUNT(*) AS ?n) WHERE { GRAPH ?x { ?a ?b ?c . ?d ?e ?f . ?g ?h ?i } }"
@@ -274,29 +274,29 @@ def test_nobody_there_is_said_with_the_address_and_without_its_password() -> Non
     ],
 )
 def test_a_server_that_misbehaves_is_described(
-    how: str, error: type[Exception], message: str, misbehaving: FaultyServerStarter, monkeypatch: pytest.MonkeyPatch
+    how: str, error: type[Exception], message: str, start_faulty_server: FaultyServerStarter, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("mindstage.knowledge.sparql_worker.REPLY_LIMIT", 256 * 1024**2 if how != "endless" else 1024**2)
+    monkeypatch.setattr("mindstage.knowledge.endpoint.REPLY_LIMIT", 256 * 1024**2 if how != "endless" else 1024**2)
     message = message.replace("256 MiB", "1 MiB")
-    url = misbehaving(how)
+    url = start_faulty_server(how)
     kb = KnowledgeBase(endpoint=SparqlEndpoint(url, timeout_s=0.5 if how in {"silent", "trickling"} else 30.0))
     with pytest.raises(error, match=message):
         kb.maps()
 
 
-def test_name_and_password_of_the_address_are_given_to_the_server(misbehaving: FaultyServerStarter) -> None:
-    url = misbehaving("asking").replace("://", "://me:s%20ecret@")
+def test_name_and_password_of_the_address_are_given_to_the_server(start_faulty_server: FaultyServerStarter) -> None:
+    url = start_faulty_server("protected").replace("://", "://me:s%20ecret@")
     assert KnowledgeBase(endpoint=url).sparql("ASK {}").boolean
 
 
-def test_a_server_that_takes_no_changes_is_named(misbehaving: FaultyServerStarter) -> None:
-    endpoint = SparqlEndpoint(misbehaving("reading only"))
+def test_a_server_that_takes_no_changes_is_named(start_faulty_server: FaultyServerStarter) -> None:
+    endpoint = SparqlEndpoint(start_faulty_server("read-only"))
     with pytest.raises(EndpointError, match=r"405 .*; is that the address .*, and does it allow that\?"):
         endpoint.update("INSERT DATA { <a:a> <a:b> <a:c> }")
 
 
-def test_changes_go_beside_the_queries_or_where_they_are_told_to(misbehaving: FaultyServerStarter) -> None:
-    url = misbehaving("telling where")
+def test_changes_go_beside_the_queries_or_where_they_are_told_to(start_faulty_server: FaultyServerStarter) -> None:
+    url = start_faulty_server("echoing the path")
     for endpoint, where in (
         (SparqlEndpoint(f"{url}/query"), "/update"),
         (SparqlEndpoint(f"{url}/sparql"), "/update"),

@@ -179,7 +179,7 @@ def test_two_maps_tell_why_they_are_not_the_same(shared_data: Path) -> None:
     one, other = kb.maps()
     (row,) = kb.ask("identical_maps", a=one, b=other)
     first, *lines = kb.explain("identical_maps", row)
-    assert first.startswith("114 and 114 bodies, 22 and 22 constraints were compared")
+    assert first.startswith("114 and 114 bodies, 22 and 22 joints were compared")
     assert {line.split()[0] for line in lines} == set(row.differing)
     assert any(
         " size: " in line and "177.51" in line and "29.585472" in line and line.endswith(" apart") for line in lines
@@ -342,15 +342,15 @@ def test_answers_are_a_sequence_of_typed_rows(kitchen: KnowledgeBase) -> None:
 
 
 @pytest.mark.parametrize(
-    "use", [lambda kb: kb.world(), lambda kb: kb.analyse(), lambda kb: kb.ancestors(Iri(KNOWROB + "Door"))]
+    "use", [lambda kb: kb.world(), lambda kb: kb.map_statistics(), lambda kb: kb.ancestors(Iri(KNOWROB + "Door"))]
 )
 def test_only_questions_build_the_index(use: Callable[[KnowledgeBase], object]) -> None:
     kb = KnowledgeBase()
     kb.load(bundled_kitchen())
     use(kb)
-    assert "index" not in vars(kb)
+    assert "reasoner" not in vars(kb)
     kb.ask("maps")
-    assert "index" in vars(kb)
+    assert "reasoner" in vars(kb)
 
 
 def test_what_is_loaded_later_is_in_the_next_answer(tmp_path: Path) -> None:

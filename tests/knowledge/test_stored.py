@@ -278,11 +278,11 @@ def test_a_process_that_dies_while_it_fills_a_folder_leaves_one_that_says_so(fol
     script = f"""
 import time
 from mindstage.knowledge import KnowledgeBase
-from mindstage.knowledge.stores.localstore import LocalStore
+from mindstage.knowledge.store import OxigraphStore
 def stop(*_, **__):
     print("filling", flush=True)
     time.sleep(600)
-LocalStore.load = stop
+OxigraphStore.load = stop
 KnowledgeBase(store={str(folder)!r}).load({str(map)!r})
 """
     process = subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE, text=True)

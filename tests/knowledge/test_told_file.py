@@ -97,7 +97,7 @@ def test_a_file_of_somebody_else_is_added_to_and_otherwise_left_alone(words: Pat
     triples = {str(quad.triple) for quad in ox.parse(text, ox.RdfFormat.TURTLE)}
     assert any("<e:me> <e:weighs>" in each for each in triples)
     assert any("<http://mindstage.org/ontology#Rack>" in each for each in triples)
-    with pytest.raises(InvalidArgumentError, match=r"others wrote it, .*; take the statement out by hand"):
+    with pytest.raises(InvalidArgumentError, match=r"it was not created by Mindstage, .*; remove the statement in an editor"):
         told_file(path, words).retract("Rack", "subClassOf", "Breadbasket")
     assert path.read_text(encoding="utf-8") == text
 
@@ -110,7 +110,7 @@ def test_what_makes_no_statement_leaves_no_file(words: Path, tmp_path: Path) -> 
 
 
 def test_only_turtle_is_written(words: Path, tmp_path: Path) -> None:
-    with pytest.raises(InvalidArgumentError, match=r"told\.owl: what is told is written as Turtle; call it \.ttl"):
+    with pytest.raises(InvalidArgumentError, match=r"told\.owl: assertions are written as Turtle; call it \.ttl"):
         told_file(tmp_path / "told.owl", words)
 
 
