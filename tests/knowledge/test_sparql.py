@@ -14,7 +14,7 @@ import pytest
 
 from mindstage.errors import SparqlSyntaxError, SparqlTimeoutError, StoreError
 from mindstage.knowledge import KnowledgeBase, RdfTerm
-from mindstage.knowledge import sparql_worker as query_process
+from mindstage.knowledge import sparql_worker
 from tests.knowledge.maps import KNOWROB, XSD
 
 ENDLESS = "SELECT (COUNT(*) AS ?n) WHERE { ?a ?b ?c . ?d ?e ?f . ?g ?h ?i }"
@@ -152,14 +152,14 @@ os.kill(os.getpid(), 9)
 
 
 def test_a_query_that_hoards_memory_is_stopped(kb: KnowledgeBase, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(query_process, "MEMORY_LIMIT", 64 * 1024**2)
+    monkeypatch.setattr(sparql_worker, "MEMORY_LIMIT", 64 * 1024**2)
     kb.tell("ms:Anew", "subClassOf", "Tool")  # so that the next query has a new process
     with pytest.raises(SparqlSyntaxError, match=r"it needs more than .* of memory; ask for less"):
         kb.sparql(HOARDING, timeout_s=120.0)
 
 
 def test_an_answer_that_is_too_large_is_not_taken(kb: KnowledgeBase, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(query_process, "REPLY_LIMIT", 1024**2)
+    monkeypatch.setattr(sparql_worker, "REPLY_LIMIT", 1024**2)
     kb.tell("ms:Newer", "subClassOf", "Tool")
     with pytest.raises(SparqlSyntaxError, match=r"its answer is larger than .* MiB; ask for less \(LIMIT"):
         kb.sparql(OVERFLOWING, timeout_s=120.0)

@@ -210,7 +210,7 @@ def test_what_cannot_be_loaded_leaves_the_folder_as_it_was(small: tuple[Path, Pa
 def test_a_large_source_that_cannot_be_read_leaves_nothing_behind(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("mindstage.knowledge.store._MAX_FORK_SIZE", 0)
+    monkeypatch.setattr("mindstage.knowledge.store._MIN_BULK_SIZE", 0)
     (tmp_path / "bad.ttl").write_text("<e:a> <e:b> <e:c> .\n" * 100 + "<e:a> <", encoding="utf-8")
     (tmp_path / "good.ttl").write_text("<e:d> <e:b> <e:c> .", encoding="utf-8")
     with reopened(folder) as kb:
@@ -238,7 +238,7 @@ def test_a_file_is_no_folder(tmp_path: Path) -> None:
 
 def test_a_folder_of_a_newer_format_is_left_alone(folder: Path) -> None:
     (folder / "mindstage.json").write_text('{"format_version": 99, "feelings": []}')
-    with pytest.raises(StoreError, match="it is of format 99, and this version knows 1; use a newer Mindstage"):
+    with pytest.raises(StoreError, match="it has format version 99, and this version of Mindstage reads up to 1; use a newer Mindstage"):
         reopened(folder)
 
 
@@ -324,9 +324,9 @@ def test_a_folder_that_can_only_be_read_answers_and_takes_nothing(
         assert changes(kb)[0].action == "the stored one stays: the folder is read-only"
         assert kb.sparql("ASK { ?map a knowrob:SemanticEnvironmentMap }").boolean
         kb.load(map)
-        with pytest.raises(StoreError, match="it can only be read; copy it, and use the copy"):
+        with pytest.raises(StoreError, match="it is read-only; copy it, and use the copy"):
             kb.tell("ms:shed", "type", "Cup")
-        with pytest.raises(StoreError, match="it can only be read"):
+        with pytest.raises(StoreError, match="it is read-only"):
             kb.load(bundled_kitchen())
     assert sorted((path, path.stat().st_mtime_ns) for path in folder.rglob("*")) == before
 
