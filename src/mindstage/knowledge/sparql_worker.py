@@ -53,7 +53,7 @@ class _TooLargeError(Exception):
 def serve(store: ox.Store, connection: Connection) -> None:
     """Evaluates queries until the connection is closed.
 
-    A query is (text, prefixes, seconds). A reply is (kind, bytes): solutions or a boolean as JSON, triples, or an error.
+    A query is (text, prefixes, seconds). A reply is (kind, bytes): solutions or a boolean as JSON, triples, an error.
     """
     _limit_resources()
     while True:
