@@ -20,7 +20,7 @@ from mindstage.knowledge.dialects.unit_conversion import (
     restore_facts,
 )
 from mindstage.knowledge.rdf import Graph, gc_paused, is_part_name, merge_graphs
-from mindstage.knowledge.rdf_mapping import properties as words
+from mindstage.knowledge.rdf_mapping import properties as codecs
 from mindstage.knowledge.rdf_mapping.nested import NESTED_RESOURCES
 from mindstage.knowledge.rdf_mapping.properties import PropertyCodec
 from mindstage.knowledge.vocabulary import CHILD, PARENT
@@ -60,10 +60,10 @@ class SourceMapView:
 _ORIGINAL_ROLES = {original_property(role): role for role in (PARENT, CHILD)}
 _NESTED_BY_PROPERTY = {part.property: part for part in NESTED_RESOURCES}
 _NUMBER_CODECS: Mapping[Iri, PropertyCodec[object]] = {
-    word.property: word
-    for each in vars(words).values()
-    for word in (each if isinstance(each, tuple) else (each,))
-    if isinstance(word, PropertyCodec) and word.by_value
+    codec.property: codec
+    for each in vars(codecs).values()
+    for codec in (each if isinstance(each, tuple) else (each,))
+    if isinstance(codec, PropertyCodec) and codec.by_value
 }
 
 

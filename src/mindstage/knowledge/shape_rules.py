@@ -306,7 +306,7 @@ def _color(node: object) -> Color:
     except InvalidColorError as error:
         raise ValueError(f'"{_text(node)}": {error}') from None
     if color is None:
-        raise ValueError(f'"{_node_text(node)}"; it is a color')
+        raise ValueError(f'"{_text(node)}"; it is a color')
     return color
 
 
