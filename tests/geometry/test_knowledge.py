@@ -212,7 +212,7 @@ def test_without_the_bundled_ontology_only_the_user_s_own_words_count(teach: Tea
     ("line", "doubt"),
     [
         ('ms:inColour "greenish"', "inColour cannot be"),
-        ('ms:typicalSize "1 2"', 'typicalSize cannot be "1 2"; it is depth, width and height in metres'),
+        ('ms:typicalSize "1 2"', 'typicalSize cannot be "1 2"; it is depth, width and height in meters'),
         ('ms:givesLight "yes"', 'givesLight cannot be "yes"; it is one of none, point, spot, directional'),
         ("ms:density -3", 'density cannot be "-3"; it is a number from 0'),
         ('ms:madeOf "wood"', 'madeOf cannot be "wood"; it is an IRI'),

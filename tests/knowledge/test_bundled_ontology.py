@@ -41,21 +41,21 @@ def test_it_is_one_ontology_with_a_name() -> None:
     assert name == "http://mindstage.org/ontology/household.ttl"
 
 
-def test_it_stays_small_because_it_is_loaded_on_every_start() -> None:
+def test_it_is_small_enough_to_be_loaded_at_every_start() -> None:
     assert HOUSEHOLD.stat().st_size < 300_000
 
 
-def test_it_knows_what_a_household_is_made_of(household: OntologyClasses) -> None:
+def test_it_covers_the_household(household: OntologyClasses) -> None:
     assert len(household.declared) >= 600
     assert sum(name.startswith("ms:") for name in household.declared) >= 100
 
 
-def test_every_class_leads_up_to_a_known_top(household: OntologyClasses) -> None:
+def test_every_class_has_a_known_root(household: OntologyClasses) -> None:
     assert {cls for cls in household.declared if not household.parents[cls]} == TOPS
     assert [cls for cls in household.declared if not household.class_and_ancestors(cls) & TOPS] == []
 
 
-def test_no_class_is_above_itself(household: OntologyClasses) -> None:
+def test_no_class_is_its_own_superclass(household: OntologyClasses) -> None:
     assert household.in_cycles() == []
 
 
@@ -72,7 +72,7 @@ def test_every_name_is_declared(household: OntologyClasses) -> None:
     assert named - known == set()
 
 
-def test_every_class_but_the_laboratory_s_own_is_labeled_in_words(household: OntologyClasses) -> None:
+def test_every_class_except_laboratory_classes_has_a_label(household: OntologyClasses) -> None:
     label = NamedNode(RDFS + "label")
     labeled = {short_name(quad.subject) for quad in household.store.quads_for_pattern(None, label, None)}
     parents = {parent for above in household.parents.values() for parent in above}
@@ -80,7 +80,7 @@ def test_every_class_but_the_laboratory_s_own_is_labeled_in_words(household: Ont
     assert {cls for cls in household.declared if cls.startswith("ms:")} <= labeled
 
 
-def test_disjoint_classes_share_nothing(household: OntologyClasses) -> None:
+def test_disjoint_classes_have_no_common_subclass(household: OntologyClasses) -> None:
     pairs = list(household.disjoint())
     assert len(pairs) >= 25
     for one, other in pairs:
@@ -109,7 +109,7 @@ def test_perishables_belong_in_the_refrigerator(household: OntologyClasses) -> N
     assert set(household.storage_classes_for("ms:FrozenPizza")) == {"Refrigerator-Freezer"}
 
 
-def test_bread_belongs_in_the_breadbasket_before_the_refrigerator(household: OntologyClasses) -> None:
+def test_bread_is_stored_in_the_breadbasket_before_the_refrigerator(household: OntologyClasses) -> None:
     places = household.storage_classes_for("Bread")
     assert set(places) == {"ms:Breadbasket", "Refrigerator"}
     assert places["ms:Breadbasket"] < places["Refrigerator"]
@@ -124,7 +124,7 @@ def test_the_dishwasher_takes_a_union_of_things(household: OntologyClasses) -> N
     assert "Dishwasher" in household.storage_classes_for("Skillet")
 
 
-def test_vessels_hold_drinks_without_being_a_place_to_keep_them(household: OntologyClasses) -> None:
+def test_vessels_contain_drinks_but_do_not_store_them(household: OntologyClasses) -> None:
     kinds = {
         each.restriction_type
         for each in household.restrictions("typePrimaryFunction-containerFor")
@@ -136,7 +136,7 @@ def test_vessels_hold_drinks_without_being_a_place_to_keep_them(household: Ontol
 @pytest.mark.parametrize(
     ("cls", "count"), [("Handle", 18), ("Door", 13), ("StorageConstruct", 18), ("ElectricalDevice", 14)]
 )
-def test_the_laboratory_kitchen_holds_as_many_as_the_thesis_counted(
+def test_class_counts_of_the_laboratory_kitchen_equal_the_thesis(
     laboratory: OntologyClasses, cls: str, count: int
 ) -> None:
     assert len(laboratory.instances(cls)) == count
@@ -184,7 +184,7 @@ def classes_of(classes: OntologyClasses, individuals: list[str]) -> list[str]:
     )
 
 
-def test_shared_names_stand_where_the_community_has_them(
+def test_shared_names_have_the_superclasses_of_the_community(
     household: OntologyClasses, community: OntologyClasses
 ) -> None:
     theirs = community.declared | set(community.parents)
@@ -198,7 +198,7 @@ def test_shared_names_stand_where_the_community_has_them(
         assert not (placed and extra), f"{cls} is not known to be under {extra}"
 
 
-def test_it_lives_beside_the_community_s_ontologies(shared_data: Path, laboratory: OntologyClasses) -> None:
+def test_it_can_be_loaded_with_the_community_ontologies(shared_data: Path, laboratory: OntologyClasses) -> None:
     both = OntologyClasses(HOUSEHOLD, shared_data / "maps" / IAI_MAP, *ontologies(shared_data))
     assert [cls for cls in both.in_cycles() if cls in laboratory.declared] == []
     for one, other in OntologyClasses(HOUSEHOLD).disjoint():

@@ -38,7 +38,7 @@ def test_above_and_below_are_the_transitive_closure(pairs: list[tuple[Iri, Iri]]
 
 
 @given(node_pairs)
-def test_a_path_goes_by_told_steps_and_none_is_shorter(pairs: list[tuple[Iri, Iri]]) -> None:
+def test_a_path_consists_of_asserted_steps_and_is_shortest(pairs: list[tuple[Iri, Iri]]) -> None:
     closure = TransitiveClosure(pairs)
     for lower, upper in product(NODES, NODES):
         path = closure.path(lower, upper)
@@ -51,7 +51,7 @@ def test_a_path_goes_by_told_steps_and_none_is_shorter(pairs: list[tuple[Iri, Ir
 
 
 @given(node_pairs)
-def test_the_more_special_reason_has_fewer_things_between(pairs: list[tuple[Iri, Iri]]) -> None:
+def test_the_more_specific_class_has_fewer_classes_between(pairs: list[tuple[Iri, Iri]]) -> None:
     closure = TransitiveClosure(pairs)
     for item, special, general in product(NODES, NODES, NODES):
         if special in closure.above(item) and general in closure.above(special):
@@ -100,7 +100,7 @@ def naive_values(
     st.sets(st.sampled_from(PROPERTIES), max_size=1),
     st.sets(st.sampled_from(PROPERTIES), max_size=2),
 )
-def test_values_are_all_that_follows(
+def test_values_equal_the_naive_closure(
     told: list[tuple[Iri, Iri, Iri]],
     below: list[tuple[Iri, Iri]],
     inverses: list[tuple[Iri, Iri]],
@@ -126,7 +126,7 @@ def test_values_are_all_that_follows(
         assert found == {s for s, p, o in expected if (p, o) == (property, node)}
 
 
-def test_nothing_is_known_of_what_nobody_named() -> None:
+def test_unknown_resources_have_no_values() -> None:
     closure: TransitiveClosure[Iri] = TransitiveClosure([])
     assert closure.path(NODES[0], NODES[1]) == ()
     assert dict(closure.above(NODES[0])) == {NODES[0]: 0}
@@ -134,7 +134,7 @@ def test_nothing_is_known_of_what_nobody_named() -> None:
 
 
 @pytest.mark.parametrize("length", [2, 3000])
-def test_long_chains_and_circles_are_no_trouble(length: int) -> None:
+def test_long_chains_and_cycles_are_handled(length: int) -> None:
     ring = [Iri(f"http://example.org/{number}") for number in range(length)]
     closure = TransitiveClosure(zip(ring, [*ring[1:], ring[0]], strict=True))
     assert set(closure.above(ring[0])) == set(closure.below(ring[0])) == set(ring)

@@ -21,7 +21,7 @@ from mindstage.knowledge import KnowledgeBase, SparqlEndpoint, bundled_kitchen, 
 from mindstage.knowledge.queries import list_questions
 from mindstage.knowledge.rdf import local_name
 from tests.knowledge.faulty_server import FaultyServerStarter, start_faulty_server
-from tests.knowledge.serving import SparqlServer
+from tests.knowledge.sparql_server import SparqlServer
 
 __all__ = ["start_faulty_server"]
 
@@ -78,7 +78,7 @@ def test_every_question_has_the_answers_of_the_bundled_kitchen(at_server: Knowle
 
 
 @pytest.mark.parametrize("options", [(), ("--union-default-graph",)], ids=["graphs", "union"])
-def test_every_question_has_the_answers_of_the_thesis_s_map(
+def test_every_question_has_the_answers_of_the_thesis_map(
     options: tuple[str, ...], oxigraph: Path, shared_data: Path
 ) -> None:
     map = shared_data / "maps" / "iai-kitchen-original.owl"
@@ -93,7 +93,7 @@ def test_every_question_has_the_answers_of_the_thesis_s_map(
         server.stop()
 
 
-def test_a_map_in_the_default_graph_is_one_too(oxigraph: Path, here: KnowledgeBase) -> None:
+def test_a_map_can_be_in_the_default_graph(oxigraph: Path, here: KnowledgeBase) -> None:
     server = SparqlServer(oxigraph)
     try:
         server.load_files(bundled_kitchen(), default=True)
@@ -105,7 +105,7 @@ def test_a_map_in_the_default_graph_is_one_too(oxigraph: Path, here: KnowledgeBa
         server.stop()
 
 
-def test_the_bundled_ontology_and_files_of_this_side_are_joined(oxigraph: Path, shared_data: Path) -> None:
+def test_the_bundled_ontology_and_local_files_are_joined(oxigraph: Path, shared_data: Path) -> None:
     server = SparqlServer(oxigraph)
     try:
         with KnowledgeBase(endpoint=server.url) as there:
@@ -126,7 +126,7 @@ def test_few_requests_are_made(server: SparqlServer) -> None:
         assert endpoint.requests < 30, "for 300 individuals and 18 questions"
 
 
-def test_all_that_it_knows_comes_with_one_request(server: SparqlServer, here: KnowledgeBase) -> None:
+def test_all_triples_come_with_one_request(server: SparqlServer, here: KnowledgeBase) -> None:
     endpoint = Counting(server.url)
     kb = KnowledgeBase(endpoint=endpoint, bundled_ontology=False)
     told = {quad.triple for quad in kb.store.quads_for_pattern(None, None, None) if not has_blank(quad)}
@@ -151,7 +151,7 @@ class Counting(SparqlEndpoint):
 # -- what is told there ------------------------------------------------------------------------------------------------
 
 
-def test_what_is_told_stays_there_and_can_be_taken_back_by_others(server: SparqlServer) -> None:
+def test_assertions_persist_at_the_endpoint_and_others_can_retract_them(server: SparqlServer) -> None:
     with KnowledgeBase(endpoint=server.url) as one:
         assert not one.ask("storage_place", item="Robot")
         assert one.tell("Cupboard", CONTAINER_FOR, "Robot")
@@ -171,7 +171,7 @@ def test_what_is_told_stays_there_and_can_be_taken_back_by_others(server: Sparql
         assert third.retract("cup_of_joe", "type", "Cup")
 
 
-def test_only_the_very_restriction_is_taken_back(server: SparqlServer) -> None:
+def test_only_the_given_restriction_is_retracted(server: SparqlServer) -> None:
     with KnowledgeBase(endpoint=server.url) as one:
         one.tell("Cupboard", CONTAINER_FOR, "Robot")
         one.tell("Cupboard", CONTAINER_FOR, "Wine")
@@ -182,7 +182,7 @@ def test_only_the_very_restriction_is_taken_back(server: SparqlServer) -> None:
         assert other.retract("Cupboard", CONTAINER_FOR, "Wine")
 
 
-def test_what_only_this_side_says_cannot_be_taken_back_there(oxigraph: Path) -> None:
+def test_local_statements_cannot_be_retracted_at_the_endpoint(oxigraph: Path) -> None:
     server = SparqlServer(oxigraph)
     try:
         with (
@@ -194,7 +194,7 @@ def test_what_only_this_side_says_cannot_be_taken_back_there(oxigraph: Path) -> 
         server.stop()
 
 
-def test_what_is_derived_stays_on_this_side(server: SparqlServer) -> None:
+def test_derived_statements_stay_local(server: SparqlServer) -> None:
     everything = "SELECT (COUNT(*) AS ?n) { GRAPH ?g { ?s ?p ?o } }"
     with KnowledgeBase(endpoint=server.url, bundled_ontology=False) as kb:
         before = kb.sparql(everything)
@@ -210,7 +210,7 @@ def test_what_is_derived_stays_on_this_side(server: SparqlServer) -> None:
 # -- queries -----------------------------------------------------------------------------------------------------------
 
 
-def test_queries_go_to_the_server_as_they_are(at_server: KnowledgeBase) -> None:
+def test_queries_are_sent_unchanged(at_server: KnowledgeBase) -> None:
     table = at_server.sparql("SELECT ?super ?no { GRAPH ?g { knowrob:Bread rdfs:subClassOf ?super } }")
     assert table.columns == ("super", "no")
     assert any(super and super.value.endswith("#Baked") for super, _ in table.rows)
@@ -219,7 +219,7 @@ def test_queries_go_to_the_server_as_they_are(at_server: KnowledgeBase) -> None:
     assert at_server.sparql("ASK { GRAPH ?g { knowrob:Bread a owl:Class } }").boolean
 
 
-def test_what_is_no_query_is_refused_in_the_server_s_words(at_server: KnowledgeBase) -> None:
+def test_a_syntax_error_has_the_message_of_the_server(at_server: KnowledgeBase) -> None:
     with pytest.raises(SparqlSyntaxError, match=r"400 Bad Request: .*; the error was reported by http://127\.0\.0\.1:\d+/query"):
         at_server.sparql("SELEC")
     with pytest.raises(SparqlSyntaxError, match="it is an update"):
@@ -228,7 +228,7 @@ def test_what_is_no_query_is_refused_in_the_server_s_words(at_server: KnowledgeB
         at_server.sparql("ASK { SERVICE <http://127.0.0.1:9/> { } }")
 
 
-def test_a_query_that_takes_too_long_is_given_up(oxigraph: Path) -> None:
+def test_a_query_with_too_long_a_response_times_out(oxigraph: Path) -> None:
     server = SparqlServer(oxigraph)
     try:
         server.load_files(bundled_ontology())
@@ -242,12 +242,12 @@ def test_a_query_that_takes_too_long_is_given_up(oxigraph: Path) -> None:
 
 
 @pytest.mark.parametrize("url", ["", "kitchen", "ftp://h/q", "http://", "http://h:0/", "http://h:99999/", "http://[/"])
-def test_what_is_no_address_is_refused_at_once(url: str) -> None:
+def test_an_invalid_url_is_refused_at_once(url: str) -> None:
     with pytest.raises(InvalidArgumentError, match="give one such as http://localhost:7878/query"):
         KnowledgeBase(endpoint=url)
 
 
-def test_nobody_there_is_said_with_the_address_and_without_its_password() -> None:
+def test_an_unreachable_server_is_reported_without_the_password() -> None:
     with socket.socket() as closed:
         closed.bind(("127.0.0.1", 0))  # nobody listens
         kb = KnowledgeBase(endpoint=f"http://me:secret@127.0.0.1:{closed.getsockname()[1]}/query")
@@ -273,7 +273,7 @@ def test_nobody_there_is_said_with_the_address_and_without_its_password() -> Non
         ("endless", EndpointError, "the reply is larger than 256 MiB; ask for less"),
     ],
 )
-def test_a_server_that_misbehaves_is_described(
+def test_a_faulty_server_is_reported(
     how: str, error: type[Exception], message: str, start_faulty_server: FaultyServerStarter, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("mindstage.knowledge.endpoint.REPLY_LIMIT", 256 * 1024**2 if how != "endless" else 1024**2)
@@ -284,18 +284,18 @@ def test_a_server_that_misbehaves_is_described(
         kb.maps()
 
 
-def test_name_and_password_of_the_address_are_given_to_the_server(start_faulty_server: FaultyServerStarter) -> None:
+def test_name_and_password_of_the_url_are_sent_to_the_server(start_faulty_server: FaultyServerStarter) -> None:
     url = start_faulty_server("protected").replace("://", "://me:s%20ecret@")
     assert KnowledgeBase(endpoint=url).sparql("ASK {}").boolean
 
 
-def test_a_server_that_takes_no_changes_is_named(start_faulty_server: FaultyServerStarter) -> None:
+def test_a_server_that_refuses_updates_is_reported(start_faulty_server: FaultyServerStarter) -> None:
     endpoint = SparqlEndpoint(start_faulty_server("read-only"))
     with pytest.raises(EndpointError, match=r"405 .*; is that the address .*, and does it allow that\?"):
         endpoint.update("INSERT DATA { <a:a> <a:b> <a:c> }")
 
 
-def test_changes_go_beside_the_queries_or_where_they_are_told_to(start_faulty_server: FaultyServerStarter) -> None:
+def test_updates_go_to_the_derived_or_the_given_url(start_faulty_server: FaultyServerStarter) -> None:
     url = start_faulty_server("echoing the path")
     for endpoint, where in (
         (SparqlEndpoint(f"{url}/query"), "/update"),

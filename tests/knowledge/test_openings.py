@@ -43,7 +43,7 @@ def pull(stage: Simulation, handle: str, by: tuple[float, float, float]) -> None
     stage.release()
 
 
-def test_a_fridge_is_open_once_its_handle_was_pulled_and_closed_after_a_reset(stage: Simulation) -> None:
+def test_a_fridge_is_open_after_pulling_its_handle_and_closed_after_a_reset(stage: Simulation) -> None:
     (closed,) = stage.ask(openings, thing="fridge")
     assert (closed.state, closed.source, closed.unit) == (OpenState.CLOSED, "mujoco", "rad")
     nothing = stage.ask(openings, state="open")
@@ -73,7 +73,7 @@ def test_a_drawer_is_open_by_as_much_as_it_slid(stage: Simulation) -> None:
     assert len(stage.ask(openings, thing="drawer_unit_left", state="closed")) == 3
 
 
-def test_an_engine_without_joints_leaves_the_map_s_word(kitchen: KnowledgeBase) -> None:
+def test_an_engine_without_joint_positions_uses_the_map(kitchen: KnowledgeBase) -> None:
     with Simulation(kitchen, NullEngine()) as stage:
         stage.spawn()
         assert {(row.state, row.source) for row in stage.ask(openings)} == {(OpenState.CLOSED, "map")}
@@ -81,7 +81,7 @@ def test_an_engine_without_joints_leaves_the_map_s_word(kitchen: KnowledgeBase) 
         assert lack.reason.startswith("joint positions are unknown")
 
 
-def test_every_front_of_the_kitchen_has_one_answer_whatever_the_roles(kitchen: KnowledgeBase) -> None:
+def test_every_front_has_one_answer_for_any_joint_roles(kitchen: KnowledgeBase) -> None:
     rows = kitchen.ask(openings)
     assert len(rows) == len(kitchen.world().joints)
     of = {local_name(row.front): local_name(row.thing) for row in rows}
@@ -142,7 +142,7 @@ TURNS_FREE = replace(TURNS, angular=replace(TURNS.angular, swing1=AxisMotion.FRE
         (TURNS_FREE, 5, 0.1001, OpenState.OPEN, None),
     ],
 )
-def test_it_is_open_from_the_stated_limit_on(
+def test_a_joint_is_open_from_the_stated_limit(
     joint: Joint, axis: int, way: float, state: OpenState, share: float | None
 ) -> None:
     positions = [0.0] * 6
@@ -167,16 +167,16 @@ def test_doors_drawers_and_lids_open_something_and_knobs_do_not(cls: str, count:
     assert len(asked(cabinet(SLIDE, cls), joint=(0.1, 0, 0, 0, 0, 0))) == count
 
 
-def test_a_joint_that_the_engine_does_not_know_is_as_the_map_told_it() -> None:
+def test_a_joint_that_the_engine_does_not_measure_is_as_in_the_map() -> None:
     (row,) = asked(cabinet(SLIDE), other=(0.1, 0, 0, 0, 0, 0))
     assert (row.state, row.source) == (OpenState.CLOSED, "map")
 
 
-def test_what_is_locked_is_no_opening() -> None:
+def test_a_locked_joint_has_no_answer() -> None:
     assert asked(cabinet(replace(SLIDE, linear=replace(SLIDE.linear, limit=0.0)))) == []
 
 
-def test_a_door_that_stands_open_still_belongs_to_what_it_closes_when_shut() -> None:
+def test_an_open_door_belongs_to_the_container_it_closes() -> None:
     shut = world(
         body("block", (0, 0, 1), (0.6, 0.6, 2)),
         replace(body("casing", (0.02, 0, 1.4), (0.56, 0.58, 1.1)), cls=Iri(KNOWROB + "Refrigerator")),
@@ -194,7 +194,7 @@ def test_a_door_that_stands_open_still_belongs_to_what_it_closes_when_shut() -> 
     assert (local_name(row.thing), row.state) == ("casing", OpenState.OPEN)
 
 
-def test_a_world_that_no_map_tells_of_is_answered_for_too() -> None:
+def test_a_world_without_a_map_has_answers() -> None:
     with Simulation(KnowledgeBase(), MujocoEngine()) as stage:
         stage.spawn(kitchenette())
         pull(stage, "DrawerHandle", (-0.3, 0.0, 0.0))

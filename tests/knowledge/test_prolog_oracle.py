@@ -60,7 +60,7 @@ def laboratory(shared_data: Path) -> KnowledgeBase:
     return kb
 
 
-def test_the_laboratory_with_the_community_s_ontologies(swipl: Path, laboratory: KnowledgeBase) -> None:
+def test_the_laboratory_kitchen_with_the_community_ontologies(swipl: Path, laboratory: KnowledgeBase) -> None:
     files = laboratory.sources()
     least = {"subclass_of": 10_000, "storage_place": 100, "device_for_action": 10, "handle_of": 20}
     least |= {"part_of": 20, "class_properties": 1000, "siblings": 5000}

@@ -20,7 +20,7 @@ PAGE = ROOT / "docs" / "reference" / "questions.md"
 EXAMPLES = re.findall(r"^(?: {4})?mindstage (ask .*)$", PAGE.read_text(encoding="utf-8"), re.MULTILINE)
 
 
-def test_the_page_is_what_the_script_writes() -> None:
+def test_the_page_is_up_to_date() -> None:
     done = subprocess.run([sys.executable, SCRIPT, "--check"], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
 

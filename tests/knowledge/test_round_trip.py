@@ -75,23 +75,23 @@ def test_any_world_comes_back_from_its_file(world: World, format: MapFormat, fol
 
 @each_format
 @given(world=worlds(labels=True))
-def test_a_world_that_was_read_comes_back_to_the_letter(world: World, format: MapFormat, folder: Path) -> None:
+def test_a_world_that_was_read_is_written_identically(world: World, format: MapFormat, folder: Path) -> None:
     # With labels a first reading may choose another form for the same: a node that only one statement mentions.
     once = read_back(world, folder, format)
     assert read_back(once, folder, format) == once
 
 
 @given(world=worlds())
-def test_both_formats_say_the_same(world: World, folder: Path) -> None:
+def test_both_formats_have_the_same_statements(world: World, folder: Path) -> None:
     assert read_back(world, folder, MapFormat.RDF_XML) == read_back(world, folder, MapFormat.TURTLE)
 
 
 @given(world=worlds())
-def test_what_the_household_knows_changes_nothing(world: World, folder: Path) -> None:
+def test_the_bundled_ontology_does_not_change_the_result(world: World, folder: Path) -> None:
     assert_worlds_equal(world, read_back(world, folder, MapFormat.RDF_XML, bundled_ontology=True))
 
 
-def test_the_same_world_is_written_in_the_same_way() -> None:
+def test_writing_is_deterministic() -> None:
     assert write_map(kitchenette()) == write_map(kitchenette())
 
 
@@ -281,7 +281,7 @@ def test_every_statement_of_a_map_comes_back(map_file: Path, format: MapFormat, 
         assert after - before - implied(before) == set()  # whose maps are told in the words of the first one besides
 
 
-def test_the_way_round_goes_through_no_ontology(shared_data: Path, tmp_path: Path) -> None:
+def test_the_round_trip_needs_no_ontology(shared_data: Path, tmp_path: Path) -> None:
     map = shared_data / "maps" / "iai-kitchen-original.owl"
     world = knowledge_base_from(map, ontologies=(shared_data / "ontology",)).world()
     assert world == knowledge_base_from(map).world()
@@ -314,7 +314,7 @@ WRONG = {
 
 
 @pytest.mark.parametrize("name", WRONG)
-def test_what_is_wrong_in_a_map_comes_back_wrong(name: str, read: ReadMap, tmp_path: Path) -> None:
+def test_errors_in_a_map_are_written_unchanged(name: str, read: ReadMap, tmp_path: Path) -> None:
     world, findings = read(room_map(WRONG[name]))
     save_map(world, tmp_path / "out.ttl")
     before, after = statements(tmp_path / "map.ttl"), statements(tmp_path / "out.ttl")
@@ -336,7 +336,7 @@ def test_a_body_that_moved_away_from_a_shared_pose_gets_a_pose_of_its_own(read: 
 
 
 @pytest.mark.parametrize("position", [(1.0, 2.0, 3.0), (7.0, 8.0, 9.0)])
-def test_a_pose_without_name_of_which_more_is_told(
+def test_a_blank_pose_with_further_statements(
     position: tuple[float, float, float], read: ReadMap, tmp_path: Path
 ) -> None:
     pose = '[ k:translation "1 2 3" ; k:quaternion "1 0 0 0" ; e:measured true ]'
@@ -348,7 +348,7 @@ def test_a_pose_without_name_of_which_more_is_told(
     assert "measured" in str(again.bodies[0].facts)
 
 
-def test_ids_that_had_to_be_made_up_are_told_from_then_on(read: ReadMap, tmp_path: Path) -> None:
+def test_generated_ids_are_written(read: ReadMap, tmp_path: Path) -> None:
     world, findings = read(room_map(body_turtle("x", 'ms:id "y"'), body_turtle("y"), body_turtle("z", 'ms:id "y"')))
     assert len(findings) == 2
     save_map(world, tmp_path / "out.ttl")
@@ -367,19 +367,19 @@ def prolog_count(swipl: Path, path: Path) -> int:
     return int(done.stdout)
 
 
-def test_swi_prolog_reads_as_many_statements_as_we_wrote(swipl: Path, map_file: Path, tmp_path: Path) -> None:
+def test_swi_prolog_reads_all_written_statements(swipl: Path, map_file: Path, tmp_path: Path) -> None:
     out = tmp_path / "out.owl"
     save_map(knowledge_base_from(map_file).world(), out)
     assert prolog_count(swipl, out) == len(set(quads(out)))
 
 
-def test_swi_prolog_reads_even_the_unusual(swipl: Path, tmp_path: Path) -> None:
+def test_swi_prolog_reads_unusual_worlds(swipl: Path, tmp_path: Path) -> None:
     for name, world in UNUSUAL.items():
         save_map(world, tmp_path / "out.owl")
         assert prolog_count(swipl, tmp_path / "out.owl") == len(set(quads(tmp_path / "out.owl"))), name
 
 
-def test_knowrob_finds_individuals_as_it_is_used_to(tmp_path: Path) -> None:
+def test_knowrob_finds_individuals(tmp_path: Path) -> None:
     text = write_map(kitchenette())
     assert text.startswith('<?xml version="1.0" encoding="utf-8"?>\n\n<!DOCTYPE rdf:RDF[\n\t<!ENTITY owl')
     assert '<owl:NamedIndividual rdf:about="&m;Mug">' in text

@@ -53,7 +53,7 @@ def asking(kb: KnowledgeBase, over: Event) -> set[frozenset[str]]:
     return found
 
 
-def test_whoever_tells_is_heard_at_once_however_many_ask_meanwhile(often: None, kitchen: KnowledgeBase) -> None:
+def test_assertions_are_seen_at_once_during_concurrent_questions(often: None, kitchen: KnowledgeBase) -> None:
     before = superclasses(kitchen, "PantryCupboard")
     below = [local_name(row.cls) for row in kitchen.ask("subclass_of", superclass="Cupboard")]
     over = Event()
@@ -73,7 +73,7 @@ def test_whoever_tells_is_heard_at_once_however_many_ask_meanwhile(often: None, 
     assert found <= {frozenset(before), *(frozenset({*before, f"Kind{number}"}) for number in range(ROUNDS))}
 
 
-def test_a_change_waits_for_the_answer_that_is_being_worked_out(
+def test_a_change_waits_for_a_running_question(
     kitchen: KnowledgeBase, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     looking, go_on = Event(), Event()
@@ -99,7 +99,7 @@ def test_a_change_waits_for_the_answer_that_is_being_worked_out(
     assert "Locker" in {local_name(row.cls) for row in kitchen.ask("subclass_of", superclass="Cupboard")}
 
 
-def test_maps_are_loaded_while_others_ask(often: None, kitchen: KnowledgeBase, tmp_path: Path) -> None:
+def test_maps_are_loaded_during_concurrent_questions(often: None, kitchen: KnowledgeBase, tmp_path: Path) -> None:
     over = Event()
     with ThreadPoolExecutor(2) as threads:
         askers = [threads.submit(asking, kitchen, over) for _ in range(2)]
@@ -118,7 +118,7 @@ def test_maps_are_loaded_while_others_ask(often: None, kitchen: KnowledgeBase, t
         assert all(asker.result(timeout=PATIENCE_S) for asker in askers)
 
 
-def test_an_engine_that_takes_its_time_keeps_nobody_else_waiting(kitchen: KnowledgeBase) -> None:
+def test_a_slow_engine_does_not_block_other_questions(kitchen: KnowledgeBase) -> None:
     with Simulation(kitchen, NullEngine()) as stage, ThreadPoolExecutor(2) as threads:
         stage.spawn()
         busy, free = Event(), Event()

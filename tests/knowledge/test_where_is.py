@@ -72,7 +72,7 @@ def told(answerer: KnowledgeBase | Simulation, **args: object) -> set[tuple[str,
         ("hood", "above", "hob"),
     ],
 )
-def test_the_kitchen_is_as_people_would_say(kitchen: KnowledgeBase, thing: str, relation: str, other: str) -> None:
+def test_relations_in_the_kitchen_are_as_expected(kitchen: KnowledgeBase, thing: str, relation: str, other: str) -> None:
     assert (thing, relation, other) in told(kitchen, thing=thing, other=other)
 
 
@@ -91,11 +91,11 @@ def test_the_kitchen_is_as_people_would_say(kitchen: KnowledgeBase, thing: str, 
         ("plate_3", "inside", "table"),
     ],
 )
-def test_and_not_as_nobody_would(kitchen: KnowledgeBase, thing: str, relation: str, other: str) -> None:
+def test_unexpected_relations_do_not_hold(kitchen: KnowledgeBase, thing: str, relation: str, other: str) -> None:
     assert (thing, relation, other) not in told(kitchen, thing=thing, other=other)
 
 
-def test_answers_come_thing_by_thing_the_nearest_of_a_kind_first(kitchen: KnowledgeBase) -> None:
+def test_answers_are_sorted_by_body_and_then_by_distance(kitchen: KnowledgeBase) -> None:
     rows = kitchen.ask(where_is, thing="milk_carton_1")
     kinds = list(SpatialRelation)
     assert [(kinds.index(row.relation), row.gap) for row in rows] == sorted(
@@ -105,7 +105,7 @@ def test_answers_come_thing_by_thing_the_nearest_of_a_kind_first(kitchen: Knowle
     assert [row.thing for row in everything] == sorted(row.thing for row in everything)
 
 
-def test_why_shows_the_numbers_and_who_says_so(kitchen: KnowledgeBase, stage: Simulation) -> None:
+def test_an_explanation_has_the_numbers_and_the_source(kitchen: KnowledgeBase, stage: Simulation) -> None:
     (inside,) = kitchen.ask(where_is, thing="milk_carton_1", relation="inside")
     assert kitchen.explain(where_is, inside) == (
         "100% of milk_carton_1 is in fridge, 0.048 m from its nearest side",
@@ -122,7 +122,7 @@ def test_why_shows_the_numbers_and_who_says_so(kitchen: KnowledgeBase, stage: Si
     assert "0.028 m between milk_carton_1 and milk_carton_2" in kitchen.explain(where_is, row)[0]
 
 
-def test_answers_are_plain_values_for_other_programs(kitchen: KnowledgeBase) -> None:
+def test_answers_convert_to_plain_values(kitchen: KnowledgeBase) -> None:
     answers = kitchen.ask(where_is, thing="milk_carton_1", relation="inside")
     (answer,) = answers_to_builtins(kitchen, answers)["answers"]
     assert (answer["id"], answer["relation"], answer["gap"], answer["source"]) == ("fridge", "inside", 0.048, "map")
@@ -132,7 +132,7 @@ def test_answers_are_plain_values_for_other_programs(kitchen: KnowledgeBase) -> 
     assert "present" not in [each.name for each in where_is.arguments]
 
 
-def test_a_relation_that_is_none_gets_those_that_are(kitchen: KnowledgeBase) -> None:
+def test_an_unknown_relation_is_refused_with_the_known_ones(kitchen: KnowledgeBase) -> None:
     with pytest.raises(InvalidArgumentError, match="there is on, inside, above, below, next_to"):
         kitchen.ask(where_is, relation="beside")
 
@@ -140,7 +140,7 @@ def test_a_relation_that_is_none_gets_those_that_are(kitchen: KnowledgeBase) -> 
 # -- as it is now ------------------------------------------------------------------------------------------------------
 
 
-def test_what_was_moved_is_where_it_is_now_and_the_map_tells_what_it_told(stage: Simulation) -> None:
+def test_a_moved_body_has_its_current_relations_and_the_map_its_own(stage: Simulation) -> None:
     assert ("plate_3", "on", "table") in told(stage, thing="plate_3")
     top = stage.knowledge.world().body("counter_right").pose.position
     x, y, z = top
@@ -151,7 +151,7 @@ def test_what_was_moved_is_where_it_is_now_and_the_map_tells_what_it_told(stage:
     assert {row.source for row in stage.ask(where_is, thing="plate_3")} == {"null"}
 
 
-def test_milk_that_falls_out_of_the_air_comes_to_rest_on_the_table(kitchen: KnowledgeBase) -> None:
+def test_falling_milk_comes_to_rest_on_the_table(kitchen: KnowledgeBase) -> None:
     with Simulation(kitchen, MujocoEngine()) as stage:
         stage.spawn()
         stage.run_on_engine(lambda engine: engine.set_pose(BodyId("milk_carton_1"), Pose((-0.1, -0.7, 0.9))))
@@ -161,7 +161,7 @@ def test_milk_that_falls_out_of_the_air_comes_to_rest_on_the_table(kitchen: Know
         assert ("milk_carton_1", "inside", "fridge") not in told(stage, thing="milk_carton_1")
 
 
-def test_a_deleted_thing_is_nowhere_and_a_spawned_one_is_known(stage: Simulation) -> None:
+def test_a_deleted_body_has_no_pose_and_a_spawned_one_has(stage: Simulation) -> None:
     stage.run_on_engine(lambda engine: engine.delete([BodyId("milk_carton_1")]), edits=True)
     answers = stage.ask(where_is, thing="milk_carton_1")
     assert not answers
@@ -174,7 +174,7 @@ def test_a_deleted_thing_is_nowhere_and_a_spawned_one_is_known(stage: Simulation
         stage.ask("handle_of", individual="parcel")
 
 
-def test_maps_that_are_not_spawned_are_told_from_their_files(tmp_path: Path) -> None:
+def test_maps_that_are_not_spawned_are_read_from_their_files(tmp_path: Path) -> None:
     first, second = tmp_path / "room.ttl", tmp_path / "hall.ttl"
     size = "k:depthOfObject 1.0 ; k:widthOfObject 1.0 ; k:heightOfObject 1.0"
     for path, name in ((first, "room"), (second, "hall")):
@@ -193,7 +193,7 @@ def test_maps_that_are_not_spawned_are_told_from_their_files(tmp_path: Path) -> 
         assert {local_name(row.map) for row in stage.ask(where_is, thing="hall-2")} == {"hall"}
 
 
-def test_an_engine_is_asked_once_and_only_if_it_matters(kitchen: KnowledgeBase) -> None:
+def test_the_engine_state_is_fetched_at_most_once(kitchen: KnowledgeBase) -> None:
     taken: list[WorldState] = []
 
     def take() -> WorldState:
@@ -209,7 +209,7 @@ def test_an_engine_is_asked_once_and_only_if_it_matters(kitchen: KnowledgeBase) 
 # -- what is missing ---------------------------------------------------------------------------------------------------
 
 
-def test_without_an_answer_it_says_what_nobody_told(tmp_path: Path) -> None:
+def test_a_missing_pose_or_size_is_reported(tmp_path: Path) -> None:
     path = tmp_path / "room.ttl"
     lost = ":lost a owl:NamedIndividual, k:Cup ; k:describedInMap :room ."
     path.write_text(room_map(individual("sizeless"), lost), encoding="utf-8")

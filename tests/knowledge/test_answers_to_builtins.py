@@ -17,7 +17,7 @@ def kitchen() -> KnowledgeBase:
     return kb
 
 
-def test_answers_become_what_other_programs_read(kitchen: KnowledgeBase) -> None:
+def test_answers_convert_to_json_values(kitchen: KnowledgeBase) -> None:
     told = answers_to_builtins(kitchen, kitchen.ask("storage_place_in_environment", item="CowsMilk"), explain=True)
     (answer,) = told["answers"]
     assert told["question"] == "storage_place_in_environment"
@@ -43,13 +43,13 @@ def test_answers_become_what_other_programs_read(kitchen: KnowledgeBase) -> None
         ("maps", {}, "kitchen"),
     ],
 )
-def test_what_was_asked_for_has_its_name_in_each_answer(
+def test_each_answer_has_the_name_of_its_subject(
     name: str, args: dict[str, str], about: str, kitchen: KnowledgeBase
 ) -> None:
     told = answers_to_builtins(kitchen, kitchen.ask(name, **args))
     assert about in {answer["id"] for answer in told["answers"]}
 
 
-def test_handles_are_what_is_asked_for_where_nothing_is_given(kitchen: KnowledgeBase) -> None:
+def test_handles_are_the_subject_without_arguments(kitchen: KnowledgeBase) -> None:
     told = answers_to_builtins(kitchen, kitchen.ask("handle_of"))
     assert {answer["id"] for answer in told["answers"]} == {local_name(row.handle) for row in kitchen.ask("handle_of")}

@@ -27,7 +27,7 @@ def some(property: str, filler: str) -> str:
 # -- domain and range --------------------------------------------------------------------------------------------------
 
 
-def test_what_nobody_gave_a_type_gets_one_by_the_domain_and_range_of_a_property(told: MakeKnowledgeBase) -> None:
+def test_untyped_individuals_get_classes_from_domains_and_ranges(told: MakeKnowledgeBase) -> None:
     kb = told(
         "e:opens rdfs:domain e:Key ; rdfs:range e:Lock . e:Key rdfs:subClassOf e:Tool . e:opens rdfs:label 'opens' .",
         ":a k:describedInMap :room ; e:opens :b . :b k:describedInMap :room .",
@@ -40,7 +40,7 @@ def test_what_nobody_gave_a_type_gets_one_by_the_domain_and_range_of_a_property(
     assert kb.explain("what_is", row) == ("a opens b", "whatever has a opens is a Key", "Key is a Tool")
 
 
-def test_who_has_a_type_keeps_to_it(told: MakeKnowledgeBase) -> None:
+def test_typed_individuals_get_no_class_from_domains_and_ranges(told: MakeKnowledgeBase) -> None:
     kb = told("e:opens rdfs:domain e:Key . e:Key a owl:Class .", body_turtle("a", "e:opens :b"))
     assert members(kb, "Key") == []
     kb.retract("a", "type", "Cup")
@@ -49,7 +49,7 @@ def test_who_has_a_type_keeps_to_it(told: MakeKnowledgeBase) -> None:
     assert why(kb, "Key", "a") == ("a type Key",)
 
 
-def test_properties_that_imply_others_and_inverse_ones_have_their_domains_too(told: MakeKnowledgeBase) -> None:
+def test_domains_hold_for_subproperties_and_inverses(told: MakeKnowledgeBase) -> None:
     kb = told(
         "e:opens rdfs:domain e:Key . e:unlocks rdfs:subPropertyOf e:opens . e:openedBy owl:inverseOf e:opens .",
         ":a k:describedInMap :room ; e:unlocks 'all' . :b k:describedInMap :room . :c e:openedBy :b .",
@@ -59,7 +59,7 @@ def test_properties_that_imply_others_and_inverse_ones_have_their_domains_too(to
     assert why(kb, "Key", "b")[0] == "c openedBy b"
 
 
-def test_a_domain_that_is_an_intersection_gives_all_of_it_and_a_union_nothing_certain(told: MakeKnowledgeBase) -> None:
+def test_an_intersection_as_domain_implies_its_members_and_a_union_nothing(told: MakeKnowledgeBase) -> None:
     kb = told(
         "e:p rdfs:domain [ owl:intersectionOf ( e:A e:B ) ] . e:q rdfs:domain [ owl:unionOf ( e:C e:D ) ] .",
         ":x k:describedInMap :room ; e:p 1 ; e:q 2 . e:C a owl:Class .",
@@ -68,7 +68,7 @@ def test_a_domain_that_is_an_intersection_gives_all_of_it_and_a_union_nothing_ce
     assert members(kb, "C") == []
 
 
-def test_a_thing_that_only_another_one_speaks_of_may_be_asked_about_by_its_whole_name(told: MakeKnowledgeBase) -> None:
+def test_a_resource_that_is_only_referred_to_can_be_given_by_its_iri(told: MakeKnowledgeBase) -> None:
     kb = told("e:opens rdfs:range e:Lock .", body_turtle("a", "e:opens :b"))
     (row,) = kb.ask("what_is", individual=f"{ROOM_NAMESPACE}b")
     assert ([local_name(cls) for cls in row.classes], row.map) == (["Lock"], None)
@@ -79,7 +79,7 @@ def test_a_thing_that_only_another_one_speaks_of_may_be_asked_about_by_its_whole
 # -- definitions -------------------------------------------------------------------------------------------------------
 
 
-def test_what_falls_under_a_definition_is_a_member(told: MakeKnowledgeBase) -> None:
+def test_individuals_that_satisfy_a_definition_are_members(told: MakeKnowledgeBase) -> None:
     full = f"[ owl:intersectionOf ( k:Cup {some('e:holds', 'e:Drink')} ) ]"
     kb = told(
         f"e:FullCup owl:equivalentClass {full} . e:FullCup rdfs:subClassOf e:Treat . e:Tea rdfs:subClassOf e:Drink .",
@@ -121,7 +121,7 @@ def test_what_falls_under_a_definition_is_a_member(told: MakeKnowledgeBase) -> N
         ("[ a owl:Class ; owl:complementOf e:Food ]", False),
     ],
 )
-def test_what_a_definition_needs_is_what_statements_show(
+def test_definitions_are_satisfied_by_statements_only(
     told: MakeKnowledgeBase, definition: str, is_member: bool
 ) -> None:
     kb = told(
@@ -132,7 +132,7 @@ def test_what_a_definition_needs_is_what_statements_show(
     assert members(kb, "Special") == (["a"] if is_member else [])
 
 
-def test_one_definition_leads_to_the_next_and_a_circle_of_them_ends(told: MakeKnowledgeBase) -> None:
+def test_definitions_build_on_each_other_and_cycles_terminate(told: MakeKnowledgeBase) -> None:
     kb = told(
         f"e:A owl:equivalentClass {some('e:next', 'e:B')} . e:B owl:equivalentClass {some('e:next', 'e:C')} .",
         f"e:X owl:equivalentClass {some('e:next', 'e:Y')} . e:Y owl:equivalentClass {some('e:next', 'e:X')} .",
@@ -143,7 +143,7 @@ def test_one_definition_leads_to_the_next_and_a_circle_of_them_ends(told: MakeKn
     assert (members(kb, "A"), members(kb, "B"), members(kb, "X")) == (["a"], ["b"], [])
 
 
-def test_a_type_without_a_name_says_what_it_consists_of(told: MakeKnowledgeBase) -> None:
+def test_an_anonymous_type_implies_its_named_classes(told: MakeKnowledgeBase) -> None:
     kb = told(
         f":a k:describedInMap :room ; a [ owl:intersectionOf ( k:Cup {some('e:holds', 'e:Drink')} ) ] .",
         f"e:Full owl:equivalentClass {some('e:holds', 'e:Drink')} .",
@@ -157,7 +157,7 @@ def test_a_type_without_a_name_says_what_it_consists_of(told: MakeKnowledgeBase)
 # -- what is apart, and what follows by chains -------------------------------------------------------------------------
 
 
-def test_a_container_for_what_is_not_of_a_class_takes_what_is_told_to_be_apart_from_it(told: MakeKnowledgeBase) -> None:
+def test_a_container_for_a_complement_stores_disjoint_classes(told: MakeKnowledgeBase) -> None:
     dry = "[ owl:intersectionOf ( e:Food [ owl:complementOf e:Perishable ] ) ]"
     kb = told(
         f"e:Pantry rdfs:subClassOf {some('k:typePrimaryFunction-containerFor', dry)} .",
@@ -174,7 +174,7 @@ def test_a_container_for_what_is_not_of_a_class_takes_what_is_told_to_be_apart_f
     )
 
 
-def test_a_chain_of_properties_makes_parts(told: MakeKnowledgeBase) -> None:
+def test_a_property_chain_implies_parts(told: MakeKnowledgeBase) -> None:
     kb = told(
         "k:properPhysicalParts owl:propertyChainAxiom ( e:hasSide [ owl:inverseOf e:screwedTo ] ) .",
         body_turtle("shelf", "e:hasSide :left"),
@@ -187,7 +187,7 @@ def test_a_chain_of_properties_makes_parts(told: MakeKnowledgeBase) -> None:
     assert [local_name(row.whole) for row in kb.ask("part_of", part="board")] == ["shelf"]
 
 
-def test_a_chain_may_lead_to_itself(told: MakeKnowledgeBase) -> None:
+def test_a_property_chain_can_be_recursive(told: MakeKnowledgeBase) -> None:
     kb = told(
         "e:locatedIn owl:propertyChainAxiom ( e:locatedIn e:partOf ) . e:partOf a owl:TransitiveProperty .",
         ":cup e:locatedIn :drawer . :drawer e:partOf :desk . :desk e:partOf :room1 . :room1 e:partOf :house .",

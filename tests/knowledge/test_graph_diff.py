@@ -56,20 +56,20 @@ OTHERWISE = {
 
 
 @pytest.mark.parametrize("what", ALIKE)
-def test_what_says_the_same_is_no_loss(what: str, tmp_path: Path) -> None:
+def test_an_equivalent_statement_is_not_a_loss(what: str, tmp_path: Path) -> None:
     old, new = ALIKE[what]
     assert old in ROOM
     assert lost(ROOM, ROOM.replace(old, new), tmp_path) == ()
 
 
 @pytest.mark.parametrize("what", OTHERWISE)
-def test_what_says_something_else_is_a_loss(what: str, tmp_path: Path) -> None:
+def test_a_changed_statement_is_a_loss(what: str, tmp_path: Path) -> None:
     old, new = OTHERWISE[what]
     assert old in ROOM
     assert lost(ROOM, ROOM.replace(old, new), tmp_path)
 
 
-def test_a_pose_may_have_a_name_or_none(tmp_path: Path) -> None:
+def test_a_pose_can_be_named_or_blank(tmp_path: Path) -> None:
     pose = ':cup-pose a owl:NamedIndividual, k:Pose ; k:translation "1.0 2.0 3.0" ; k:quaternion "1.0 0.0 0.0 0.0" .'
     assert pose in ROOM
     nameless = ROOM.replace(pose, "").replace(":cup-pose", f"[ {pose.removeprefix(':cup-pose ').rstrip(' .')} ]")
@@ -80,7 +80,7 @@ def test_a_pose_may_have_a_name_or_none(tmp_path: Path) -> None:
 
 @settings(max_examples=25)
 @given(at=st.integers(min_value=0))
-def test_any_statement_that_is_left_out_is_found(at: int, folder: Path) -> None:
+def test_every_omitted_statement_is_found(at: int, folder: Path) -> None:
     world = kitchenette()
     quads = list(ox.parse(write_map(world, format=MapFormat.TURTLE).encode(), ox.RdfFormat.TURTLE))
     gone = quads.pop(at % len(quads))
@@ -91,7 +91,7 @@ def test_any_statement_that_is_left_out_is_found(at: int, folder: Path) -> None:
     assert lost_statements(*origins)
 
 
-def test_what_the_engine_rounds_is_no_loss(tmp_path: Path) -> None:
+def test_rounding_by_the_engine_is_not_a_loss(tmp_path: Path) -> None:
     after = ROOM.replace('"1.0 2.0 3.0"', '"1.0 2.0 3.000001"').replace('"0.50"^^', '"0.6"^^')
     for name, text in (("before", ROOM), ("after", after)):
         (tmp_path / f"{name}.ttl").write_text(text, encoding="utf-8")

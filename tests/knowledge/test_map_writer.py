@@ -38,7 +38,7 @@ REFUSED = {
 
 @pytest.mark.parametrize("format", MapFormat)
 @pytest.mark.parametrize("name", REFUSED)
-def test_a_world_that_is_none_is_refused(name: str, format: MapFormat) -> None:
+def test_an_invalid_world_is_refused(name: str, format: MapFormat) -> None:
     world, said = REFUSED[name]
     with pytest.raises(MapWriteError, match=said):
         write_map(world, format=format)
@@ -57,7 +57,7 @@ ONLY_TURTLE = {
 
 
 @pytest.mark.parametrize("name", ONLY_TURTLE)
-def test_what_only_turtle_can_write_is_refused_in_xml_with_that_advice(name: str, tmp_path: Path) -> None:
+def test_turtle_is_recommended_if_xml_cannot_express_a_name(name: str, tmp_path: Path) -> None:
     told, said = ONLY_TURTLE[name]
     world = world_of(facts=(told,))
     with pytest.raises(MapWriteError, match=f"{said}.*Turtle"):
@@ -67,7 +67,7 @@ def test_what_only_turtle_can_write_is_refused_in_xml_with_that_advice(name: str
 
 
 @pytest.mark.parametrize("suffix", [".owl", ".rdf", ".xml", ".ttl", ".OWL"])
-def test_the_suffix_tells_the_format(suffix: str, tmp_path: Path) -> None:
+def test_the_suffix_selects_the_format(suffix: str, tmp_path: Path) -> None:
     path = tmp_path / f"map{suffix}"
     save_map(kitchenette(), path)
     assert path.read_text(encoding="utf-8").startswith("@prefix" if suffix == ".ttl" else "<?xml")
@@ -79,7 +79,7 @@ def test_another_suffix_is_refused(tmp_path: Path) -> None:
         save_map(kitchenette(), tmp_path / "map.docx")
 
 
-def test_a_folder_that_is_not_there_is_refused(tmp_path: Path) -> None:
+def test_a_missing_folder_is_refused(tmp_path: Path) -> None:
     with pytest.raises(MapWriteError, match="No such file"):
         save_map(kitchenette(), tmp_path / "nowhere" / "map.owl")
 
@@ -91,7 +91,7 @@ def test_a_folder_is_not_replaced(tmp_path: Path) -> None:
     assert os.listdir(tmp_path) == ["map.owl"]
 
 
-def test_half_a_letter_is_refused_and_leaves_nothing_behind(tmp_path: Path) -> None:
+def test_a_lone_surrogate_is_refused_and_leaves_nothing_behind(tmp_path: Path) -> None:
     path = tmp_path / "map.ttl"
     path.write_text("before", encoding="utf-8")
     with pytest.raises(MapWriteError, match=r"U\+D800"):
@@ -100,7 +100,7 @@ def test_half_a_letter_is_refused_and_leaves_nothing_behind(tmp_path: Path) -> N
     assert path.read_text(encoding="utf-8") == "before"
 
 
-def test_a_file_is_replaced_and_has_the_usual_rights(tmp_path: Path) -> None:
+def test_a_file_is_replaced_with_default_permissions(tmp_path: Path) -> None:
     path, usual = tmp_path / "map.owl", tmp_path / "usual"
     usual.touch()
     path.write_text("before", encoding="utf-8")

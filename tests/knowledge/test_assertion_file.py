@@ -42,7 +42,7 @@ def places(words: Path, *more: Path) -> list[str]:
     return [local_name(row.place) for row in kb.ask("storage_place", item="Bread")]
 
 
-def test_what_is_told_can_be_loaded_and_taken_back(words: Path, tmp_path: Path) -> None:
+def test_assertions_can_be_loaded_and_retracted(words: Path, tmp_path: Path) -> None:
     path = tmp_path / "told.ttl"
     assert places(words) == ["Refrigerator"]
     assert told_file(path, words).tell("Breadbasket", CONTAINER_FOR, "Bread")
@@ -52,7 +52,7 @@ def test_what_is_told_can_be_loaded_and_taken_back(words: Path, tmp_path: Path) 
     assert not list(ox.parse(path=str(path), format=ox.RdfFormat.TURTLE)), "no half of a restriction stays"
 
 
-def test_one_after_another(words: Path, tmp_path: Path) -> None:
+def test_several_assertions_in_sequence(words: Path, tmp_path: Path) -> None:
     path = tmp_path / "told.ttl"
     told_file(path, words).tell("ms:Rack", "subClassOf", "Breadbasket")
     told_file(path, words).tell("ms:joe", "type", "Rack")
@@ -68,7 +68,7 @@ def test_one_after_another(words: Path, tmp_path: Path) -> None:
     assert [local_name(cls) for row in kb.ask("what_is", individual="joe") for cls in row.classes] == ["Rack"]
 
 
-def test_what_was_known_is_not_told_again(words: Path, tmp_path: Path) -> None:
+def test_a_known_statement_is_not_written_again(words: Path, tmp_path: Path) -> None:
     path = tmp_path / "told.ttl"
     assert not told_file(path, words).tell("Refrigerator", CONTAINER_FOR, "Perishable")
     assert not path.exists()
@@ -78,7 +78,7 @@ def test_what_was_known_is_not_told_again(words: Path, tmp_path: Path) -> None:
     assert path.read_bytes() == before
 
 
-def test_what_the_file_does_not_say_cannot_be_taken_back_there(words: Path, tmp_path: Path) -> None:
+def test_a_statement_of_another_source_is_not_retracted_from_the_file(words: Path, tmp_path: Path) -> None:
     path = tmp_path / "told.ttl"
     told_file(path, words).tell("Breadbasket", CONTAINER_FOR, "Bread")
     before = path.read_bytes()
@@ -86,7 +86,7 @@ def test_what_the_file_does_not_say_cannot_be_taken_back_there(words: Path, tmp_
     assert path.read_bytes() == before
 
 
-def test_a_file_of_somebody_else_is_added_to_and_otherwise_left_alone(words: Path, tmp_path: Path) -> None:
+def test_a_foreign_file_is_only_appended_to(words: Path, tmp_path: Path) -> None:
     path = tmp_path / "mine.ttl"
     mine = f'# My words.\n@prefix ms: <e:> .\n@prefix knowrob: <{KNOWROB}> .\nms:me ms:weighs "1.50"^^ms:kg'
     path.write_text(f"{mine} .", encoding="utf-8")
@@ -102,19 +102,19 @@ def test_a_file_of_somebody_else_is_added_to_and_otherwise_left_alone(words: Pat
     assert path.read_text(encoding="utf-8") == text
 
 
-def test_what_makes_no_statement_leaves_no_file(words: Path, tmp_path: Path) -> None:
+def test_an_invalid_statement_creates_no_file(words: Path, tmp_path: Path) -> None:
     path = tmp_path / "told.ttl"
     with pytest.raises(NameNotFoundError, match="near: 'Breadbasket'"):
         told_file(path, words).tell("Bredbasket", CONTAINER_FOR, "Bread")
     assert not path.exists()
 
 
-def test_only_turtle_is_written(words: Path, tmp_path: Path) -> None:
+def test_only_turtle_files_are_accepted(words: Path, tmp_path: Path) -> None:
     with pytest.raises(InvalidArgumentError, match=r"told\.owl: assertions are written as Turtle; call it \.ttl"):
         told_file(tmp_path / "told.owl", words)
 
 
-def test_a_file_that_cannot_be_read_is_not_written(words: Path, tmp_path: Path) -> None:
+def test_an_unreadable_file_is_not_written(words: Path, tmp_path: Path) -> None:
     path = tmp_path / "told.ttl"
     path.write_text("@prefix : <", encoding="utf-8")
     with pytest.raises(SourceParseError, match=r"told\.ttl"):

@@ -101,7 +101,7 @@ def meanings(names: NameIndex) -> dict[str, object]:
 
 
 @given(st.lists(triples, max_size=12), changes)
-def test_after_any_changes_it_is_as_if_built_afresh(start: list[Triple], steps: list[tuple[str, list]]) -> None:
+def test_an_updated_reasoner_equals_a_new_one(start: list[Triple], steps: list[tuple[str, list]]) -> None:
     store, numbers = ox.Store(), count()
     store.extend(quads(start, TOLD))
     index = Reasoner(store)
@@ -125,7 +125,7 @@ def test_after_any_changes_it_is_as_if_built_afresh(start: list[Triple], steps: 
         assert meanings(names) == meanings(NameIndex(store, afresh))
 
 
-def test_names_mean_what_they_are_now() -> None:
+def test_names_resolve_to_current_entities() -> None:
     store = ox.Store()
     index = Reasoner(store)
     names = NameIndex(store, index)
