@@ -1,4 +1,4 @@
-"""Answers are a sequence of rows that know what was asked for, as plain values and as tables."""
+"""Answers: rows with a subject, conversion to plain values, tables for notebooks."""
 
 from __future__ import annotations
 
@@ -58,9 +58,9 @@ def test_a_row_about_a_class_has_its_members_as_instances(kb: KnowledgeBase) -> 
 
 
 def test_a_row_without_a_question_has_no_subject(kb: KnowledgeBase) -> None:
-    made = StoragePlace(item=Iri("a"), place=Iri("b"), because_of=Iri("c"), generality=0)
+    row = StoragePlace(item=Iri("a"), place=Iri("b"), because_of=Iri("c"), generality=0)
     with pytest.raises(AttributeError, match="not returned by a question"):
-        made.subject  # noqa: B018
+        row.subject  # noqa: B018
     with pytest.raises(AttributeError, match="is a map"):
         kb.ask("maps")[0].individual  # noqa: B018
     with pytest.raises(AttributeError, match="is a property"):
@@ -78,7 +78,7 @@ def test_answers_to_every_question_convert_to_dicts_and_tables(kb: KnowledgeBase
     assert "\n" not in repr(answers)
     for row in answers[:3]:
         assert repr(row).startswith(f"{type(row).__name__}(")
-        assert msgspec.convert(msgspec.to_builtins(row), type(row)) == row, "what was asked is no part of a row"
+        assert msgspec.convert(msgspec.to_builtins(row), type(row)) == row, "the question is not part of a row"
         assert hash(row) == hash(msgspec.structs.replace(row))
 
 

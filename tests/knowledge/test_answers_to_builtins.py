@@ -1,4 +1,4 @@
-"""Answers as plain values: what other programs read."""
+"""Answers as JSON values."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ def kitchen() -> KnowledgeBase:
 
 
 def test_answers_convert_to_json_values(kitchen: KnowledgeBase) -> None:
-    told = answers_to_builtins(kitchen, kitchen.ask("storage_place_in_environment", item="CowsMilk"), explain=True)
-    (answer,) = told["answers"]
-    assert told["question"] == "storage_place_in_environment"
-    assert told["args"] == {"item": f"{KNOWROB}CowsMilk"}
+    result = answers_to_builtins(kitchen, kitchen.ask("storage_place_in_environment", item="CowsMilk"), explain=True)
+    (answer,) = result["answers"]
+    assert result["question"] == "storage_place_in_environment"
+    assert result["args"] == {"item": f"{KNOWROB}CowsMilk"}
     assert answer["iri"] == answer["individual"]
     assert answer["id"] == "fridge"
     assert answer["class"] == kitchen.reasoner.class_of(answer["iri"])
     assert answer["why"]
-    assert told["missing"] == []
+    assert result["missing"] == []
 
 
 @pytest.mark.parametrize(
@@ -46,10 +46,12 @@ def test_answers_convert_to_json_values(kitchen: KnowledgeBase) -> None:
 def test_each_answer_has_the_name_of_its_subject(
     name: str, args: dict[str, str], about: str, kitchen: KnowledgeBase
 ) -> None:
-    told = answers_to_builtins(kitchen, kitchen.ask(name, **args))
-    assert about in {answer["id"] for answer in told["answers"]}
+    result = answers_to_builtins(kitchen, kitchen.ask(name, **args))
+    assert about in {answer["id"] for answer in result["answers"]}
 
 
 def test_handles_are_the_subject_without_arguments(kitchen: KnowledgeBase) -> None:
-    told = answers_to_builtins(kitchen, kitchen.ask("handle_of"))
-    assert {answer["id"] for answer in told["answers"]} == {local_name(row.handle) for row in kitchen.ask("handle_of")}
+    result = answers_to_builtins(kitchen, kitchen.ask("handle_of"))
+    assert {answer["id"] for answer in result["answers"]} == {
+        local_name(row.handle) for row in kitchen.ask("handle_of")
+    }

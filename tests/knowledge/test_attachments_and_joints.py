@@ -1,4 +1,4 @@
-"""Who hangs on whom and who is joined to whom, whichever side tells it."""
+"""Attachments and joints, stated by either of the two bodies."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ from tests.knowledge.maps import XSD, ReadMap, body_turtle, individual, knowrob_
 
 
 @pytest.mark.parametrize(
-    "told", [":table k:child :cup .", ":cup k:parent :table .", ":table k:child :cup . :cup k:parent :table ."]
+    "statements", [":table k:child :cup .", ":cup k:parent :table .", ":table k:child :cup . :cup k:parent :table ."]
 )
-def test_either_body_can_state_a_relation(told: str, read: ReadMap) -> None:
-    world, findings = read(room_map(body_turtle("table"), body_turtle("cup"), told))
+def test_either_body_can_state_a_relation(statements: str, read: ReadMap) -> None:
+    world, findings = read(room_map(body_turtle("table"), body_turtle("cup"), statements))
     assert [(each.parent, each.child) for each in world.attachments] == [("table", "cup")]
-    assert [thing.facts for thing in world.bodies] == [(), ()]
+    assert [body.facts for body in world.bodies] == [(), ()]
     assert findings == ()
 
 
@@ -74,7 +74,7 @@ def test_a_long_chain_is_read_in_one_go(read: ReadMap) -> None:
     assert findings == ()
 
 
-# -- constraints -------------------------------------------------------------------------------------------------------
+# -- joints ------------------------------------------------------------------------------------------------------------
 
 
 def test_every_field_of_a_joint_is_read(read: ReadMap) -> None:
@@ -129,7 +129,7 @@ def test_a_joint_without_one_body_is_omitted_with_a_finding(end: str, read: Read
     assert world.joints == ()
     (error,) = (finding for finding in findings if finding.severity is Severity.ERROR)
     assert (error.individual, error.property) == (individual("slide"), knowrob_iri("child"))
-    # All of it is still there, the parts included.
+    # All statements remain, including those of nested resources.
     assert {resource.iri for resource in world.resources} == {
         individual(f"slide{part}") for part in ("", "-pose", "-linear", "-angular")
     }

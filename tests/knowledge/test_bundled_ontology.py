@@ -1,4 +1,4 @@
-"""The bundled household ontology is sound by itself and agrees with the ontologies whose names it shares."""
+"""The bundled household ontology is consistent and agrees with the community's ontologies."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from tests.knowledge.bundled_scene import HOUSEHOLD, KNOWROB, OWL, RDFS
 TOPS = {"SpatialThing", "TemporalThing", "Agent-Generic"}
 IAI_MAP = "iai-kitchen-original.owl"
 ADDED = {"HeatSource"}
-"""What we say of classes that the community's ontologies already have a place for: which of them give heat."""
+"""Our superclasses of classes that the community's ontologies have elsewhere: heat sources."""
 
 
 @pytest.fixture(scope="module")
@@ -23,7 +23,7 @@ def household() -> OntologyClasses:
 
 @pytest.fixture(scope="module")
 def laboratory(shared_data: Path) -> OntologyClasses:
-    """The bundled ontology and the laboratory kitchen, nothing else."""
+    """The bundled ontology and the laboratory kitchen only."""
     return OntologyClasses(HOUSEHOLD, shared_data / "maps" / IAI_MAP)
 
 
@@ -100,7 +100,7 @@ def test_containers_are_containers_and_actions_are_actions(household: OntologyCl
         assert all("HumanScaleObject" in household.class_and_ancestors(filler) for filler in each.fillers), each
     for each in actions:
         assert "ActionOnObject" in household.ancestors(each.subject), each
-        # The community has sinks among the furniture, and uses them all the same.
+        # The community has sinks below furniture, and uses them nevertheless.
         assert all({"PhysicalDevice", "Sink"} & household.class_and_ancestors(filler) for filler in each.fillers), each
 
 

@@ -1,4 +1,4 @@
-"""What follows from chains of statements, against the plainest closure there is."""
+"""Transitive closures and property chains, compared with a naive closure."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ property_pairs = st.lists(st.tuples(st.sampled_from(PROPERTIES), st.sampled_from
 
 
 def closed(pairs: set[tuple[Iri, Iri]]) -> set[tuple[Iri, Iri]]:
-    """Adds what follows until nothing more does."""
+    """Adds all consequences until nothing changes."""
     while more := {(a, d) for (a, b), (c, d) in product(pairs, pairs) if b == c} - pairs:
         pairs = pairs | more
     return pairs
@@ -62,15 +62,15 @@ def test_the_more_specific_class_has_fewer_classes_between(pairs: list[tuple[Iri
 
 
 def naive_values(
-    told: list[tuple[Iri, Iri, Iri]],
+    asserted: list[tuple[Iri, Iri, Iri]],
     below: list[tuple[Iri, Iri]],
     inverses: list[tuple[Iri, Iri]],
     equal: list[tuple[Iri, Iri]],
     symmetric: set[Iri],
     transitive: set[Iri],
 ) -> set[tuple[Iri, Iri, Iri]]:
-    """Every rule, over and over, until nothing new follows."""
-    known = set(told)
+    """Applies every rule repeatedly until nothing new follows."""
+    known = set(asserted)
     while True:
         new = {(s, q, o) for s, p, o in known for lower, q in below if p == lower}
         new |= {
@@ -101,7 +101,7 @@ def naive_values(
     st.sets(st.sampled_from(PROPERTIES), max_size=2),
 )
 def test_values_equal_the_naive_closure(
-    told: list[tuple[Iri, Iri, Iri]],
+    asserted: list[tuple[Iri, Iri, Iri]],
     below: list[tuple[Iri, Iri]],
     inverses: list[tuple[Iri, Iri]],
     equal: list[tuple[Iri, Iri]],
@@ -109,7 +109,7 @@ def test_values_equal_the_naive_closure(
     transitive: set[Iri],
 ) -> None:
     triples = [
-        *told,
+        *asserted,
         *((lower, RDFS + "subPropertyOf", upper) for lower, upper in below),
         *((one, OWL + "inverseOf", other) for one, other in inverses),
         *((one, OWL + "equivalentProperty", other) for one, other in equal),
@@ -119,7 +119,7 @@ def test_values_equal_the_naive_closure(
     store = ox.Store()
     store.extend([ox.Quad(*map(ox.NamedNode, triple)) for triple in triples])
     index = PropertyHierarchy(store)
-    expected = naive_values(told, below, inverses, equal, symmetric, transitive)
+    expected = naive_values(asserted, below, inverses, equal, symmetric, transitive)
     for property, node in product(PROPERTIES, NODES[:4]):
         assert set(index.values(property, node)) == {o for s, p, o in expected if (s, p) == (node, property)}
         found = set(index.values(property, node, backwards=True))

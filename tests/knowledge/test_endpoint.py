@@ -1,4 +1,4 @@
-"""Knowledge at an endpoint: the same answers as from the files, and clear words for all that can go wrong there."""
+"""Knowledge bases at a SPARQL endpoint: the same answers as from files, and errors for all faults."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ ENDLESS = "SELECT (COUNT(*) AS ?n) WHERE { GRAPH ?x { ?a ?b ?c . ?d ?e ?f . ?g ?
 
 @pytest.fixture(scope="module")
 def server(oxigraph: Path) -> Iterator[SparqlServer]:
-    """A server that has the bundled kitchen and ontology."""
+    """A server with the bundled kitchen and ontology."""
     server = SparqlServer(oxigraph)
     try:
         server.load_files(bundled_kitchen(), bundled_ontology())
@@ -53,15 +53,15 @@ def here() -> KnowledgeBase:
 
 
 def assert_same_answers(there: KnowledgeBase, here: KnowledgeBase) -> None:
-    """A server may write numbers its own way (177.512833 as a float becomes 177.51283), and has its own order."""
+    """Compares all answers, regardless of order and of the number format (177.512833 may become 177.51283)."""
     for question in list_questions():
-        told, expected = there.ask(question), here.ask(question)
-        assert sorted(map(rounded, told)) == sorted(map(rounded, expected)), question.name
-        assert told.missing == expected.missing
+        found, expected = there.ask(question), here.ask(question)
+        assert sorted(map(rounded, found)) == sorted(map(rounded, expected)), question.name
+        assert found.missing == expected.missing
 
 
 def rounded(value: object) -> str:
-    """A value without the order of its facts and the last digits of its numbers."""
+    """A value with sorted facts and rounded numbers."""
     fields = getattr(value, "__struct_fields__", None)
     if fields:
         return f"{type(value).__name__}({', '.join(rounded(getattr(value, name)) for name in fields)})"
@@ -129,8 +129,8 @@ def test_few_requests_are_made(server: SparqlServer) -> None:
 def test_all_triples_come_with_one_request(server: SparqlServer, here: KnowledgeBase) -> None:
     endpoint = Counting(server.url)
     kb = KnowledgeBase(endpoint=endpoint, bundled_ontology=False)
-    told = {quad.triple for quad in kb.store.quads_for_pattern(None, None, None) if not has_blank(quad)}
-    assert told == {quad.triple for quad in here.store.quads_for_pattern(None, None, None) if not has_blank(quad)}
+    found = {quad.triple for quad in kb.store.quads_for_pattern(None, None, None) if not has_blank(quad)}
+    assert found == {quad.triple for quad in here.store.quads_for_pattern(None, None, None) if not has_blank(quad)}
     assert endpoint.requests == 1
 
 
@@ -139,7 +139,7 @@ def has_blank(quad: ox.Quad) -> bool:
 
 
 class Counting(SparqlEndpoint):
-    """Counts what is asked."""
+    """Counts the queries."""
 
     requests = 0
 
@@ -148,7 +148,7 @@ class Counting(SparqlEndpoint):
         return super().query(*args, **kwargs)  # type: ignore[arg-type]
 
 
-# -- what is told there ------------------------------------------------------------------------------------------------
+# -- assertions --------------------------------------------------------------------------------------------------------
 
 
 def test_assertions_persist_at_the_endpoint_and_others_can_retract_them(server: SparqlServer) -> None:
@@ -187,7 +187,9 @@ def test_local_statements_cannot_be_retracted_at_the_endpoint(oxigraph: Path) ->
     try:
         with (
             KnowledgeBase(endpoint=server.url) as kb,
-            pytest.raises(InvalidArgumentError, match=r"it is in a source that is loaded here, .* and not at the endpoint"),
+            pytest.raises(
+                InvalidArgumentError, match=r"it is in a source that is loaded here, .* and not at the endpoint"
+            ),
         ):
             kb.retract("Refrigerator", CONTAINER_FOR, "Perishable")
     finally:
@@ -220,7 +222,9 @@ def test_queries_are_sent_unchanged(at_server: KnowledgeBase) -> None:
 
 
 def test_a_syntax_error_has_the_message_of_the_server(at_server: KnowledgeBase) -> None:
-    with pytest.raises(SparqlSyntaxError, match=r"400 Bad Request: .*; the error was reported by http://127\.0\.0\.1:\d+/query"):
+    with pytest.raises(
+        SparqlSyntaxError, match=r"400 Bad Request: .*; the error was reported by http://127\.0\.0\.1:\d+/query"
+    ):
         at_server.sparql("SELEC")
     with pytest.raises(SparqlSyntaxError, match="it is an update"):
         at_server.sparql("CLEAR ALL")
@@ -238,7 +242,7 @@ def test_a_query_with_too_long_a_response_times_out(oxigraph: Path) -> None:
         server.stop()
 
 
-# -- what can go wrong -------------------------------------------------------------------------------------------------
+# -- errors ------------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("url", ["", "kitchen", "ftp://h/q", "http://", "http://h:0/", "http://h:99999/", "http://[/"])
@@ -249,24 +253,30 @@ def test_an_invalid_url_is_refused_at_once(url: str) -> None:
 
 def test_an_unreachable_server_is_reported_without_the_password() -> None:
     with socket.socket() as closed:
-        closed.bind(("127.0.0.1", 0))  # nobody listens
+        closed.bind(("127.0.0.1", 0))  # a free port without a server
         kb = KnowledgeBase(endpoint=f"http://me:secret@127.0.0.1:{closed.getsockname()[1]}/query")
-        with pytest.raises(EndpointUnreachableError, match=r"127\.0\.0\.1:\d+/query does not answer: .*refused") as no:
+        with pytest.raises(
+            EndpointUnreachableError, match=r"127\.0\.0\.1:\d+/query does not answer: .*refused"
+        ) as error:
             kb.maps()
-        assert "secret" not in str(no.value)
+        assert "secret" not in str(error.value)
         with pytest.raises(EndpointUnreachableError):
             kb.ask("storage_place", item="CowsMilk")
 
 
 @pytest.mark.parametrize(
-    ("how", "error", "message"),
+    ("fault", "error", "message"),
     [
         ("silent", EndpointUnreachableError, r"no answer within 0\.5 s"),
         ("trickling", EndpointUnreachableError, r"no answer within 0\.5 s"),
         ("hanging up", EndpointUnreachableError, "does not answer"),
         ("cut off", EndpointUnreachableError, "the connection ended in the middle of the reply"),
         ("no HTTP", EndpointUnreachableError, "it does not speak HTTP"),
-        ("a page", EndpointError, "its reply is not in a SPARQL format: .*; is that the address where it takes SPARQL?"),
+        (
+            "a page",
+            EndpointError,
+            "its reply is not in a SPARQL format: .*; is that the address where it takes SPARQL?",
+        ),
         ("moved", EndpointError, "301 .*; it points to http://elsewhere.example/; give that address, if"),
         ("locked", EndpointError, "401 .*; give a name and password in the address"),
         ("broken", EndpointError, "500 .*: out of luck"),
@@ -274,12 +284,16 @@ def test_an_unreachable_server_is_reported_without_the_password() -> None:
     ],
 )
 def test_a_faulty_server_is_reported(
-    how: str, error: type[Exception], message: str, start_faulty_server: FaultyServerStarter, monkeypatch: pytest.MonkeyPatch
+    fault: str,
+    error: type[Exception],
+    message: str,
+    start_faulty_server: FaultyServerStarter,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("mindstage.knowledge.endpoint.REPLY_LIMIT", 256 * 1024**2 if how != "endless" else 1024**2)
+    monkeypatch.setattr("mindstage.knowledge.endpoint.REPLY_LIMIT", 256 * 1024**2 if fault != "endless" else 1024**2)
     message = message.replace("256 MiB", "1 MiB")
-    url = start_faulty_server(how)
-    kb = KnowledgeBase(endpoint=SparqlEndpoint(url, timeout_s=0.5 if how in {"silent", "trickling"} else 30.0))
+    url = start_faulty_server(fault)
+    kb = KnowledgeBase(endpoint=SparqlEndpoint(url, timeout_s=0.5 if fault in {"silent", "trickling"} else 30.0))
     with pytest.raises(error, match=message):
         kb.maps()
 

@@ -1,4 +1,4 @@
-"""What cannot be taken as it is told is named, and none of it is lost."""
+"""Invalid statements are reported and none of them is lost."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def test_an_invalid_pose_omits_the_body_with_a_finding(at: str, turned: str, rea
     world, findings = read(
         room_map(body_turtle("cup", position=at, quaternion=turned), body_turtle("mug", "k:parent :cup"))
     )
-    assert [thing.id for thing in world.bodies] == ["mug"]
+    assert [body.id for body in world.bodies] == ["mug"]
     assert {resource.iri for resource in world.resources} == {individual("cup"), individual("cup-pose")}
     (error,) = (finding for finding in findings if finding.severity is Severity.ERROR)
     assert error.individual == individual("cup")
@@ -71,7 +71,7 @@ def test_a_valid_pose_is_used_before_an_invalid_one(read: ReadMap) -> None:
     )
     (cup,) = world.bodies
     assert cup.pose.position == (4.0, 5.0, 6.0)
-    # The one that counts comes first, so that the writer gives its name to it.
+    # The pose that is used comes first, so that the writer uses its name.
     assert cup.facts == tuple(
         PropertyAssertion(knowrob_iri("pose"), IriRef(individual(name))) for name in ("good", "bad")
     )
@@ -117,7 +117,7 @@ def test_an_undeclared_map_is_read_with_a_finding(read: ReadMap) -> None:
         "a owl:NamedIndividual, k:SemanticEnvironmentMap", "a owl:NamedIndividual"
     )
     world, (finding,) = read(text)
-    assert [thing.id for thing in world.bodies] == ["cup"]
+    assert [body.id for body in world.bodies] == ["cup"]
     assert finding.individual == individual("room")
 
 

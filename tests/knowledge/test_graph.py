@@ -1,4 +1,4 @@
-"""Graphs keep texts exactly, and give things without a name the place that they have."""
+"""Graphs keep the text of literals, and nest blank nodes."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ def e(name: str) -> Iri:
     return Iri(f"http://e#{name}")
 
 
-def only_value(told: Graph, subject: Iri) -> FactValue:
-    (fact,) = told[subject]
+def only_value(statements: Graph, subject: Iri) -> FactValue:
+    (fact,) = statements[subject]
     return fact.value
 
 
@@ -42,10 +42,10 @@ def test_duplicate_statements_are_merged() -> None:
 
 
 def test_a_blank_node_with_one_reference_is_nested() -> None:
-    told = graph("e:a e:b [ e:d 1 ; e:c [ e:e e:f ] ] .")
+    statements = graph("e:a e:b [ e:d 1 ; e:c [ e:e e:f ] ] .")
     inner = BlankNode((PropertyAssertion(e("e"), IriRef(e("f"))),))
     one = Literal("1", Iri(XSD + "integer"))
-    assert told == {
+    assert statements == {
         e("a"): [
             PropertyAssertion(e("b"), BlankNode((PropertyAssertion(e("c"), inner), PropertyAssertion(e("d"), one))))
         ]
@@ -62,9 +62,9 @@ def test_equal_blank_nodes_are_kept_apart() -> None:
 
 
 def test_a_blank_node_with_two_references_keeps_its_label() -> None:
-    told = graph("e:a e:b _:x ; e:c _:x . _:x e:d e:e .")
-    assert list(told) == [e("a"), "_:x"]
-    assert [fact.value for fact in told[e("a")]] == [IriRef(Iri("_:x"))] * 2
+    statements = graph("e:a e:b _:x ; e:c _:x . _:x e:d e:e .")
+    assert list(statements) == [e("a"), "_:x"]
+    assert [fact.value for fact in statements[e("a")]] == [IriRef(Iri("_:x"))] * 2
 
 
 def test_a_blank_node_without_references_gets_a_label() -> None:
@@ -80,9 +80,9 @@ def test_blank_nodes_in_a_cycle_keep_their_labels(circle: str, labels: set[str])
 
 
 def test_a_blank_node_below_a_cycle_is_nested() -> None:
-    told = graph("_:x e:a _:y . _:y e:a _:x ; e:b [ e:c e:d ] .")
-    assert set(told) == {"_:x", "_:y"}
-    assert told[Iri("_:y")][1].value == BlankNode((PropertyAssertion(e("c"), IriRef(e("d"))),))
+    statements = graph("_:x e:a _:y . _:y e:a _:x ; e:b [ e:c e:d ] .")
+    assert set(statements) == {"_:x", "_:y"}
+    assert statements[Iri("_:y")][1].value == BlankNode((PropertyAssertion(e("c"), IriRef(e("d"))),))
 
 
 def test_labels_are_unique_across_graphs() -> None:
@@ -97,9 +97,9 @@ def test_labels_are_unique_across_graphs() -> None:
 
 def test_a_long_list_is_split_at_the_maximum_nesting() -> None:
     items = " ".join(str(number) for number in range(3 * MAX_NESTING))
-    told = graph(f"e:a e:b ({items}) .")
-    assert len(told) == 4
-    assert sum(_count(fact) for facts in told.values() for fact in facts) == 6 * MAX_NESTING + 1
+    statements = graph(f"e:a e:b ({items}) .")
+    assert len(statements) == 4
+    assert sum(_count(fact) for facts in statements.values() for fact in facts) == 6 * MAX_NESTING + 1
 
 
 def _count(fact: PropertyAssertion) -> int:

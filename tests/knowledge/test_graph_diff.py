@@ -1,4 +1,4 @@
-"""A statement that a file does not make is found, and only that."""
+"""Lost statements: exactly those that a written file does not contain."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def lost(before: str, after: str, folder: Path) -> tuple[Statement, ...]:
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Hypothesis writes many files; they may replace one another."""
+    """One folder for all examples of Hypothesis, which overwrite their files."""
     return tmp_path_factory.mktemp("losses")
 
 
@@ -42,7 +42,7 @@ ALIKE = {
     "the name of a pose": (":cup-pose", ":cup-pose-2"),
     "the name of a limit": (":slide-linear", ":slide-linear-7"),
     "a label": ("_:x", "_:other"),
-    "more statements": (":cup e:near", ':cup e:more "said" . :cup e:near'),
+    "more statements": (":cup e:near", ':cup e:more "stated" . :cup e:near'),
 }
 OTHERWISE = {
     "a number": ('"0.50"^^', '"0.51"^^'),
@@ -85,8 +85,8 @@ def test_every_omitted_statement_is_found(at: int, folder: Path) -> None:
     quads = list(ox.parse(write_map(world, format=MapFormat.TURTLE).encode(), ox.RdfFormat.TURTLE))
     gone = quads.pop(at % len(quads))
     origins = []
-    for name, said in (("before", [*quads, gone]), ("after", quads)):
-        ox.serialize(said, folder / f"{name}.nt", ox.RdfFormat.N_TRIPLES)
+    for name, statements in (("before", [*quads, gone]), ("after", quads)):
+        ox.serialize(statements, folder / f"{name}.nt", ox.RdfFormat.N_TRIPLES)
         origins.append(knowledge_base_from(folder / f"{name}.nt").source_view(world.iri))
     assert lost_statements(*origins)
 

@@ -1,4 +1,4 @@
-"""What cannot be written is refused, in a sentence that names it."""
+"""Worlds that cannot be written are refused with a message that names the problem."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from tests.knowledge.test_round_trip import CUP, TABLE, world_of
 
 A = BodyId("a")
 REFUSED = {
-    "two things of one id": (world_of(CUP, replace(TABLE, id=CUP.id)), "'cup'"),
-    "two things of one name": (world_of(CUP, replace(TABLE, iri=CUP.iri)), "'table'.*'cup'"),
-    "a thing called like the map": (world_of(replace(CUP, iri=individual("room"))), "'cup'.*map"),
+    "two entities with one id": (world_of(CUP, replace(TABLE, id=CUP.id)), "'cup'"),
+    "two entities with one name": (world_of(CUP, replace(TABLE, iri=CUP.iri)), "'table'.*'cup'"),
+    "an entity with the name of the map": (world_of(replace(CUP, iri=individual("room"))), "'cup'.*map"),
     "a child that is not there": (world_of(CUP, attachments=(Attachment(parent=CUP.id, child=A),)), "'a'"),
     "an endless mass": (world_of(replace(CUP, physics=BodyPhysics(mass_kg=float("inf")))), "inf.*mass"),
     "a negative mass": (world_of(replace(CUP, physics=BodyPhysics(mass_kg=-1.0))), "-1.0.*mass"),
-    "a place that is none": (world_of(replace(CUP, pose=Pose((float("nan"), 0.0, 0.0)))), "nan.*translation"),
+    "an invalid pose": (world_of(replace(CUP, pose=Pose((float("nan"), 0.0, 0.0)))), "nan.*translation"),
     "no rotation": (world_of(replace(CUP, pose=Pose(quaternion=(0.0, 0.0, 0.0, 0.0)))), "quaternion"),
     "a name with a blank": (world_of(replace(CUP, iri=Iri("http://e/a cup"))), "a cup"),
     "a class that is no name": (world_of(replace(CUP, cls=Iri("Cup"))), "<Cup>"),
@@ -39,8 +39,8 @@ REFUSED = {
 @pytest.mark.parametrize("format", MapFormat)
 @pytest.mark.parametrize("name", REFUSED)
 def test_an_invalid_world_is_refused(name: str, format: MapFormat) -> None:
-    world, said = REFUSED[name]
-    with pytest.raises(MapWriteError, match=said):
+    world, message = REFUSED[name]
+    with pytest.raises(MapWriteError, match=message):
         write_map(world, format=format)
 
 
@@ -58,9 +58,9 @@ ONLY_TURTLE = {
 
 @pytest.mark.parametrize("name", ONLY_TURTLE)
 def test_turtle_is_recommended_if_xml_cannot_express_a_name(name: str, tmp_path: Path) -> None:
-    told, said = ONLY_TURTLE[name]
-    world = world_of(facts=(told,))
-    with pytest.raises(MapWriteError, match=f"{said}.*Turtle"):
+    fact, message = ONLY_TURTLE[name]
+    world = world_of(facts=(fact,))
+    with pytest.raises(MapWriteError, match=f"{message}.*Turtle"):
         write_map(world)
     save_map(world, tmp_path / "map.ttl")
     assert knowledge_base_from(tmp_path / "map.ttl").world() == world

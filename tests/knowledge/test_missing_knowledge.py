@@ -115,35 +115,33 @@ def test_a_question_without_answers_gives_the_missing_statement(
         ({"thing": "fridge", "state": "open"}, "joint positions are unknown"),
     ],
 )
-def test_fixed_containers_differ_from_unmeasured_ones(
-    args: dict[str, str], why: str, kitchen: KnowledgeBase
-) -> None:
-    (lack,) = kitchen.ask("openings", **args).missing
-    assert lack.reason.startswith(why)
+def test_fixed_containers_differ_from_unmeasured_ones(args: dict[str, str], why: str, kitchen: KnowledgeBase) -> None:
+    (missing,) = kitchen.ask("openings", **args).missing
+    assert missing.reason.startswith(why)
 
 
 def test_a_map_without_purposes_gives_the_missing_restrictions(tmp_path: Path) -> None:
     path = tmp_path / "room.ttl"
     path.write_text(room_map(body_turtle("cup")), encoding="utf-8")
     kb = knowledge_base_from(path)
-    (lack,) = kb.ask("storage_place").missing
-    assert lack.reason == "no class has typePrimaryFunction-containerFor some …"
-    (lack,) = kb.ask("device_for_action").missing
-    assert lack.reason == "no class has deviceUsed some …"
-    (lack,) = kb.ask("storage_place_in_environment").missing
-    assert lack.reason.startswith("everything in all maps stores nothing: none of its classes")
-    (lack,) = kb.ask("class_properties").missing
-    assert lack.reason == "no class has a restriction on its members"
+    (missing,) = kb.ask("storage_place").missing
+    assert missing.reason == "no class has typePrimaryFunction-containerFor some …"
+    (missing,) = kb.ask("device_for_action").missing
+    assert missing.reason == "no class has deviceUsed some …"
+    (missing,) = kb.ask("storage_place_in_environment").missing
+    assert missing.reason.startswith("everything in all maps stores nothing: none of its classes")
+    (missing,) = kb.ask("class_properties").missing
+    assert missing.reason == "no class has a restriction on its members"
 
 
 def test_a_known_class_without_individuals_is_reported(tmp_path: Path) -> None:
     path = tmp_path / "room.ttl"
     path.write_text(room_map(body_turtle("cup")), encoding="utf-8")
     kb = knowledge_base_from(path, bundled_ontology=True)
-    (lack,) = kb.ask("storage_place_in_environment", item="CowsMilk").missing
-    assert lack.reason == "no individual in any map is a Refrigerator"
-    (lack,) = kb.ask("device_for_action_in_environment", action="BakingFood", map="room").missing
-    assert lack.reason == "no individual in room is a HeatSource"
+    (missing,) = kb.ask("storage_place_in_environment", item="CowsMilk").missing
+    assert missing.reason == "no individual in any map is a Refrigerator"
+    (missing,) = kb.ask("device_for_action_in_environment", action="BakingFood", map="room").missing
+    assert missing.reason == "no individual in room is a HeatSource"
     assert kb.ask("storage_place_in_environment", item="Robot").missing == kb.ask("storage_place", item="Robot").missing
 
 
@@ -152,15 +150,15 @@ def test_empty_maps_and_individuals_without_a_map_are_reported(tmp_path: Path) -
     path.write_text(room_map("k:Cup a owl:Class . :cup a k:Cup . e:Lonely a owl:Class ."), encoding="utf-8")
     kb = knowledge_base_from(path)
     assert kb.ask("everything_in_map").missing == ()
-    (lack,) = kb.ask("everything_in_map", map="room").missing
-    assert lack.reason == "nothing is in room: there is no describedInMap statement"
-    (lack,) = kb.ask("everything_in_map", individual="cup").missing
-    assert (local_name(lack.cls), local_name(lack.property)) == ("Cup", "describedInMap")
-    (lack,) = kb.ask("subclass_of", cls="Lonely").missing
-    assert lack.reason == "Lonely has no superclass: there is no subClassOf statement"
-    (lack,) = kb.ask("siblings", cls="Lonely").missing
-    assert lack.reason == "Lonely has no such sibling: it has no subClassOf statement"
-    (lack,) = kb.ask("identical_maps").missing
-    assert lack.reason == "1 maps are loaded, and a comparison needs two"
-    (lack,) = KnowledgeBase(bundled_ontology=False).ask("maps").missing
-    assert lack.reason.startswith("no semantic map is loaded")
+    (missing,) = kb.ask("everything_in_map", map="room").missing
+    assert missing.reason == "nothing is in room: there is no describedInMap statement"
+    (missing,) = kb.ask("everything_in_map", individual="cup").missing
+    assert (local_name(missing.cls), local_name(missing.property)) == ("Cup", "describedInMap")
+    (missing,) = kb.ask("subclass_of", cls="Lonely").missing
+    assert missing.reason == "Lonely has no superclass: there is no subClassOf statement"
+    (missing,) = kb.ask("siblings", cls="Lonely").missing
+    assert missing.reason == "Lonely has no such sibling: it has no subClassOf statement"
+    (missing,) = kb.ask("identical_maps").missing
+    assert missing.reason == "1 maps are loaded, and a comparison needs two"
+    (missing,) = KnowledgeBase(bundled_ontology=False).ask("maps").missing
+    assert missing.reason.startswith("no semantic map is loaded")

@@ -1,4 +1,4 @@
-"""What follows by the rules of OWL 2 RL: there when somebody asks for it, gone when nobody wants it any more."""
+"""Statements derived by the rules of OWL 2 RL."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def reasoner() -> None:
 
 @pytest.fixture
 def lair(reasoner: None, tmp_path: Path) -> KnowledgeBase:
-    """One owner at most: whoever owns what somebody else owns is the same."""
+    """A map with an inverse functional property: two owners of the same object are the same individual."""
     path = tmp_path / "map.ttl"
     path.write_text(
         room_map(
@@ -109,7 +109,7 @@ def test_the_usual_questions_do_not_need_derivation(reasoner: None) -> None:
     kb.load(bundled_kitchen())
     world, before = (
         kb.world(),
-        {asked.name: list(kb.ask(asked)) for asked in list_questions() if not asked.uses_current_state},
+        {declared.name: list(kb.ask(declared)) for declared in list_questions() if not declared.uses_current_state},
     )
     assert kb.derive() > 1000
     assert {name: list(kb.ask(name)) for name in before} == before

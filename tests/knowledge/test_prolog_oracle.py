@@ -1,4 +1,4 @@
-"""An oracle: the same rules in plain Prolog, over SWI's own store, give the same answers for every class there is."""
+"""The same rules in plain Prolog, over SWI-Prolog's own store, give the same answers for every class."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ ENDS = {
     "part_of": ("part", "whole"),
     "siblings": ("cls", "sibling"),
 }
-"""The two ends of each question."""
+"""The two columns of each question."""
 
 Answers = dict[str, set[tuple[str, str]]]
 

@@ -1,4 +1,4 @@
-"""The questions: what they answer, in the thesis's laboratory and in the bundled kitchen, and how they explain it."""
+"""The answers and explanations of all questions, for the thesis's laboratory and the bundled kitchen."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def kitchen() -> KnowledgeBase:
 
 @pytest.fixture(scope="module", params=["community", "bundled"])
 def laboratory(request: pytest.FixtureRequest, shared_data: Path) -> KnowledgeBase:
-    """The thesis's kitchen, with the ontologies of its time, and with the bundled one alone."""
+    """The thesis's kitchen, with the ontologies of its time, or with the bundled ontology only."""
     community = request.param == "community"
     kb = KnowledgeBase(bundled_ontology=not community)
     kb.load(shared_data / "maps" / IAI, ontologies=[shared_data / "ontology"] if community else [])
@@ -54,7 +54,9 @@ def classes(kb: KnowledgeBase, individuals: list[Iri]) -> list[str]:
 @pytest.mark.parametrize(
     ("cls", "count"), [("Handle", 18), ("Door", 13), ("StorageConstruct", 18), ("ElectricalDevice", 14)]
 )
-def test_the_number_of_individuals_of_a_class_equals_the_thesis(laboratory: KnowledgeBase, cls: str, count: int) -> None:
+def test_the_number_of_individuals_of_a_class_equals_the_thesis(
+    laboratory: KnowledgeBase, cls: str, count: int
+) -> None:
     assert len({row.individual for row in laboratory.ask("individual_of_class", cls=cls)}) == count
 
 
@@ -132,43 +134,43 @@ def test_an_individual_that_only_one_map_has_is_a_difference(tmp_path: Path) -> 
 # -- every question ----------------------------------------------------------------------------------------------------
 
 
-each_question = pytest.mark.parametrize("asked", list_questions(), ids=lambda asked: asked.name)
+each_question = pytest.mark.parametrize("declared", list_questions(), ids=lambda declared: declared.name)
 
 
 @each_question
-def test_answers_agree_for_all_combinations_of_given_arguments(asked: Question, kitchen: KnowledgeBase) -> None:
-    every = kitchen.ask(asked.name)
-    names = [argument.name for argument in asked.arguments if argument.name in asked.columns]
+def test_answers_agree_for_all_combinations_of_given_arguments(declared: Question, kitchen: KnowledgeBase) -> None:
+    all_answers = kitchen.ask(declared.name)
+    names = [argument.name for argument in declared.arguments if argument.name in declared.columns]
     subsets = list(chain.from_iterable(combinations(names, size) for size in range(1, len(names) + 1)))
-    for row in every[:: max(1, len(every) // 12)]:
+    for row in all_answers[:: max(1, len(all_answers) // 12)]:
         for subset in subsets:
             bound = {name: getattr(row, name) for name in subset}
-            expected = {each for each in every if all(getattr(each, name) == bound[name] for name in subset)}
-            assert set(kitchen.ask(asked.name, **bound)) == expected, bound
+            expected = {each for each in all_answers if all(getattr(each, name) == bound[name] for name in subset)}
+            assert set(kitchen.ask(declared.name, **bound)) == expected, bound
 
 
 @each_question
-def test_answers_are_unique_and_in_a_stable_order(asked: Question, kitchen: KnowledgeBase) -> None:
-    answers = list(kitchen.ask(asked.name))
+def test_answers_are_unique_and_in_a_stable_order(declared: Question, kitchen: KnowledgeBase) -> None:
+    answers = list(kitchen.ask(declared.name))
     assert len(answers) == len(set(answers))
     again = KnowledgeBase()
     again.load(bundled_kitchen())
-    assert list(again.ask(asked)) == answers
+    assert list(again.ask(declared)) == answers
 
 
 @each_question
-def test_every_question_has_a_description_and_examples(asked: Question) -> None:
-    assert asked.text.splitlines()[0].endswith(".")
-    assert asked.examples
-    assert all(example.split()[0] == asked.name for example in asked.examples)
-    assert all(argument.default is None or argument.name == "tolerance" for argument in asked.arguments)
+def test_every_question_has_a_description_and_examples(declared: Question) -> None:
+    assert declared.text.splitlines()[0].endswith(".")
+    assert declared.examples
+    assert all(example.split()[0] == declared.name for example in declared.examples)
+    assert all(argument.default is None or argument.name == "tolerance" for argument in declared.arguments)
 
 
 @each_question
-def test_every_answer_has_an_explanation(asked: Question, kitchen: KnowledgeBase) -> None:
-    answers = kitchen.ask(asked)
+def test_every_answer_has_an_explanation(declared: Question, kitchen: KnowledgeBase) -> None:
+    answers = kitchen.ask(declared)
     for row in answers[:: max(1, len(answers) // 20)]:
-        lines = kitchen.explain(asked, row)
+        lines = kitchen.explain(declared, row)
         assert lines, row
         assert all(lines), lines
         assert not any("http" in line for line in lines), "names are short where people read"
@@ -303,7 +305,7 @@ def test_two_questions_cannot_have_one_name() -> None:
 
 def test_a_question_without_any_map_or_ontology_has_no_answers() -> None:
     kb = KnowledgeBase(bundled_ontology=False)
-    assert [asked.name for asked in list_questions() if kb.ask(asked)] == []
+    assert [declared.name for declared in list_questions() if kb.ask(declared)] == []
 
 
 # -- values -----------------------------------------------------------------------------------------------------------
@@ -338,7 +340,7 @@ def test_answers_are_a_sequence_of_typed_rows(kitchen: KnowledgeBase) -> None:
     assert "Breadbasket" in repr(answers)
 
 
-# -- laziness ----------------------------------------------------------------------------------------------------------
+# -- caching -----------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -365,11 +367,11 @@ def test_the_next_answer_includes_sources_loaded_later(tmp_path: Path) -> None:
 
 
 def test_the_cache_has_a_maximum_number_of_rows(kitchen: KnowledgeBase) -> None:
-    remembered = AnswerCache(max_rows=30)
+    cache = AnswerCache(max_rows=30)
     few, more = kitchen.ask("subclass_of", cls="Refrigerator"), kitchen.ask("subclass_of", cls="CowsMilk")
     assert 10 < len(few) <= 30 < len(few) + len(more)
-    remembered.put(("few",), few)
-    remembered.put(("all",), kitchen.ask("subclass_of"))
-    assert (remembered.get(("few",)), remembered.get(("all",))) == (few, None)
-    remembered.put(("more",), more)
-    assert (remembered.get(("few",)), remembered.get(("more",))) == (None, more)
+    cache.put(("few",), few)
+    cache.put(("all",), kitchen.ask("subclass_of"))
+    assert (cache.get(("few",)), cache.get(("all",))) == (few, None)
+    cache.put(("more",), more)
+    assert (cache.get(("few",)), cache.get(("more",))) == (None, more)

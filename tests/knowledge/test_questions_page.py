@@ -1,4 +1,4 @@
-"""The page about the questions is what its script writes, and every example on it runs."""
+"""The page about the questions is up to date, and every example on it runs."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ def test_the_page_is_up_to_date() -> None:
 
 
 def test_every_question_is_on_it_with_an_example() -> None:
-    assert {example.split()[1] for example in EXAMPLES} == {asked.name for asked in list_questions()}
+    assert {example.split()[1] for example in EXAMPLES} == {declared.name for declared in list_questions()}
 
 
 @pytest.mark.parametrize("example", EXAMPLES)
 def test_every_example_has_an_answer(example: str) -> None:
     result = CliRunner().invoke(app, shlex.split(example))
-    nothing = example.startswith("ask differences")  # a map does not differ from itself, and the kitchen is alone
+    nothing = example.startswith("ask differences")  # a map does not differ from itself, and only one is loaded
     assert result.exit_code == (1 if nothing else 0), result.output

@@ -1,4 +1,4 @@
-"""Writing undoes reading and reading undoes writing: no world and no statement is lost on the way."""
+"""Writing and reading are inverse: no world and no statement is lost."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ each_format = pytest.mark.parametrize("format", MapFormat)
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Hypothesis writes many files; they may replace one another."""
+    """One folder for all examples of Hypothesis, which overwrite their files."""
     return tmp_path_factory.mktemp("maps")
 
 
@@ -76,7 +76,7 @@ def test_any_world_comes_back_from_its_file(world: World, format: MapFormat, fol
 @each_format
 @given(world=worlds(labels=True))
 def test_a_world_that_was_read_is_written_identically(world: World, format: MapFormat, folder: Path) -> None:
-    # With labels a first reading may choose another form for the same: a node that only one statement mentions.
+    # With labels, the first reading may change the form: a blank node with one reference is nested.
     once = read_back(world, folder, format)
     assert read_back(once, folder, format) == once
 
@@ -240,31 +240,31 @@ def quads(path: Path) -> Iterable[ox.Quad]:
 
 
 def statements(path: Path) -> ox.Dataset:
-    """All that a file says, with numbers as values; equal for files that say the same, whatever labels they use."""
-    said = ox.Dataset()
+    """The canonical statements of a file, with numbers as values; equal for any labels of blank nodes."""
+    statements = ox.Dataset()
     for quad in quads(path):
         term = quad.object
         if isinstance(term, ox.Literal) and (term.datatype.value in NUMERIC or quad.predicate.value in OF_NUMBERS):
             with suppress(ValueError):
                 numbers = " ".join(repr(float(number)) for number in term.value.split())
                 term = ox.Literal(numbers, datatype=term.datatype)
-        said.add(ox.Quad(quad.subject, quad.predicate, term))
-    said.canonicalize(ox.CanonicalizationAlgorithm.RDFC_1_0)
-    return said
+        statements.add(ox.Quad(quad.subject, quad.predicate, term))
+    statements.canonicalize(ox.CanonicalizationAlgorithm.RDFC_1_0)
+    return statements
 
 
-def implied(said: set[ox.Quad]) -> set[ox.Quad]:
-    """What the writer always says: both sides of a relation, and that an individual is one."""
+def implied(statements: set[ox.Quad]) -> set[ox.Quad]:
+    """Statements that the writer adds: both directions of a relation, and the type NamedIndividual."""
     turned = {ox.NamedNode(knowrob_iri("child")): ox.NamedNode(knowrob_iri("parent"))}
     turned |= {parent: child for child, parent in turned.items()}
-    others = {ox.Quad(q.object, turned[q.predicate], q.subject) for q in said if q.predicate in turned}  # type: ignore[arg-type]
+    others = {ox.Quad(q.object, turned[q.predicate], q.subject) for q in statements if q.predicate in turned}  # type: ignore[arg-type]
     named = ox.NamedNode("http://www.w3.org/2002/07/owl#NamedIndividual")
-    return others | {ox.Quad(q.subject, ox.NamedNode(RDF_TYPE), named) for q in said}
+    return others | {ox.Quad(q.subject, ox.NamedNode(RDF_TYPE), named) for q in statements}
 
 
 @pytest.fixture(params=["iai-kitchen-original", "iai-kitchen-spawned", "knowrob1-ccrl", "bundled"])
 def map_file(request: pytest.FixtureRequest) -> Path:
-    """Maps that others have written, and our own."""
+    """Maps of other projects, and our own."""
     if request.param == "bundled":
         return bundled_kitchen()
     folder: Path = request.getfixturevalue("shared_data")
@@ -330,8 +330,8 @@ def test_a_body_that_moved_away_from_a_shared_pose_gets_a_pose_of_its_own(read: 
     x, y = world.bodies
     moved = replace(world, bodies=(x, replace(y, pose=Pose((7.0, 8.0, 9.0)))))
     save_map(moved, tmp_path / "out.ttl")
-    assert [thing.pose for thing in knowledge_base_from(tmp_path / "out.ttl").world().bodies] == [
-        thing.pose for thing in moved.bodies
+    assert [body.pose for body in knowledge_base_from(tmp_path / "out.ttl").world().bodies] == [
+        body.pose for body in moved.bodies
     ]
 
 
@@ -355,7 +355,7 @@ def test_generated_ids_are_written(read: ReadMap, tmp_path: Path) -> None:
     assert knowledge_base_from(tmp_path / "out.ttl").world() == world
 
 
-# -- others who read ---------------------------------------------------------------------------------------------------
+# -- other readers -----------------------------------------------------------------------------------------------------
 
 
 def prolog_count(swipl: Path, path: Path) -> int:

@@ -1,4 +1,4 @@
-"""SPARQL straight on the store."""
+"""SPARQL queries on a store in memory."""
 
 from __future__ import annotations
 
@@ -13,8 +13,7 @@ from pathlib import Path
 import pytest
 
 from mindstage.errors import SparqlSyntaxError, SparqlTimeoutError, StoreError
-from mindstage.knowledge import KnowledgeBase, RdfTerm
-from mindstage.knowledge import sparql_worker
+from mindstage.knowledge import KnowledgeBase, RdfTerm, sparql_worker
 from tests.knowledge.maps import KNOWROB, XSD
 
 ENDLESS = "SELECT (COUNT(*) AS ?n) WHERE { ?a ?b ?c . ?d ?e ?f . ?g ?h ?i }"
@@ -77,7 +76,7 @@ def test_updates_are_refused_by_name(update: str, kb: KnowledgeBase) -> None:
     assert kb.sparql("SELECT (COUNT(*) AS ?n) { ?a ?b ?c }") == before
 
 
-# -- nothing is fetched unasked ----------------------------------------------------------------------------------------
+# -- other servers -----------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -121,7 +120,7 @@ def test_an_unreachable_service_is_named_as_the_cause(kb: KnowledgeBase) -> None
     assert "SELECT, ASK" not in str(refused.value)
 
 
-# -- every query ends --------------------------------------------------------------------------------------------------
+# -- limits ------------------------------------------------------------------------------------------------------------
 
 
 def test_an_endless_query_is_stopped(kb: KnowledgeBase) -> None:
@@ -153,14 +152,14 @@ os.kill(os.getpid(), 9)
 
 def test_a_query_with_too_much_memory_is_stopped(kb: KnowledgeBase, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sparql_worker, "MEMORY_LIMIT", 64 * 1024**2)
-    kb.tell("ms:Anew", "subClassOf", "Tool")  # so that the next query has a new process
+    kb.tell("ms:Second", "subClassOf", "Tool")  # so that the next query has a new process
     with pytest.raises(SparqlSyntaxError, match=r"it needs more than .* of memory; ask for less"):
         kb.sparql(HOARDING, timeout_s=120.0)
 
 
 def test_an_answer_that_is_too_large_is_refused(kb: KnowledgeBase, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sparql_worker, "REPLY_LIMIT", 1024**2)
-    kb.tell("ms:Newer", "subClassOf", "Tool")
+    kb.tell("ms:Third", "subClassOf", "Tool")
     with pytest.raises(SparqlSyntaxError, match=r"its answer is larger than .* MiB; ask for less \(LIMIT"):
         kb.sparql(OVERFLOWING, timeout_s=120.0)
 
@@ -175,7 +174,7 @@ def test_an_infinite_timeout_is_allowed(kb: KnowledgeBase) -> None:
     assert kb.sparql("ASK {}", timeout_s=float("inf")).boolean
 
 
-# -- what is known now -------------------------------------------------------------------------------------------------
+# -- workers -----------------------------------------------------------------------------------------------------------
 
 
 def test_a_query_sees_a_statement_asserted_just_before(kb: KnowledgeBase) -> None:
@@ -205,10 +204,10 @@ def test_worker_processes_end_with_their_knowledge_base() -> None:
 
 
 def workers() -> set[str]:
-    """The processes that this one has started and that live."""
+    """The ids of the running child processes."""
     tasks = Path("/proc/self/task")
     if not tasks.is_dir():
-        pytest.skip("only Linux tells a process's children")
+        pytest.skip("only Linux lists the children of a process")
     found: set[str] = set()
     for task in tasks.iterdir():
         with suppress(FileNotFoundError):  # a thread that has just ended
@@ -217,7 +216,7 @@ def workers() -> set[str]:
 
 
 def ended(condition: Callable[[], bool]) -> bool:
-    """Waits until something is true, or for a minute."""
+    """Waits until a condition holds, at most for a minute."""
     deadline = time.monotonic() + 60.0
     while not condition():
         if time.monotonic() > deadline:

@@ -1,4 +1,4 @@
-"""Knowledge in a folder: what was loaded and told is there again, and nothing half-written is ever used."""
+"""Knowledge bases in a folder: everything persists, and an incomplete folder is never used."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def kitchen_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def folder(kitchen_folder: Path, tmp_path: Path) -> Path:
-    """A folder of its own, with the kitchen."""
+    """A folder with the kitchen."""
     return shutil.copytree(kitchen_folder, tmp_path / "kitchen")
 
 
@@ -53,7 +53,7 @@ def reopened(folder: Path) -> KnowledgeBase:
     return KnowledgeBase(store=folder)
 
 
-# -- what comes back ---------------------------------------------------------------------------------------------------
+# -- persistence -------------------------------------------------------------------------------------------------------
 
 
 def test_a_reopened_folder_has_everything_without_parsing(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -122,7 +122,7 @@ def test_queries_see_the_folder_and_recent_assertions(folder: Path) -> None:
         kb.tell("ms:Rack", "subClassOf", "Refrigerator")
         assert kb.sparql(ask).boolean
     assert sorted(path.name for path in folder.iterdir()) == ["mindstage.json", "texts", "triples"]
-    (folder / "triples-as-asked-7").mkdir()  # as a process leaves it that was killed while it asked
+    (folder / "triples-as-asked-7").mkdir()  # left by a process that was killed during a query
     reopened(folder).close()
     assert not (folder / "triples-as-asked-7").exists()
 
@@ -135,9 +135,9 @@ def test_a_folder_keeps_the_choice_of_the_bundled_ontology(small: tuple[Path, Pa
 
 
 def test_the_bundled_ontology_of_another_version_is_replaced(folder: Path) -> None:
-    told = json.loads((folder / "mindstage.json").read_text())
-    told["sources"][0]["hash"] = "0" * 64
-    text = json.dumps(told).replace(str(bundled_ontology()), "/elsewhere/household.ttl")
+    manifest = json.loads((folder / "mindstage.json").read_text())
+    manifest["sources"][0]["hash"] = "0" * 64
+    text = json.dumps(manifest).replace(str(bundled_ontology()), "/elsewhere/household.ttl")
     (folder / "mindstage.json").write_text(text)
     with reopened(folder) as kb:
         assert bundled_ontology() in kb.sources()
@@ -145,7 +145,7 @@ def test_the_bundled_ontology_of_another_version_is_replaced(folder: Path) -> No
         assert [local_name(row.place) for row in kb.ask("storage_place", item="CowsMilk")] == ["Refrigerator"]
 
 
-# -- what has changed since --------------------------------------------------------------------------------------------
+# -- changed sources ---------------------------------------------------------------------------------------------------
 
 
 def test_a_changed_source_is_read_again_and_reported(small: tuple[Path, Path]) -> None:
@@ -220,7 +220,7 @@ def test_a_failed_bulk_load_leaves_nothing_behind(
         assert len(kb.sparql("SELECT ?s { ?s <e:b> ?o }").rows) == 1
 
 
-# -- what is no such folder --------------------------------------------------------------------------------------------
+# -- invalid folders ---------------------------------------------------------------------------------------------------
 
 
 def test_a_folder_with_other_files_is_refused(tmp_path: Path) -> None:
@@ -238,7 +238,9 @@ def test_a_file_in_place_of_the_folder_is_refused(tmp_path: Path) -> None:
 
 def test_a_folder_of_a_newer_format_is_refused(folder: Path) -> None:
     (folder / "mindstage.json").write_text('{"format_version": 99, "feelings": []}')
-    with pytest.raises(StoreError, match="it has format version 99, and this version of Mindstage reads up to 1; use a newer Mindstage"):
+    with pytest.raises(
+        StoreError, match="it has format version 99, and this version of Mindstage reads up to 1; use a newer Mindstage"
+    ):
         reopened(folder)
 
 

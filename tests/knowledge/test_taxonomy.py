@@ -1,4 +1,4 @@
-"""The class hierarchy, whatever circles the sources draw."""
+"""The class hierarchy, including cycles."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is told at run time makes the next answer better, and can be taken back."""
+"""Assertions and retractions at run time."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ def places(kb: KnowledgeBase, item: str) -> list[str]:
 
 
 def test_asserting_a_missing_statement_gives_an_answer(kb: KnowledgeBase) -> None:
-    (lack,) = kb.ask("storage_place", item="Robot").missing
-    kb.tell("Cupboard", lack.property, lack.cls)
+    (missing,) = kb.ask("storage_place", item="Robot").missing
+    kb.tell("Cupboard", missing.property, missing.cls)
     assert places(kb, "Robot") == ["Cupboard"]
     assert kb.ask("storage_place_in_environment", item="Robot")
-    assert kb.retract("Cupboard", lack.property, lack.cls)
+    assert kb.retract("Cupboard", missing.property, missing.cls)
     assert places(kb, "Robot") == []
 
 
