@@ -125,7 +125,7 @@ def test_a_finding_is_a_sentence(read: ReadMap) -> None:
     _, (finding,) = read(room_map(body_turtle("cup", 'k:mass "heavy"')))
     assert str(finding) == (
         f"warning: {individual('cup')}, {knowrob_iri('mass')}: 'heavy' is not a finite number of 0 or more; "
-        "it stays a fact without meaning"
+        "it stays a fact and is not used"
     )
 
 

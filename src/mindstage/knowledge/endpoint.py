@@ -223,9 +223,9 @@ _OWL_NAMES = """allValuesFrom cardinality complementOf disjointWith disjointUnio
     qualifiedCardinality sameAs someValuesFrom unionOf versionIRI withRestrictions"""
 
 _BULK_PREDICATES = (
-    *(RDF + word for word in _RDF_NAMES.split()),
-    *(RDFS + word for word in _RDFS_NAMES.split()),
-    *(OWL + word for word in _OWL_NAMES.split()),
+    *(RDF + name for name in _RDF_NAMES.split()),
+    *(RDFS + name for name in _RDFS_NAMES.split()),
+    *(OWL + name for name in _OWL_NAMES.split()),
     *map(dul, ("hasPart", "hasComponent", "isPartOf", "isComponentOf")),
     *map(soma, ("hasPhysicalComponent", "isPhysicalComponentOf")),
     *(CHILD, PARENT, DESCRIBED_IN_MAP),

@@ -264,13 +264,13 @@ class ClassExpressionParser:
         if expression is None:
             return UnparsedExpression()
         property, inverse = expression[0], not expression[1]
-        for word, kind in _VALUE_RESTRICTIONS.items():
-            if word in statements:
-                return Restriction(property, kind, self.parse(statements[word][0], enclosing), inverse=inverse)
-        for word, kind in _CARDINALITIES.items():
-            number = statements.get(word, [None])[0]
+        for key, kind in _VALUE_RESTRICTIONS.items():
+            if key in statements:
+                return Restriction(property, kind, self.parse(statements[key][0], enclosing), inverse=inverse)
+        for key, kind in _CARDINALITIES.items():
+            number = statements.get(key, [None])[0]
             if isinstance(number, ox.Literal) and number.value.isdecimal():
-                fillers = [self.parse(statements[word][0], enclosing) for word in _QUALIFIERS if word in statements]
+                fillers = [self.parse(statements[name][0], enclosing) for name in _QUALIFIERS if name in statements]
                 return Restriction(property, kind, fillers[0] if fillers else None, int(number.value), inverse)
         return (
             Restriction(property, RestrictionType.HAS_SELF, inverse=inverse)

@@ -458,8 +458,8 @@ _PART_PROPERTIES = (
 )
 _PART_OF_PROPERTIES = (PARENT, *map(dul, ("isPartOf", "isComponentOf")))
 _PART_EXPRESSIONS: tuple[PropertyExpression, ...] = (
-    *((word, True) for word in (*_PART_PROPERTIES, soma("hasPhysicalComponent"))),
-    *((word, False) for word in (*_PART_OF_PROPERTIES, soma("isPhysicalComponentOf"))),
+    *((property, True) for property in (*_PART_PROPERTIES, soma("hasPhysicalComponent"))),
+    *((property, False) for property in (*_PART_OF_PROPERTIES, soma("isPhysicalComponentOf"))),
 )
 
 
@@ -519,8 +519,8 @@ class Reasoner:
     def add_graph(self, graph: ox.NamedNode) -> set[Iri]:
         """Updates the reasoner with a graph that was added to the store, and returns the names in it."""
         quads_by_property = {
-            word: list(self._store.quads_for_pattern(None, ox.NamedNode(word), None, graph))
-            for word in (TYPE, DESCRIBED_IN_MAP, *CLASS_AXIOM_PROPERTIES, *PROPERTY_AXIOM_PROPERTIES)
+            property: list(self._store.quads_for_pattern(None, ox.NamedNode(property), None, graph))
+            for property in (TYPE, DESCRIBED_IN_MAP, *CLASS_AXIOM_PROPERTIES, *PROPERTY_AXIOM_PROPERTIES)
         }
         if not self.axioms.add(quads_by_property.__getitem__):
             self.axioms = ClassAxioms(self._quads_with_predicate)
@@ -536,8 +536,8 @@ class Reasoner:
             Whether statements about classes are among them.
         """
         quads = list(quads)
-        words = {quad.predicate.value for quad in quads}
-        of_classes = not CLASS_AXIOM_PROPERTIES.isdisjoint(words)
+        predicates = {quad.predicate.value for quad in quads}
+        of_classes = not CLASS_AXIOM_PROPERTIES.isdisjoint(predicates)
         reset = of_classes and not self._update_classes(
             [q for q in quads if q.predicate.value in CLASS_AXIOM_PROPERTIES]
         )
@@ -546,9 +546,9 @@ class Reasoner:
             if name := node_label(node):
                 self.individuals.update(name, self._objects(node, TYPE), self._objects(node, DESCRIBED_IN_MAP))
         objects = {quad.object.value for quad in quads if isinstance(quad.object, ox.NamedNode)}
-        if reset or not (PROPERTY_AXIOM_PROPERTIES.isdisjoint(words) and PROPERTY_TYPES.isdisjoint(objects)):
+        if reset or not (PROPERTY_AXIOM_PROPERTIES.isdisjoint(predicates) and PROPERTY_TYPES.isdisjoint(objects)):
             self._drop_cached("properties", "instance_checker")
-        elif of_classes or TYPE in words or DESCRIBED_IN_MAP in words or self._affects_membership(quads):
+        elif of_classes or TYPE in predicates or DESCRIBED_IN_MAP in predicates or self._affects_membership(quads):
             self._drop_cached("instance_checker")
         if "properties" in self.__dict__:
             self.properties.clear_usage_cache()

@@ -157,7 +157,7 @@ _IMPLICATIONS = (
     (Iri(OWL + "inverseOf"), True, True),
 )
 """The axiom; whether it holds in both directions; whether it inverts the property."""
-PROPERTY_AXIOM_PROPERTIES = frozenset({_CHAIN, _DOMAIN, _RANGE, *(word for word, _, _ in _IMPLICATIONS)})
+PROPERTY_AXIOM_PROPERTIES = frozenset({_CHAIN, _DOMAIN, _RANGE, *(axiom for axiom, _, _ in _IMPLICATIONS)})
 """The properties of statements about properties."""
 PROPERTY_TYPES = frozenset(Iri(OWL + name) for name in ("TransitiveProperty", "SymmetricProperty"))
 """The types of properties that have consequences."""
@@ -203,11 +203,11 @@ class PropertyHierarchy:
         self._parser = parser = parser or ClassExpressionParser()
         self._chains = self._read_chains(parser)
         self._domains_ranges = {
-            word: {
+            axiom: {
                 iri: tuple(_named_conjuncts(map(parser.parse, nodes)))
-                for iri, nodes in self._objects_by_subject(word).items()
+                for iri, nodes in self._objects_by_subject(axiom).items()
             }
-            for word in (_DOMAIN, _RANGE)
+            for axiom in (_DOMAIN, _RANGE)
         }
         self._bounding_classes = {
             cls for bounds in self._domains_ranges.values() for classes in bounds.values() for cls in classes
@@ -358,8 +358,8 @@ class PropertyHierarchy:
 
     def _implication_pairs(self) -> Iterator[tuple[PropertyExpression, PropertyExpression]]:
         """Pairs of property expressions of which the first implies the second."""
-        for word, mirrored, inverse in _IMPLICATIONS:
-            for quad in self._quads_with_predicate(word):
+        for axiom, mirrored, inverse in _IMPLICATIONS:
+            for quad in self._quads_with_predicate(axiom):
                 if isinstance(quad.subject, ox.NamedNode) and isinstance(quad.object, ox.NamedNode):
                     one, other = Iri(quad.subject.value), Iri(quad.object.value)
                     for forward in (True, False):

@@ -68,7 +68,7 @@ def read_materials(reader: SubjectReader) -> tuple[Material, ...]:
     for index in indexes:
         material = _read_material(reader, reader.facts[index].value)
         if material is None or material[0] in found or material[0] >= len(indexes):
-            reader.warn(MATERIAL, "a surface is not told as a whole, or its number is", "its materials stay facts")
+            reader.warn(MATERIAL, "a material is incomplete, or its index is invalid", "its materials stay facts")
             return ()
         found[material[0]] = material[1]
     reader.consume(*indexes)
@@ -132,15 +132,15 @@ class AttachmentReader:
             elif other in constraints:
                 self.ends.setdefault((other, PARENT if role == CHILD else CHILD), body)
             else:
-                reader.warn(role, f"{other} is no body of this map", "the relation stays a fact")
+                reader.warn(role, f"{other} is not a body of this map", "the relation stays a fact")
 
     def _attach(self, parent: Iri, child: Iri) -> str:
         """Attaches a body; returns the problem if that is not possible, else an empty string."""
         if child in self.parents:
             other = self.parents[child]
-            return "" if other == parent else f"{child} already hangs on {other} and cannot hang on {parent} too"
+            return "" if other == parent else f"{child} is already a child of {other} and cannot be a child of {parent} too"
         if self._root(parent) == child:
-            return f"{child} would hang on itself, by way of {parent}"
+            return f"{child} would be its own ancestor, by way of {parent}"
         self.parents[child] = parent
         self._ancestor[child] = parent
         return ""
@@ -258,8 +258,8 @@ class ClassSizes:
         """Reads the restrictions.
 
         Args:
-            sources: statements by class, in descending precedence; restrictions that several classes of a source share are
-                subjects there, under their labels.
+            sources: statements by class, in descending precedence; restrictions that several classes of a source share
+                are subjects there, under their labels.
             hierarchy: the class hierarchy.
             report: receives findings about contradictions.
         """
@@ -305,7 +305,7 @@ class ClassSizes:
                 if size[axis] is None:
                     size[axis] = number
                 elif size[axis] != number:
-                    self._warn(cls, axis, f"it is told twice: {size[axis]!r} and {number!r}", "the first counts")
+                    self._warn(cls, axis, f"it has two values: {size[axis]!r} and {number!r}", "the first is used")
 
     def _find_extent(self, axis: int, classes: tuple[Iri, ...], levels: Iterable[Sequence[Iri]]) -> float | None:
         for level in levels:
@@ -313,7 +313,7 @@ class ClassSizes:
             if sizes:
                 cls, size = next(iter(sizes.items()))
                 if any(other != size for other in sizes.values()):
-                    self._warn(classes[0], axis, f"{' and '.join(sizes)} disagree", f"{cls} counts")
+                    self._warn(classes[0], axis, f"{' and '.join(sizes)} disagree", f"that of {cls} is used")
                 return size
         return None
 
@@ -343,7 +343,7 @@ def read_size(
     if x is None or y is None or z is None:
         missing = [codec.property for codec, extent in zip(SIZE, (x, y, z), strict=True) if extent is None]
         if len(missing) < len(SIZE):
-            reader.warn(missing[0], "its size is told in part only", "it has none")
+            reader.warn(missing[0], "its size is incomplete", "it has no size")
         return None
     for codec, inherited in zip(SIZE, map_classes.get(classes), strict=True):
         reader.read(codec, keep_if=lambda extent, inherited=inherited: extent == inherited)  # type: ignore[misc]

@@ -183,13 +183,13 @@ def _read_pose(reader: SubjectReader) -> Pose | None:
     position, quaternion = reader.read(codecs.TRANSLATION), reader.read(codecs.QUATERNION)
     for codec, value in ((codecs.TRANSLATION, position), (codecs.QUATERNION, quaternion)):
         if value is None and not reader.indexes_of(codec.property):
-            reader.warn(codec.property, "a pose does not tell it", "it is no pose then")
+            reader.warn(codec.property, "it is missing in a pose", "the pose is not used")
     if position is None or quaternion is None:
         return None
     norm = math.hypot(*quaternion)
     if abs(norm - 1.0) > _UNIT_TOLERANCE:
-        what, did = f"the quaternion has the norm {norm:.6g} and not 1", "it is normalised where it is used"
-        reader.warn(codecs.QUATERNION.property, what, did)
+        problem, action = f"the quaternion has the norm {norm:.6g} and not 1", "it is normalized where it is used"
+        reader.warn(codecs.QUATERNION.property, problem, action)
     x, y, z = position
     w, i, j, k = quaternion
     return Pose((x, y, z), (w, i, j, k))
@@ -203,7 +203,7 @@ def _write_pose(writer: SubjectWriter, pose: Pose) -> None:
 def _read_motion(reader: SubjectReader, codec: PropertyCodec[AxisMotion]) -> AxisMotion:
     motion = reader.read(codec)
     if motion is None:
-        reader.warn(codec.property, "nothing understandable is told", "it is taken as locked")
+        reader.warn(codec.property, "there is no valid value", "it is taken as locked")
         return AxisMotion.LOCKED
     return motion
 
@@ -211,7 +211,7 @@ def _read_motion(reader: SubjectReader, codec: PropertyCodec[AxisMotion]) -> Axi
 def _read_limit(reader: SubjectReader, codec: PropertyCodec[float], *motions: AxisMotion) -> float:
     limit = reader.read(codec)
     if limit is None and AxisMotion.LIMITED in motions:
-        reader.warn(codec.property, "nothing understandable is told", "it is taken as 0")
+        reader.warn(codec.property, "there is no valid value", "it is taken as 0")
     return limit or 0.0
 
 
@@ -344,8 +344,8 @@ class NestedResourceReader:
             elif other.value != found.value:
                 reader.warn(
                     nested_resource.property,
-                    "it is told twice, differently",
-                    "the first counts, the other stays a fact",
+                    "it has different values",
+                    "the first is used, the other stays a fact",
                 )
         if found is None:
             self._consume_generated_name(reader, nested_resource)
@@ -370,13 +370,13 @@ class NestedResourceReader:
                 or node in self._individuals
                 or self._resource_types.get(node, nested_resource) is not nested_resource
             ):
-                why = "stands for something else as well" if facts else "is not described anywhere"
-                reader.warn(nested_resource.property, f"{node} {why}", "it stays a fact")
+                reason = "is also used as something else" if facts else "is not described anywhere"
+                reader.warn(nested_resource.property, f"{node} {reason}", "it stays a fact")
                 return None
         elif isinstance(target, BlankNode):
             facts = target.facts
         else:
-            reader.warn(nested_resource.property, f"{target.text!r} is a text and not a thing", "it stays a fact")
+            reader.warn(nested_resource.property, f"{target.text!r} is a literal and not a resource", "it stays a fact")
             return None
         inner = SubjectReader(node or reader.subject, tuple(facts), self._report, is_nested=True)
         inner.consume_references(TYPE, NAMED_INDIVIDUAL, nested_resource.cls)

@@ -360,12 +360,12 @@ class SubjectReader:
             term = self.facts[index].value
             value = codec.decode(term)
             if value is None:
-                self.warn(codec.property, _type_error(codec, term), "it stays a fact without meaning")
+                self.warn(codec.property, _type_error(codec, term), "it stays a fact and is not used")
                 continue
             if found is None:
                 found = value
             elif value != found and not codec.repeatable:
-                self.warn(codec.property, "it is told twice, differently", "the first counts, the others stay facts")
+                self.warn(codec.property, "it has different values", "the first is used, the others stay facts")
             if value == found and codec.round_trips(value, term) and not (keep_if and keep_if(value)):
                 repeated.append(index)
             elif stays is None:
@@ -379,7 +379,7 @@ class SubjectReader:
         term = self.facts[index].value
         value = codec.decode(term)
         if value is None:
-            self.warn(codec.property, _type_error(codec, term), "it stays a fact without meaning")
+            self.warn(codec.property, _type_error(codec, term), "it stays a fact and is not used")
         elif codec.round_trips(value, term):
             self._consumed.add(index)
         return value

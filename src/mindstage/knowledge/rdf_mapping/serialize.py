@@ -245,7 +245,7 @@ class _WorldSerializer:
 
     def _body_iri(self, body: BodyId, other: BodyId) -> Iri:
         if body not in self.iris:
-            raise MapWriteError(other, cause=f"it has to do with {body!r}, which is not in the world")
+            raise MapWriteError(other, cause=f"it refers to {body!r}, which is not in the world")
         return self.iris[body]
 
     # -- parts ---------------------------------------------------------------------------------------------------------
@@ -288,9 +288,9 @@ def _iris_by_id(world: World) -> dict[BodyId, Iri]:
     entities: Iterable[Body | Joint | Light] = chain(world.bodies, world.joints, world.lights)
     for entity in entities:
         if entity.id in iris:
-            raise MapWriteError(repr(entity.id), cause="two things have this id")
+            raise MapWriteError(repr(entity.id), cause="two entities have this id")
         if entity.iri in names:
-            raise MapWriteError(repr(entity.id), cause=f"{names[entity.iri]} is called <{entity.iri}> too")
+            raise MapWriteError(repr(entity.id), cause=f"{names[entity.iri]} has the same IRI <{entity.iri}>")
         iris[entity.id] = entity.iri
         names[entity.iri] = repr(entity.id)
     return iris
