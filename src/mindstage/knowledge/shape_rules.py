@@ -334,7 +334,7 @@ def _node_text(node: object) -> str:
 
 
 _APPEARANCE_FACTORS = {"metalness": "metalness", "roughness": "roughness", "opacity": "opacity", "glow": "emission"}
-"""The field of `PbrMaterial` that each of these factors sets."""
+"""The attribute of `PbrMaterial` that each of these factors sets."""
 _MATERIAL_SUFFIX = "Material"
 _FRONT = "front"
 

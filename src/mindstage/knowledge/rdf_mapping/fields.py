@@ -138,7 +138,7 @@ class AttachmentReader:
         """Attaches a body; returns the problem if that is not possible, else an empty string."""
         if child in self.parents:
             other = self.parents[child]
-            return "" if other == parent else f"{child} is already a child of {other} and cannot be a child of {parent} too"
+            return "" if other == parent else f"{child} is already a child of {other}, so {parent} cannot be its parent"
         if self._root(parent) == child:
             return f"{child} would be its own ancestor, by way of {parent}"
         self.parents[child] = parent
