@@ -55,7 +55,7 @@ def test_what_cannot_be_read_ends_with_2(content: str, run: Run, tmp_path: Path)
 def test_people_see_tables(run: Run, write_map: WriteMap) -> None:
     result = run("validate", write_map(mugs={"Mug1": "1.0 2.0 0.0", "Mug2": None}))
     assert result.exit_code == 1
-    for words in ("How the map was taken", "SemLog maps have it", "What is odd", "1 finding", "Extent: 0 x 0 x 0 m"):
+    for words in ("How the map was taken", "the default of SemLog maps", "What is odd", "1 finding", "Extent: 0 x 0 x 0 m"):
         assert words in result.stdout, result.stdout
     assert "Nothing odd was found." in run("validate", write_map()).stdout
 
@@ -119,7 +119,7 @@ def test_a_wrong_guess_can_be_seen(verb: str, run: Run, write_map: WriteMap) -> 
     more = ["--no-viewport"] if verb == "spawn" else []
     result = run(verb, write_map(), "--engine", "null", *more, "--units", "mm")
     assert "Extent: 0.002 x 0 x 0 m" in result.stdout
-    assert "the user says so" in result.stdout
+    assert "chosen by the user" in result.stdout
     verdict = json_output(run(verb, write_map(), "--engine", "null", *more, "--json"))
     assert verdict["extent"]["height_m"] == 0.0
     assert len(verdict["assumptions"]) == 3
