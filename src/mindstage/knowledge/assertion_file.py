@@ -33,6 +33,8 @@ __all__ = ["AssertionFile", "Triple", "TripleStoreView"]
 
 _FIRST_LINE = "# Told to Mindstage, which writes this file anew when something is taken back.\n"
 
+Node = ox.NamedNode | ox.BlankNode
+
 
 class AssertionFile:
     """A Turtle file of assertions, with the knowledge base that resolves their names."""
@@ -116,9 +118,6 @@ def _without_orphaned_blank_nodes(quads: list[ox.Quad]) -> list[ox.Triple]:
         if len(left) == len(quads):
             return [quad.triple for quad in left]
         quads = left
-
-
-Node = ox.NamedNode | ox.BlankNode
 
 
 class Triple(NamedTuple):

@@ -51,6 +51,30 @@ _CHUNK_SIZE = 256 * 1024
 _MAX_SHOWN = 300
 """The number of characters of a server's message that an error repeats."""
 
+_RDF_NAMES = "type first rest"
+_RDFS_NAMES = "subClassOf subPropertyOf domain range"
+_OWL_NAMES = """allValuesFrom cardinality complementOf disjointWith disjointUnionOf equivalentClass equivalentProperty
+    hasSelf hasValue imports intersectionOf inverseOf maxCardinality maxQualifiedCardinality members minCardinality
+    minQualifiedCardinality onClass onDataRange onDatatype onProperty oneOf propertyChainAxiom propertyDisjointWith
+    qualifiedCardinality sameAs someValuesFrom unionOf versionIRI withRestrictions"""
+_BULK_PREDICATES = (
+    *(RDF + name for name in _RDF_NAMES.split()),
+    *(RDFS + name for name in _RDFS_NAMES.split()),
+    *(OWL + name for name in _OWL_NAMES.split()),
+    *map(dul, ("hasPart", "hasComponent", "isPartOf", "isComponentOf")),
+    *map(soma, ("hasPhysicalComponent", "isPhysicalComponentOf")),
+    *(CHILD, PARENT, DESCRIBED_IN_MAP),
+)
+"""The properties that reasoning reads, and those that relate blank nodes."""
+_BATCH_SIZE = 1000
+"""The number of names in one request."""
+_STATEMENTS_QUERY = """SELECT ?s ?p ?o ?g WHERE {
+    %s { GRAPH ?g { ?s ?p ?o } } UNION { ?s ?p ?o FILTER NOT EXISTS { GRAPH ?other { ?s ?p ?o } } }
+}"""
+"""Statements with their graphs; each once, even if the default graph of the endpoint is the union of all graphs."""
+_NAMED_GRAPH_QUERY = "CONSTRUCT {{ ?s ?p ?o }} WHERE {{ GRAPH {graph} {{ ?s ?p ?o }} }}"
+_DEFAULT_GRAPH_QUERY = "CONSTRUCT { ?s ?p ?o } WHERE { ?s ?p ?o FILTER NOT EXISTS { GRAPH ?g { ?s ?p ?o } } }"
+
 
 class HttpReply:
     """A successful response."""
@@ -213,33 +237,6 @@ def _error_cause(error: Exception) -> str:
     if isinstance(error, HTTPException):
         return f"it does not speak HTTP ({type(error).__name__})"
     return (error.strerror if isinstance(error, OSError) else None) or str(error) or type(error).__name__
-
-
-_RDF_NAMES = "type first rest"
-_RDFS_NAMES = "subClassOf subPropertyOf domain range"
-_OWL_NAMES = """allValuesFrom cardinality complementOf disjointWith disjointUnionOf equivalentClass equivalentProperty
-    hasSelf hasValue imports intersectionOf inverseOf maxCardinality maxQualifiedCardinality members minCardinality
-    minQualifiedCardinality onClass onDataRange onDatatype onProperty oneOf propertyChainAxiom propertyDisjointWith
-    qualifiedCardinality sameAs someValuesFrom unionOf versionIRI withRestrictions"""
-
-_BULK_PREDICATES = (
-    *(RDF + name for name in _RDF_NAMES.split()),
-    *(RDFS + name for name in _RDFS_NAMES.split()),
-    *(OWL + name for name in _OWL_NAMES.split()),
-    *map(dul, ("hasPart", "hasComponent", "isPartOf", "isComponentOf")),
-    *map(soma, ("hasPhysicalComponent", "isPhysicalComponentOf")),
-    *(CHILD, PARENT, DESCRIBED_IN_MAP),
-)
-"""The properties that reasoning reads, and those that relate blank nodes."""
-
-_BATCH_SIZE = 1000
-"""The number of names in one request."""
-_STATEMENTS_QUERY = """SELECT ?s ?p ?o ?g WHERE {
-    %s { GRAPH ?g { ?s ?p ?o } } UNION { ?s ?p ?o FILTER NOT EXISTS { GRAPH ?other { ?s ?p ?o } } }
-}"""
-"""Statements with their graphs; each once, even if the default graph of the endpoint is the union of all graphs."""
-_NAMED_GRAPH_QUERY = "CONSTRUCT {{ ?s ?p ?o }} WHERE {{ GRAPH {graph} {{ ?s ?p ?o }} }}"
-_DEFAULT_GRAPH_QUERY = "CONSTRUCT { ?s ?p ?o } WHERE { ?s ?p ?o FILTER NOT EXISTS { GRAPH ?g { ?s ?p ?o } } }"
 
 
 class SparqlEndpointStore:

@@ -32,6 +32,10 @@ _FIRST, _REST, _NIL = RDF + "first", RDF + "rest", RDF + "nil"
 _UNION, _INTERSECTION, _INVERSE = OWL + "unionOf", OWL + "intersectionOf", OWL + "inverseOf"
 _COMPLEMENT, _ONE_OF = OWL + "complementOf", OWL + "oneOf"
 
+_QUALIFIERS = (OWL + "onClass", OWL + "onDataRange")
+_DEFINING_PROPERTIES = (_UNION, _INTERSECTION, _COMPLEMENT, _ONE_OF)
+_CLASS_VALUED = (OWL + "someValuesFrom", OWL + "allValuesFrom", *_QUALIFIERS)
+
 
 class RestrictionType(StrEnum):
     """The kind of a property restriction."""
@@ -58,9 +62,6 @@ _VALUE_RESTRICTIONS = {
     OWL + "allValuesFrom": RestrictionType.ALL,
     HAS_VALUE: RestrictionType.HAS_VALUE,
 }
-_QUALIFIERS = (OWL + "onClass", OWL + "onDataRange")
-_DEFINING_PROPERTIES = (_UNION, _INTERSECTION, _COMPLEMENT, _ONE_OF)
-_CLASS_VALUED = (OWL + "someValuesFrom", OWL + "allValuesFrom", *_QUALIFIERS)
 EXPRESSION_PROPERTIES = (
     *(_FIRST, _REST, *_DEFINING_PROPERTIES, _INVERSE, ON_PROPERTY, OWL + "hasSelf"),
     *(*_VALUE_RESTRICTIONS, *_CARDINALITIES, *_QUALIFIERS),

@@ -64,6 +64,18 @@ __all__ = [
     "subject_column",
 ]
 
+MAP_SOURCE = "map"
+"""The `WorldState.source` of a map that no engine simulates."""
+CacheKey = tuple[object, ...]
+ClassName = Annotated[Iri, EntityType.CLASS]
+IndividualName = Annotated[Iri, EntityType.INDIVIDUAL]
+MapName = Annotated[Iri, EntityType.MAP]
+PropertyName = Annotated[Iri, EntityType.PROPERTY]
+ValueName = Annotated[str, EntityType.VALUE]
+_MAX_NAMED_ROWS = 3
+"""The number of rows that are named in the repr of answers."""
+_QUESTIONS: dict[str, Question[Any]] = {}
+
 
 class QuestionContext(Protocol):
     """The part of `KnowledgeBase` that questions use."""
@@ -96,10 +108,6 @@ class QuestionContext(Protocol):
 
     def explain(self, question: Question[Any] | str, row: Any) -> tuple[str, ...]:
         """The statements that led to an answer."""
-
-
-MAP_SOURCE = "map"
-"""The `WorldState.source` of a map that no engine simulates."""
 
 
 class WorldState(msgspec.Struct, frozen=True, kw_only=True, eq=False):
@@ -159,9 +167,6 @@ class StateAccess:
         return WorldState(world=world, spawned=(world,))
 
 
-CacheKey = tuple[object, ...]
-
-
 class AnswerCache:
     """The most recent answers, up to a maximum number of rows."""
 
@@ -194,13 +199,6 @@ class AnswerCache:
                 self._row_count -= max(1, len(self._answers.pop(next(iter(self._answers)))))
             self._answers[key] = answers
             self._row_count += size
-
-
-ClassName = Annotated[Iri, EntityType.CLASS]
-IndividualName = Annotated[Iri, EntityType.INDIVIDUAL]
-MapName = Annotated[Iri, EntityType.MAP]
-PropertyName = Annotated[Iri, EntityType.PROPERTY]
-ValueName = Annotated[str, EntityType.VALUE]
 
 
 class AnswerRow(msgspec.Struct, frozen=True, kw_only=True, dict=True):
@@ -281,10 +279,6 @@ class AnswerRow(msgspec.Struct, frozen=True, kw_only=True, dict=True):
 
 
 R = TypeVar("R", bound=AnswerRow)
-
-
-_MAX_NAMED_ROWS = 3
-"""The number of rows that are named in the repr of answers."""
 
 
 class MissingKnowledge(msgspec.Struct, frozen=True):
@@ -539,9 +533,6 @@ class Question(Generic[R]):
             if spawned is None:
                 raise
             return spawned
-
-
-_QUESTIONS: dict[str, Question[Any]] = {}
 
 
 def question(function: Callable[..., Iterator[R]]) -> Question[R]:

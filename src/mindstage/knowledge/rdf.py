@@ -47,6 +47,20 @@ __all__ = [
     "xml_local_name",
 ]
 
+_LAST_SEPARATOR = re.compile(r".*#|.*/|.*:", re.DOTALL)
+SubjectNode = ox.NamedNode | ox.BlankNode
+ObjectNode = ox.NamedNode | ox.BlankNode | ox.Literal | ox.Triple
+_START = (
+    "A-Z_a-z\u00c0-\u00d6\u00d8-\u00f6\u00f8-\u02ff\u0370-\u037d\u037f-\u1fff\u200c-\u200d\u2070-\u218f"
+    "\u2c00-\u2fef\u3001-\ud7ff\uf900-\ufdcf\ufdf0-\ufffd\U00010000-\U000effff"
+)
+_PLAIN_LAST_NAME = re.compile(r"[A-Za-z_][A-Za-z_0-9.-]*\Z")
+Graph = Mapping[Iri, Sequence[PropertyAssertion]]
+"""Subjects and their assertions, both in the order of the source. Blank nodes are labels (`_:x`)."""
+STRING = XSD + "string"
+is_generated_label = re.compile(r"_:[a-f][0-9a-f]{19,31}").fullmatch
+"""Matches the random labels that the parser gives to blank nodes without a label in the source."""
+
 
 @contextmanager
 def gc_paused() -> Iterator[None]:
@@ -96,9 +110,6 @@ class FindingSink(Protocol):
         """Adds a finding."""
 
 
-_LAST_SEPARATOR = re.compile(r".*#|.*/|.*:", re.DOTALL)
-
-
 def namespace_of(iri: str) -> str:
     """The part of an IRI before its local name."""
     match = _LAST_SEPARATOR.match(iri)
@@ -142,10 +153,6 @@ def is_part_name(name: str, owner: Iri, suffix: str) -> bool:
     """Whether `part_name` may have generated this name."""
     start = f"{owner}-{suffix}"
     return name.startswith(start) and re.fullmatch(r"(-\d+)?", name[len(start) :]) is not None
-
-
-SubjectNode = ox.NamedNode | ox.BlankNode
-ObjectNode = ox.NamedNode | ox.BlankNode | ox.Literal | ox.Triple
 
 
 class QuadSource(Protocol):
@@ -218,13 +225,6 @@ class TripleStore(QuadSource, Protocol):
         """Closes files, processes and connections. May be called repeatedly."""
 
 
-_START = (
-    "A-Z_a-z\u00c0-\u00d6\u00d8-\u00f6\u00f8-\u02ff\u0370-\u037d\u037f-\u1fff\u200c-\u200d\u2070-\u218f"
-    "\u2c00-\u2fef\u3001-\ud7ff\uf900-\ufdcf\ufdf0-\ufffd\U00010000-\U000effff"
-)
-_PLAIN_LAST_NAME = re.compile(r"[A-Za-z_][A-Za-z_0-9.-]*\Z")
-
-
 def find_forbidden_character(text: str) -> re.Match[str] | None:
     """The first character that XML cannot contain, not even escaped."""
     return None if text.isascii() and text.isprintable() else _forbidden_pattern().search(text)
@@ -248,15 +248,6 @@ def _forbidden_pattern() -> re.Pattern[str]:
 @cache  # as above
 def _local_name_pattern() -> re.Pattern[str]:
     return re.compile(rf"[{_START}][{_START}0-9.\u00b7\u0300-\u036f\u203f-\u2040-]*\Z")
-
-
-Graph = Mapping[Iri, Sequence[PropertyAssertion]]
-"""Subjects and their assertions, both in the order of the source. Blank nodes are labels (`_:x`)."""
-
-STRING = XSD + "string"
-
-is_generated_label = re.compile(r"_:[a-f][0-9a-f]{19,31}").fullmatch
-"""Matches the random labels that the parser gives to blank nodes without a label in the source."""
 
 
 def graph_from_quads(quads: Iterable[ox.Quad], used_labels: set[str]) -> Graph:

@@ -10,10 +10,9 @@ by `KnowledgeBase.derive`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from enum import StrEnum
 from functools import cached_property
-from typing import Any
 
 import msgspec
 import pyoxigraph as ox
@@ -38,7 +37,9 @@ from mindstage.knowledge.reasoner_classes import (
     CLASS_AXIOM_PROPERTIES,
     ClassAxioms,
     ClassRestriction,
+    QuadsByPredicate,
     SufficientCondition,
+    discard_from_group,
 )
 from mindstage.knowledge.reasoner_properties import (
     PROPERTY_AXIOM_PROPERTIES,
@@ -85,7 +86,19 @@ PROPERTY_TYPE_IRIS = (Iri(RDF + "Property"), *(Iri(f"{OWL}{kind}Property") for k
 _DECLARATION_TYPES = frozenset({OWL_CLASS, *PROPERTY_TYPE_IRIS})
 _PART_CLASSES = frozenset(part.cls for part in NESTED_RESOURCES)
 
-QuadsByPredicate = Callable[[str], Iterable[ox.Quad]]
+
+ProofStatements = tuple[ObjectTriple, ...]
+_NO_JUSTIFICATIONS: Mapping[Iri, Justification] = {}
+_PART_PROPERTIES = (
+    CHILD,
+    *map(knowrob, ("parts", "physicalParts", "properPhysicalParts")),
+    *map(dul, ("hasPart", "hasComponent")),
+)
+_PART_OF_PROPERTIES = (PARENT, *map(dul, ("isPartOf", "isComponentOf")))
+_PART_EXPRESSIONS: tuple[PropertyExpression, ...] = (
+    *((property, True) for property in (*_PART_PROPERTIES, soma("hasPhysicalComponent"))),
+    *((property, False) for property in (*_PART_OF_PROPERTIES, soma("isPhysicalComponentOf"))),
+)
 
 
 class IndividualIndex:
@@ -164,7 +177,7 @@ class IndividualIndex:
                 self.members_by_map.setdefault(individual, {})
 
     def _remove_from_class(self, cls: Iri, individual: Iri) -> None:
-        _discard_from_group(self.members, cls, individual)
+        discard_from_group(self.members, cls, individual)
         if cls == SEMANTIC_MAP and not self.members_by_map[individual]:
             del self.members_by_map[individual]
 
@@ -176,7 +189,7 @@ class IndividualIndex:
             if not self.members_by_map[map] and map not in self.members.get(SEMANTIC_MAP, ()):
                 del self.members_by_map[map]
             for cls in types:
-                _discard_from_group(self.members_by_map_and_class, (map, cls), individual)
+                discard_from_group(self.members_by_map_and_class, (map, cls), individual)
         self.untyped.pop(individual, None)
         self._nested_resources.pop(individual, None)
         if maps and types and _PART_CLASSES.issuperset(types):
@@ -196,18 +209,6 @@ class IndividualIndex:
 
 def _map_names(individual: Iri, maps: Iterable[object]) -> Iterator[Iri]:
     return (name for map in maps if (name := node_label(map)) and name != individual)
-
-
-def _discard_from_group(groups: dict[Any, dict[Any, None]], key: object, item: object) -> None:
-    """Removes an item from a group, and the group if it is empty."""
-    group = groups.get(key, {})
-    group.pop(item, None)
-    if not group:
-        groups.pop(key, None)
-
-
-ProofStatements = tuple[ObjectTriple, ...]
-_NO_JUSTIFICATIONS: Mapping[Iri, Justification] = {}
 
 
 class InferenceRule(StrEnum):
@@ -449,18 +450,6 @@ def _conjunct_classes(expression: Expression) -> Iterator[Iri]:
 def _search_cost(expression: Expression) -> int:
     """Sort key for where to search first: named classes and enumerations list their instances."""
     return 0 if isinstance(expression, NamedClass | OneOf) else 1
-
-
-_PART_PROPERTIES = (
-    CHILD,
-    *map(knowrob, ("parts", "physicalParts", "properPhysicalParts")),
-    *map(dul, ("hasPart", "hasComponent")),
-)
-_PART_OF_PROPERTIES = (PARENT, *map(dul, ("isPartOf", "isComponentOf")))
-_PART_EXPRESSIONS: tuple[PropertyExpression, ...] = (
-    *((property, True) for property in (*_PART_PROPERTIES, soma("hasPhysicalComponent"))),
-    *((property, False) for property in (*_PART_OF_PROPERTIES, soma("isPhysicalComponentOf"))),
-)
 
 
 class PartOfStep(msgspec.Struct, frozen=True):

@@ -28,7 +28,14 @@ from mindstage.knowledge.taxonomy import TransitiveClosure
 from mindstage.knowledge.vocabulary import EQUIVALENT_CLASS, OWL, SUBCLASS_OF
 from mindstage.scene import Iri
 
-__all__ = ["CLASS_AXIOM_PROPERTIES", "ClassAxioms", "ClassRestriction", "SufficientCondition"]
+__all__ = [
+    "CLASS_AXIOM_PROPERTIES",
+    "ClassAxioms",
+    "ClassRestriction",
+    "QuadsByPredicate",
+    "SufficientCondition",
+    "discard_from_group",
+]
 
 _DISJOINT = Iri(OWL + "disjointWith")
 CLASS_AXIOM_PROPERTIES = frozenset({SUBCLASS_OF, EQUIVALENT_CLASS, _DISJOINT, *EXPRESSION_PROPERTIES})
@@ -212,13 +219,13 @@ class ClassAxioms:
                 self.class_closure.discard(lower, upper)
             case ClassRestriction(cls, restriction):
                 self._sorted_cache.clear()
-                _discard_from_group(self._by_class, cls, axiom)
+                discard_from_group(self._by_class, cls, axiom)
                 for groups, key in self._indexes_for(restriction):
-                    _discard_from_group(groups, key, axiom)
+                    discard_from_group(groups, key, axiom)
             case SufficientCondition():
                 del self.sufficient_conditions[axiom]
             case DisjointClasses(one, other):
-                _discard_from_group(self._disjoint, one, other)
+                discard_from_group(self._disjoint, one, other)
 
     def _indexes_for(
         self, restriction: Restriction
@@ -274,10 +281,12 @@ def _disjoint_axioms(one: Expression, other: Expression) -> Iterator[Axiom]:
         yield DisjointClasses(other.iri, one.iri)
 
 
-def _discard_from_group(groups: dict[Any, dict[Any, None]], key: object, item: object) -> None:
-    groups[key].pop(item, None)
-    if not groups[key]:
-        del groups[key]
+def discard_from_group(groups: dict[Any, dict[Any, None]], key: object, item: object) -> None:
+    """Removes an item from a group, and the group if it is empty."""
+    group = groups.get(key, {})
+    group.pop(item, None)
+    if not group:
+        groups.pop(key, None)
 
 
 def _sort_key(restriction_of_class: ClassRestriction) -> tuple[str, str, str, str]:

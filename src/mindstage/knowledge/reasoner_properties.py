@@ -47,6 +47,19 @@ PropertyExpression = tuple[Iri, bool]
 """A property and whether it is followed forwards; False for its inverse."""
 PropertyChain = tuple[PropertyExpression, ...]
 
+_CHAIN = Iri(OWL + "propertyChainAxiom")
+_DOMAIN, _RANGE = Iri(RDFS + "domain"), Iri(RDFS + "range")
+_IMPLICATIONS = (
+    (Iri(RDFS + "subPropertyOf"), False, False),
+    (Iri(OWL + "equivalentProperty"), True, False),
+    (Iri(OWL + "inverseOf"), True, True),
+)
+"""The axiom; whether it holds in both directions; whether it inverts the property."""
+PROPERTY_AXIOM_PROPERTIES = frozenset({_CHAIN, _DOMAIN, _RANGE, *(axiom for axiom, _, _ in _IMPLICATIONS)})
+"""The properties of statements about properties."""
+PROPERTY_TYPES = frozenset(Iri(OWL + name) for name in ("TransitiveProperty", "SymmetricProperty"))
+"""The types of properties that have consequences."""
+
 
 class ChainGoal(NamedTuple):
     """One goal of a search: all values of a property expression, one step or any number of steps from an individual."""
@@ -147,20 +160,6 @@ class ChainSearch(Generic[S]):
                 ChainGoal(continuation.goal.property_expression, value, transitive=False),
                 ChainContinuation(continuation.goal, (), path),
             )
-
-
-_CHAIN = Iri(OWL + "propertyChainAxiom")
-_DOMAIN, _RANGE = Iri(RDFS + "domain"), Iri(RDFS + "range")
-_IMPLICATIONS = (
-    (Iri(RDFS + "subPropertyOf"), False, False),
-    (Iri(OWL + "equivalentProperty"), True, False),
-    (Iri(OWL + "inverseOf"), True, True),
-)
-"""The axiom; whether it holds in both directions; whether it inverts the property."""
-PROPERTY_AXIOM_PROPERTIES = frozenset({_CHAIN, _DOMAIN, _RANGE, *(axiom for axiom, _, _ in _IMPLICATIONS)})
-"""The properties of statements about properties."""
-PROPERTY_TYPES = frozenset(Iri(OWL + name) for name in ("TransitiveProperty", "SymmetricProperty"))
-"""The types of properties that have consequences."""
 
 
 class ObjectTriple(msgspec.Struct, frozen=True):

@@ -32,7 +32,6 @@ from mindstage.knowledge.rdf import RdfTerm, SparqlResult
 from mindstage.knowledge.sparql_worker import MEMORY_LIMIT, REPLY_LIMIT, serve
 
 __all__ = [
-    "PREFIXES",
     "OxigraphStore",
     "QueryWorker",
     "QueryWorkerPool",
@@ -60,6 +59,18 @@ _UPDATE = re.compile(
     r"(?:\s|\b(?:BASE|PREFIX)\b)*(INSERT|DELETE|LOAD|CLEAR|CREATE|DROP|COPY|MOVE|ADD|WITH)\b", re.IGNORECASE
 )
 _CODE_POINT = re.compile(r"\\u([0-9a-fA-F]{4})|\\U000([0-9a-fA-F]{5})")
+
+_GRACE_PERIOD_S = 10.0
+"""How long to wait for a worker after the time limit, for example if it was suspended [s]."""
+_START_TIMEOUT_S = 60.0
+"""The time limit for starting a new process [s]."""
+_MAX_IDLE = 2
+"""The maximum number of idle workers; several threads may run queries at once."""
+_LIMIT_HINT = "ask for less (LIMIT, or without ORDER BY and DISTINCT)"
+_MIN_BULK_SIZE = 4 * 1024 * 1024
+"""The size from which a document is written as files of its own, which is then faster than through the log [bytes]."""
+_MAX_TIMEOUT_S = 1e6
+"""The longest time limit; the timer of a process has no infinity [s]."""
 
 
 def check_query(query: str, *, allow_service: bool) -> None:
@@ -101,7 +112,10 @@ def solutions_table(json: bytes) -> SparqlResult:
     if isinstance(found, ox.QueryBoolean):
         return SparqlResult((), (), bool(found))
     names = tuple(variable.value for variable in found.variables)
-    return SparqlResult(names, tuple(tuple(_parse_binding(solution[name]) for name in names) for solution in found))
+    rows = ([solution[name] for name in names] for solution in found)
+    return SparqlResult(
+        names, tuple(tuple(None if term is None else term_from_node(term) for term in row) for row in rows)
+    )
 
 
 def triples_table(triples: Iterable[ox.Quad]) -> SparqlResult:
@@ -111,10 +125,6 @@ def triples_table(triples: Iterable[ox.Quad]) -> SparqlResult:
         for each in dict.fromkeys(triples)
     )
     return SparqlResult(("subject", "predicate", "object"), rows)
-
-
-def _parse_binding(value: object) -> RdfTerm | None:
-    return None if value is None else term_from_node(value)
 
 
 def term_from_node(value: object) -> RdfTerm:
@@ -128,15 +138,6 @@ def term_from_node(value: object) -> RdfTerm:
             return RdfTerm("literal", value.value, value.datatype.value, value.language)
         case _:
             return RdfTerm("triple", str(value))
-
-
-_GRACE_PERIOD_S = 10.0
-"""How long to wait for a worker after the time limit, for example if it was suspended [s]."""
-_START_TIMEOUT_S = 60.0
-"""The time limit for starting a new process [s]."""
-_MAX_IDLE = 2
-"""The maximum number of idle workers; several threads may run queries at once."""
-_LIMIT_HINT = "ask for less (LIMIT, or without ORDER BY and DISTINCT)"
 
 
 class QueryWorker:
@@ -286,12 +287,6 @@ def _exit_reason(exit_signal: int) -> str:
     if exit_signal in {signal.SIGABRT, signal.SIGKILL, signal.SIGSEGV}:
         return f"it needs more than {MEMORY_LIMIT // 1024**3} GiB of memory"
     return "the query process has ended unexpectedly"
-
-
-_MIN_BULK_SIZE = 4 * 1024 * 1024
-"""The size from which a document is written as files of its own, which is then faster than through the log [bytes]."""
-_MAX_TIMEOUT_S = 1e6
-"""The longest time limit; the timer of a process has no infinity [s]."""
 
 
 class OxigraphStore:

@@ -33,6 +33,13 @@ __all__ = ["JointOpenness", "OpenState", "SpatialRelationRow", "openings", "sour
 _RELATION_ORDER = {relation: at for at, relation in enumerate(SpatialRelation)}
 _SIZE_PROPERTY = knowrob("depthOfObject")
 
+_OPEN_FRACTION = 0.05
+_OPEN_M, _OPEN_RAD = 0.02, 0.1
+"""For joints without limits."""
+_FRONT_CLASSES = (knowrob("PortalCovering"), knowrob("StorageConstruct"))
+_CONTAINER = knowrob("Container")
+_STATE_PROPERTY = knowrob("stateOfObject")
+
 
 class SpatialRelationRow(AnswerRow, frozen=True, kw_only=True):
     """A spatial relation between two bodies."""
@@ -142,14 +149,6 @@ def _missing_pose(individual: Iri, cls: Iri, world_states: tuple[WorldState, ...
         yield MissingKnowledge(cls, HAS_POSE, f"{name} has no pose: no map or simulation that was asked has its body")
     elif all(body.size is None for body in bodies):
         yield MissingKnowledge(cls, _SIZE_PROPERTY, f"{name} has no size: neither it nor {local_name(cls)} states one")
-
-
-_OPEN_FRACTION = 0.05
-_OPEN_M, _OPEN_RAD = 0.02, 0.1
-"""For joints without limits."""
-_FRONT_CLASSES = (knowrob("PortalCovering"), knowrob("StorageConstruct"))
-_CONTAINER = knowrob("Container")
-_STATE_PROPERTY = knowrob("stateOfObject")
 
 
 class OpenState(StrEnum):

@@ -47,6 +47,9 @@ __all__ = [
     "unspecified",
 ]
 
+_DEVICE_USED = knowrob("deviceUsed")
+_CONTAINER_FOR = knowrob("typePrimaryFunction-containerFor")
+
 
 def members_in(reasoner: Reasoner, cls: Iri, individual: Iri | None, map: Iri | None) -> Iterator[tuple[Iri, Iri]]:
     """Individuals of a class, with the maps that describe them."""
@@ -73,9 +76,6 @@ def unspecified(
         )
     else:
         yield MissingKnowledge(THING, property, f"everything in {local_name(map) if map else 'all maps'} {reason}")
-
-
-_DEVICE_USED = knowrob("deviceUsed")
 
 
 class ActionDevice(AnswerRow, frozen=True, kw_only=True):
@@ -215,9 +215,6 @@ def _missing_device_in_map(
     if action is None:
         reason = f"is needed by no action: no {local_name(_DEVICE_USED)} names one of its classes"
         yield from unspecified(kb.reasoner, individual, map, _DEVICE_USED, reason)
-
-
-_CONTAINER_FOR = knowrob("typePrimaryFunction-containerFor")
 
 
 class StoragePlace(AnswerRow, frozen=True, kw_only=True):

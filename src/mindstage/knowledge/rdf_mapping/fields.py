@@ -60,6 +60,10 @@ __all__ = [
     "write_tags",
 ]
 
+Tags = tuple[Tag, ...]
+PartialSize = tuple[float | None, float | None, float | None]
+"""The known extents along x, y and z [m]."""
+
 
 def read_materials(reader: SubjectReader) -> tuple[Material, ...]:
     """The materials of a body; none if they are not numbered from 0 or have further statements."""
@@ -155,9 +159,6 @@ class AttachmentReader:
         return body
 
 
-Tags = tuple[Tag, ...]
-
-
 def read_tags(reader: SubjectReader) -> Tags:
     """The tags of an individual; if both formats are present, those in JSON."""
     tags = reader.read(_JSON_TAGS_CODEC)
@@ -224,10 +225,6 @@ def _format_json(tags: Tags) -> Literal:
 
 _TAGS_CODEC = PropertyCodec(TAGS_DATA, 'tags ("type;key,value;…")', _parse, _format)
 _JSON_TAGS_CODEC = PropertyCodec(TAGS_JSON, "a JSON array of [type, key, value]", _parse_json, _format_json)
-
-
-PartialSize = tuple[float | None, float | None, float | None]
-"""The known extents along x, y and z [m]."""
 
 
 def _superclasses(classes: Iterable[tuple[Iri, Sequence[PropertyAssertion]]]) -> Iterable[tuple[Iri, Iri]]:

@@ -67,6 +67,10 @@ MAX_NESTING = 64
 Mentions = Mapping[Iri, Sequence[tuple[Iri, int]]]
 """By label, the subjects that refer to it, and the index of the statement."""
 
+T = TypeVar("T")
+_UNIT_TOLERANCE = 1e-3
+"""Maps write six digits, which leaves the norm a thousand times nearer to 1."""
+
 
 def sorted_facts(facts: Iterable[PropertyAssertion]) -> tuple[PropertyAssertion, ...]:
     """Statements in the canonical order of a `BlankNode`: by property, then by value."""
@@ -158,12 +162,6 @@ def _renamed(fact: PropertyAssertion, names: Mapping[Iri, Iri]) -> PropertyAsser
             fact.property, BlankNode(sorted_facts(_renamed(inner, names) for inner in value.facts))
         )
     return fact
-
-
-T = TypeVar("T")
-
-_UNIT_TOLERANCE = 1e-3
-"""Maps write six digits, which leaves the norm a thousand times nearer to 1."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -80,6 +80,9 @@ _NUMBER = re.compile(rf"\s*{_NUMBER_PATTERN}\s*", re.ASCII)
 _INTEGER_TYPE = xsd("integer")
 _BOOLEANS = {"true": True, "1": True, "false": False, "0": False}
 
+_MAX_TEXT_LENGTH = 200
+"""The number of characters of a literal that a finding repeats."""
+
 
 @dataclass(frozen=True, slots=True)
 class PropertyCodec(Generic[T]):
@@ -266,10 +269,6 @@ INTENSITY = _number(ms("intensity"), datatype="double")
 INDEX = _integer(ms("index"))
 MATERIAL_NAME = _text(ms("name"))
 MATERIAL_PATH = _text(ms("path"))
-
-
-_MAX_TEXT_LENGTH = 200
-"""The number of characters of a literal that a finding repeats."""
 
 
 class SubjectReader:

@@ -66,6 +66,11 @@ __all__ = ["DocumentSection", "PrefixTable", "SubjectBlock", "is_plain_name", "t
 
 T = TypeVar("T")
 
+is_plain_name = re.compile(r"[A-Za-z_][A-Za-z0-9_-]*").fullmatch
+"""Matches names that can follow a prefix, or be a label, in XML and Turtle alike."""
+_XMLNS = "http://www.w3.org/2000/xmlns/"
+"""The namespace that cannot have a prefix."""
+
 
 @dataclass(slots=True)
 class SubjectBlock:
@@ -321,13 +326,6 @@ def _all_iris(world: World) -> set[Iri]:
             elif isinstance(value, BlankNode):
                 waiting.extend(value.facts)
     return names
-
-
-is_plain_name = re.compile(r"[A-Za-z_][A-Za-z0-9_-]*").fullmatch
-"""Matches names that can follow a prefix, or be a label, in XML and Turtle alike."""
-
-_XMLNS = "http://www.w3.org/2000/xmlns/"
-"""The namespace that cannot have a prefix."""
 
 
 class PrefixTable:
