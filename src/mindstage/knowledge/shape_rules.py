@@ -269,13 +269,13 @@ def _snake(name: str) -> str:
 
 def _iri(node: object) -> Iri:
     if not isinstance(node, ox.NamedNode):
-        raise ValueError(f"{node}; it is an IRI")
+        raise ValueError(f"{_node_text(node)}; it is an IRI")
     return Iri(node.value)
 
 
 def _text(node: object) -> str:
     if not isinstance(node, ox.Literal):
-        raise ValueError(f"{node}; it is a string in quotes")
+        raise ValueError(f"{_node_text(node)}; it is a string in quotes")
     return node.value
 
 
@@ -327,6 +327,10 @@ def _light(node: object) -> LightType | None:
     if text not in known:
         raise ValueError(f'"{text}"; it is one of {", ".join(known)}')
     return known[text]
+
+
+def _node_text(node: object) -> str:
+    return str(node)
 
 
 _APPEARANCE_FACTORS = {"metalness": "metalness", "roughness": "roughness", "opacity": "opacity", "glow": "emission"}
