@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from collections.abc import Callable
 from itertools import chain, combinations
 from pathlib import Path
@@ -296,6 +298,14 @@ def test_a_row_of_another_question_cannot_be_explained(kitchen: KnowledgeBase) -
     assert isinstance(row, HandleOf)
     with pytest.raises(InvalidArgumentError, match="HandleOf is no answer to it"):
         kitchen.explain("storage_place", row)
+
+
+def test_questions_can_be_asked_without_importing_them() -> None:
+    script = (
+        "from mindstage.knowledge import KnowledgeBase; print(len(KnowledgeBase().ask('storage_place', item='Bread')))"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True, timeout=120)
+    assert done.stdout == "2\n"
 
 
 def test_two_questions_cannot_have_one_name() -> None:

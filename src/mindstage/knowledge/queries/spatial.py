@@ -27,7 +27,7 @@ from mindstage.scene.kinematics import JointDisplacement, RigidGroups, joint_dis
 from mindstage.scene.spatial import SpatialRelation, SpatialRelations
 from mindstage.scene.transforms import normalize, pose_array
 
-__all__ = ["JointOpenness", "OpenState", "SpatialRelationRow", "openings", "source_text", "where_is"]
+__all__ = ["JointOpenness", "OpenState", "SpatialRelationRow", "openings", "where_is"]
 
 
 _RELATION_ORDER = {relation: at for at, relation in enumerate(SpatialRelation)}
@@ -117,10 +117,10 @@ def _explain_relation(kb: QuestionContext, row: SpatialRelationRow) -> Iterator[
             yield f"{gap} from the top of {thing} up to {other}, which share {share} of the smaller footprint"
         case _:
             yield f"{gap} from the top of {other} up to {thing}, which share {share} of the smaller footprint"
-    yield source_text(row.source)
+    yield _source_text(row.source)
 
 
-def source_text(source: str) -> str:
+def _source_text(source: str) -> str:
     """Where the poses of an answer come from, in words."""
     return "as the map has it; no simulation is running" if source == MAP_SOURCE else f"as {source} has it now"
 
@@ -234,7 +234,7 @@ def _explain_opening(kb: QuestionContext, row: JointOpenness) -> Iterator[str]:
     share = "" if row.share is None else f", {row.share:.0%} of its range"
     verb = "slid" if row.unit == "m" else "turned"
     yield f"{local_name(row.front)} of {local_name(row.thing)} has {verb} by {row.way:g} {row.unit}{share}"
-    yield source_text(row.source)
+    yield _source_text(row.source)
 
 
 @openings.missing

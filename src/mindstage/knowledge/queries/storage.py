@@ -41,17 +41,15 @@ __all__ = [
     "StoragePlaceInMap",
     "device_for_action",
     "device_for_action_in_environment",
-    "members_in",
     "storage_place",
     "storage_place_in_environment",
-    "unspecified",
 ]
 
 _DEVICE_USED = knowrob("deviceUsed")
 _CONTAINER_FOR = knowrob("typePrimaryFunction-containerFor")
 
 
-def members_in(reasoner: Reasoner, cls: Iri, individual: Iri | None, map: Iri | None) -> Iterator[tuple[Iri, Iri]]:
+def _members_in(reasoner: Reasoner, cls: Iri, individual: Iri | None, map: Iri | None) -> Iterator[tuple[Iri, Iri]]:
     """Individuals of a class, with the maps that describe them."""
     if individual is None:
         for place in sorted(reasoner.members_by_map) if map is None else (map,):
@@ -63,7 +61,7 @@ def members_in(reasoner: Reasoner, cls: Iri, individual: Iri | None, map: Iri | 
                 yield individual, place
 
 
-def unspecified(
+def _missing_use(
     reasoner: Reasoner, individual: Iri | None, map: Iri | None, property: Iri, reason: str
 ) -> Iterator[MissingKnowledge]:
     """The missing statement about an individual, or about everything in a map."""
@@ -189,7 +187,7 @@ def device_for_action_in_environment(
     for each in _all_actions(kb.reasoner) if action is None else (action,):
         seen = set()
         for need in _find_devices(kb.reasoner, each):
-            for member, place in members_in(kb.reasoner, need.device, individual, map):
+            for member, place in _members_in(kb.reasoner, need.device, individual, map):
                 if (member, place) not in seen:
                     seen.add((member, place))
                     yield ActionDeviceInMap(action=each, individual=member, device=need.device, map=place)
@@ -214,7 +212,7 @@ def _missing_device_in_map(
         yield missing_instance(need.device, individual, map)
     if action is None:
         reason = f"is needed by no action: no {local_name(_DEVICE_USED)} names one of its classes"
-        yield from unspecified(kb.reasoner, individual, map, _DEVICE_USED, reason)
+        yield from _missing_use(kb.reasoner, individual, map, _DEVICE_USED, reason)
 
 
 class StoragePlace(AnswerRow, frozen=True, kw_only=True):
@@ -344,7 +342,7 @@ def storage_place_in_environment(
     for each in _stored_classes(index, None) if item is None else (item,):
         seen = set()
         for storage in _find_storage_places(index, each):
-            for member, place in members_in(index, storage.place, individual, map):
+            for member, place in _members_in(index, storage.place, individual, map):
                 if (member, place) not in seen:
                     seen.add((member, place))
                     yield StoragePlaceInMap(
@@ -371,4 +369,4 @@ def _missing_storage_in_map(
         yield missing_instance(storage.place, individual, map)
     if item is None:
         reason = f"stores nothing: none of its classes has {local_name(_CONTAINER_FOR)} some …"
-        yield from unspecified(kb.reasoner, individual, map, _CONTAINER_FOR, reason)
+        yield from _missing_use(kb.reasoner, individual, map, _CONTAINER_FOR, reason)
