@@ -1,4 +1,4 @@
-"""What follows by the rules of OWL 2 RL: there when somebody asks for it, gone when nobody wants it any more."""
+"""Statements derived by the rules of OWL 2 RL."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def reasoner() -> None:
 
 @pytest.fixture
 def lair(reasoner: None, tmp_path: Path) -> KnowledgeBase:
-    """One owner at most: whoever owns what somebody else owns is the same."""
+    """A map with an inverse functional property: two owners of the same object are the same individual."""
     path = tmp_path / "map.ttl"
     path.write_text(
         room_map(
@@ -50,7 +50,7 @@ def told_by(kb: KnowledgeBase, cls: str) -> list[str]:
     return [local_name(row.individual) for row in kb.ask("individual_of_class", cls=cls)]
 
 
-def test_things_that_are_the_same_are_found_and_forgotten_again(lair: KnowledgeBase) -> None:
+def test_same_individuals_are_derived_and_forgotten(lair: KnowledgeBase) -> None:
     before = {str(quad) for quad in lair._store.quads_for_pattern(None, None, None)}
     assert told_by(lair, "Cat") == ["b"]
     count = lair.derive()
@@ -65,7 +65,7 @@ def test_things_that_are_the_same_are_found_and_forgotten_again(lair: KnowledgeB
     assert told_by(lair, "Cat") == ["b"]
 
 
-def test_what_somebody_said_comes_before_what_was_derived(lair: KnowledgeBase) -> None:
+def test_asserted_classes_come_before_derived_ones(lair: KnowledgeBase) -> None:
     lair.tell("e:BigCat", "subClassOf", "Cat")
     lair.tell("e:LazyCat", "subClassOf", "e:BigCat")
     lair.tell("b", "type", "e:LazyCat")
@@ -76,18 +76,18 @@ def test_what_somebody_said_comes_before_what_was_derived(lair: KnowledgeBase) -
     assert [local_name(cls) for cls in row.classes] == ["Cup", "LazyCat"]
 
 
-def test_deriving_twice_is_deriving_once(lair: KnowledgeBase) -> None:
+def test_deriving_twice_adds_nothing(lair: KnowledgeBase) -> None:
     assert lair.derive() == lair.derive() > 0
 
 
-def test_what_was_told_says_how_deep_a_part_is(lair: KnowledgeBase) -> None:
+def test_the_depth_of_a_part_comes_from_asserted_statements(lair: KnowledgeBase) -> None:
     before = list(lair.ask("part_of", whole="box"))
     lair.derive()
     assert list(lair.ask("part_of", whole="box")) == before
     assert [row.depth for row in before] == [1, 2]
 
 
-def test_a_retraction_drops_it_and_telling_does_not(lair: KnowledgeBase) -> None:
+def test_retractions_drop_derived_statements_and_assertions_do_not(lair: KnowledgeBase) -> None:
     lair.derive()
     lair.tell("knob", "type", "Cat")
     assert told_by(lair, "Cat") == ["a", "b", "knob"]
@@ -97,26 +97,26 @@ def test_a_retraction_drops_it_and_telling_does_not(lair: KnowledgeBase) -> None
     assert told_by(lair, "Cat") == ["b", "knob"]
 
 
-def test_what_was_only_derived_can_still_be_told(lair: KnowledgeBase) -> None:
+def test_a_derived_statement_can_be_asserted(lair: KnowledgeBase) -> None:
     lair.derive()
     assert lair.tell("a", "type", "Cat")
     lair.forget_derived()
     assert told_by(lair, "Cat") == ["a", "b"]
 
 
-def test_the_usual_questions_need_none_of_it(reasoner: None) -> None:
+def test_the_usual_questions_do_not_need_derivation(reasoner: None) -> None:
     kb = KnowledgeBase()
     kb.load(bundled_kitchen())
     world, before = (
         kb.world(),
-        {asked.name: list(kb.ask(asked)) for asked in list_questions() if not asked.uses_current_state},
+        {declared.name: list(kb.ask(declared)) for declared in list_questions() if not declared.uses_current_state},
     )
     assert kb.derive() > 1000
     assert {name: list(kb.ask(name)) for name in before} == before
     assert kb.world() == world
 
 
-def test_without_the_library_it_says_how_to_get_it(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_missing_library_is_reported_with_the_extra_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "reasonable", None)
     with pytest.raises(ReasonerUnavailableError, match=r"pip install 'mindstage\[closure\]'"):
         KnowledgeBase().derive()
