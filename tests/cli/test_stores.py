@@ -135,7 +135,7 @@ def test_a_value_is_what_it_looks_like(typed: str, written: str, run: Run, tmp_p
         (("ask", "maps", "--store", "{tmp}/mine.txt"), "mine.txt cannot be used"),
         (("ask", "what_isnt", "--store", "{tmp}/s"), "no question 'what_isnt'; near: 'what_is'"),
         (("ask", "what_is", "a", "b", "c", "--store", "{tmp}/s"), "one argument too many"),
-        (("sparql", ENDLESS, "--timeout", "0.1"), "the query did not end within 0.1 s; ask for less (LIMIT)"),
+        (("sparql", ENDLESS, "--timeout", "0.1"), "the query did not end within 0.1 s; limit the result (LIMIT)"),
         (("sparql", ENDLESS, "--timeout", "0.1", "--store", "{tmp}/s"), "the query did not end within 0.1 s"),
         (("sparql", "ASK { SERVICE <http://127.0.0.1:9/> {} }"), "nothing is fetched unasked; allow it with"),
         (("sparql", "DELETE WHERE { ?a ?b ?c }", "--store", "{tmp}/s"), "it is an update (DELETE), and queries only"),

@@ -119,7 +119,7 @@ def test_what_is_not_there_cannot_be_lit(console: PrologConsole, capfd: pytest.C
         console.holds("highlight(fridge)")
     assert refused.value.error_type == "body_unknown"
     assert console.holds("spawn_semantic_map(_), highlight([fridge, fridge_door_hinge])")
-    assert "fridge_door_hinge cannot be highlighted: it is a constraint, which has no body" in capfd.readouterr().err
+    assert "fridge_door_hinge cannot be highlighted: it is a joint, which has no body" in capfd.readouterr().err
     with pytest.raises(PrologGoalError, match="pink") as refused:
         console.holds("highlight(fridge, pink)")
     assert refused.value.error_type == "colour_unknown"

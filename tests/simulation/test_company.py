@@ -12,7 +12,7 @@ def test_who_watches_is_told_of_edits_when_the_frame_tells_of_them_and_of_nothin
         editions: list[int] = []
         farewell = stage.clients.on_edit(lambda: editions.append(stage.state.revision))
         stage.spawn(kitchenette())
-        stage.editing.move(BodyId("Mug"), Pose((1.0, 0.0, 1.0)))
+        stage.undo_stack.move(BodyId("Mug"), Pose((1.0, 0.0, 1.0)))
         stage.step(0.1)
         stage.snapshot()
         assert editions == [1, 2]

@@ -51,7 +51,7 @@ def same(a: World, b: World) -> bool:
 
 
 def test_each_edit_is_undone_and_done_again(stage: Simulation) -> None:
-    editing, before = stage.editing, stage.snapshot()
+    editing, before = stage.undo_stack, stage.snapshot()
     edits = {
         "place of Mug": lambda: editing.move(MUG, THERE),
         "mass of Mug": lambda: editing.set_physics(
@@ -75,7 +75,7 @@ def test_each_edit_is_undone_and_done_again(stage: Simulation) -> None:
 
 
 def test_edits_are_undone_in_turn_and_a_new_one_ends_what_was_undone(stage: Simulation) -> None:
-    editing = stage.editing
+    editing = stage.undo_stack
     editing.move(MUG, THERE)
     editing.set_materials(MUG, [Material(name="gold")])
     assert editing.history.undo == ("material of Mug", "place of Mug")
@@ -96,81 +96,81 @@ def test_edits_are_undone_in_turn_and_a_new_one_ends_what_was_undone(stage: Simu
 def test_what_is_dragged_in_many_steps_is_undone_in_one(stage: Simulation) -> None:
     before = stage.snapshot()
     for step in range(5):
-        stage.editing.move(MUG, Pose((0.1 * step, -2.0, 0.05)), continues_last=step > 0)
-    assert stage.editing.history.undo == ("place of Mug",)
-    stage.editing.undo()
+        stage.undo_stack.move(MUG, Pose((0.1 * step, -2.0, 0.05)), continues_last=step > 0)
+    assert stage.undo_stack.history.undo == ("place of Mug",)
+    stage.undo_stack.undo()
     assert same(before, stage.snapshot())
 
 
 def test_an_edit_that_the_world_refuses_is_none(stage: Simulation) -> None:
     before = stage.snapshot()
     with pytest.raises(BodyNotFoundError):
-        stage.editing.move(BodyId("Mugg"), THERE)
+        stage.undo_stack.move(BodyId("Mugg"), THERE)
     with pytest.raises(BodyNotFoundError):
-        stage.editing.delete([MUG, BodyId("Mugg")])
+        stage.undo_stack.delete([MUG, BodyId("Mugg")])
     with pytest.raises(AttachmentError):
-        stage.editing.attach(MUG, MUG)
+        stage.undo_stack.attach(MUG, MUG)
     with pytest.raises(PoseUnreachableError):
-        stage.editing.move(MUG, Pose((float("nan"), 0.0, 0.0)))
-    assert stage.editing.history.undo == ()
+        stage.undo_stack.move(MUG, Pose((float("nan"), 0.0, 0.0)))
+    assert stage.undo_stack.history.undo == ()
     assert stage.snapshot() == before
 
 
 @pytest.mark.parametrize("gone", [[DOOR], [FRIDGE], [GRIP], [DOOR, FRIDGE], [FRIDGE, GRIP], [DOOR, FRIDGE, GRIP]])
 def test_what_was_deleted_comes_back_as_far_open_as_it_was(stage: Simulation, gone: list[BodyId]) -> None:
     joint = hinge(stage)
-    stage.editing.move(DOOR, joint.pose_for("swing1", 0.5, poses(stage)))
+    stage.undo_stack.move(DOOR, joint.pose_for("swing1", 0.5, poses(stage)))
     before = stage.snapshot()
-    stage.editing.delete(gone)
+    stage.undo_stack.delete(gone)
     assert not set(gone) & set(stage.state.ids)
-    stage.editing.undo()
+    stage.undo_stack.undo()
     assert same(before, stage.snapshot())
     assert joint.positions(poses(stage))["swing1"] == pytest.approx(0.5, abs=1e-6)
-    stage.editing.move(DOOR, joint.pose_for("swing1", -0.7, poses(stage)))
+    stage.undo_stack.move(DOOR, joint.pose_for("swing1", -0.7, poses(stage)))
     assert joint.positions(poses(stage))["swing1"] == pytest.approx(-0.7, abs=1e-6)
     if stage.engine_name == "mujoco":
         with pytest.raises(PoseUnreachableError):
-            stage.editing.move(DOOR, joint.pose_for("swing1", 0.8, poses(stage)))
+            stage.undo_stack.move(DOOR, joint.pose_for("swing1", 0.8, poses(stage)))
 
 
 def test_a_door_comes_back_to_where_its_fridge_stands_by_then(stage: Simulation) -> None:
     joint = hinge(stage)
-    stage.editing.move(DOOR, joint.pose_for("swing1", 0.5, poses(stage)))
-    stage.editing.delete([DOOR, GRIP])
+    stage.undo_stack.move(DOOR, joint.pose_for("swing1", 0.5, poses(stage)))
+    stage.undo_stack.delete([DOOR, GRIP])
     stage.run_on_engine(
         lambda engine: engine.set_pose(FRIDGE, Pose((-2.0, 1.0, 0.9), (0.0, 0.0, 0.0, 1.0))), edits=True
     )
-    stage.editing.undo()
+    stage.undo_stack.undo()
     assert joint.positions(poses(stage))["swing1"] == pytest.approx(0.5, abs=1e-6)
     frame = next(each for each in stage.snapshot().joints if each.id == "FridgeHinge").pose
     assert frame.position == pytest.approx((-1.68, 0.7, 0.9))
 
 
 def test_what_hung_comes_back_to_where_it_hung_although_its_holder_moved(stage: Simulation) -> None:
-    stage.editing.detach(HANDLE)
+    stage.undo_stack.detach(HANDLE)
     stage.run_on_engine(lambda engine: engine.set_pose(DRAWER, Pose((1.75, 0.0, 0.65))), edits=True)
-    stage.editing.undo()
+    stage.undo_stack.undo()
     assert poses(stage)[HANDLE][:3] == pytest.approx((1.48, 0.0, 0.65), abs=1e-6)
     assert [hold.child for hold in stage.snapshot().attachments if hold.parent == DRAWER] == [HANDLE]
 
 
 def test_what_cannot_come_back_says_why_and_is_forgotten(stage: Simulation) -> None:
-    stage.editing.delete([MUG])
+    stage.undo_stack.delete([MUG])
     mug = kitchenette().body("Mug")
     stage.spawn(replace(kitchenette(), bodies=(mug,), joints=(), attachments=()), persistent=False)
     with pytest.raises(BodyExistsError):
-        stage.editing.undo()
-    assert stage.editing.history.undo == ()
+        stage.undo_stack.undo()
+    assert stage.undo_stack.history.undo == ()
 
 
 def test_what_cannot_be_undone_any_more_changes_nothing(stage: Simulation) -> None:
-    stage.editing.attach(DRAWER, MUG)
-    stage.editing.undo()
-    stage.editing.redo()
+    stage.undo_stack.attach(DRAWER, MUG)
+    stage.undo_stack.undo()
+    stage.undo_stack.redo()
     stage.run_on_engine(lambda engine: engine.delete([MUG]), edits=True)
     before = stage.snapshot()
     with pytest.raises(WorldError):
-        stage.editing.undo()
+        stage.undo_stack.undo()
     assert stage.snapshot() == before
 
 
@@ -178,30 +178,30 @@ def test_what_somebody_added_is_taken_away_and_comes_again(stage: Simulation) ->
     before = stage.snapshot()
     cup = replace(kitchenette().body("Mug"), id=BodyId("Cup"), pose=THERE)
     stage.spawn(replace(kitchenette(), bodies=(cup,), joints=(), attachments=()), persistent=False)
-    stage.editing.record_spawn([cup.id])
-    assert stage.editing.undo() == "Cup added"
+    stage.undo_stack.record_spawn([cup.id])
+    assert stage.undo_stack.undo() == "Cup added"
     assert {body.id for body in stage.snapshot().bodies} == {body.id for body in before.bodies}
-    stage.editing.redo()
+    stage.undo_stack.redo()
     assert stage.snapshot().body("Cup").pose == THERE
 
 
 def test_a_reset_brings_back_what_was_spawned_and_can_be_undone(stage: Simulation) -> None:
     before = stage.snapshot()
-    stage.editing.move(MUG, THERE)
+    stage.undo_stack.move(MUG, THERE)
     cup = replace(kitchenette().body("Mug"), id=BodyId("Cup"), pose=Pose((1.0, -2.0, 0.05)))
     stage.spawn(replace(kitchenette(), bodies=(cup,), joints=(), attachments=()), persistent=False)
-    stage.editing.delete([HANDLE])
+    stage.undo_stack.delete([HANDLE])
     changed = stage.snapshot()
-    stage.editing.reset()
+    stage.undo_stack.reset()
     assert same(before, stage.snapshot()), "even where the mug was is as it was, and the cup is gone"
-    assert stage.editing.undo() == "reset"
+    assert stage.undo_stack.undo() == "reset"
     assert same(changed, stage.snapshot())
 
 
 def test_a_cleared_stage_has_nothing_to_undo(stage: Simulation) -> None:
-    stage.editing.move(MUG, THERE)
+    stage.undo_stack.move(MUG, THERE)
     stage.clear()
-    assert stage.editing.history.undo == ()
+    assert stage.undo_stack.history.undo == ()
 
 
 def test_a_stage_learns_something_else(stage: Simulation) -> None:

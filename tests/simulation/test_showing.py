@@ -85,7 +85,7 @@ def test_what_has_no_body_is_named_with_the_reason(stage: Simulation) -> None:
     shown = stage.highlight(stage.ask("maps"), RED)
     assert shown.unhighlighted == (UnhighlightedItem("map", "it is a map, which has no body"),)
     shown = stage.highlight(stage.ask("everything_in_map"), RED)
-    assert UnhighlightedItem("DrawerSlide", "it is a constraint, which has no body") in shown.unhighlighted
+    assert UnhighlightedItem("DrawerSlide", "it is a joint, which has no body") in shown.unhighlighted
     assert len(shown.highlighted) == len(kitchenette().bodies)
     shown = stage.highlight(
         ["Mug", "Mugg", "http://example.org/maps/M.owl#nobody"], GREEN, label="by hand", missing_ok=True

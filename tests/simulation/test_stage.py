@@ -48,7 +48,7 @@ def test_a_spawned_world_comes_back_and_is_published(stage: Simulation) -> None:
 
 def test_every_call_runs_in_the_one_thread_that_owns_the_engine(stage: Simulation) -> None:
     names = {stage.run_on_engine(lambda engine: threading.current_thread().name) for _ in range(3)}
-    assert names == {"mindstage-stage"}
+    assert names == {"mindstage-simulation"}
 
 
 def test_calls_from_many_threads_all_get_their_turn(stage: Simulation) -> None:
