@@ -213,7 +213,7 @@ def test_a_slider_in_a_paused_world_puts_the_drawer_there_in_one_edit(alive: Sim
         guest.ask("move_joint", id="DrawerSlide", axis="x", value=value, done=False)
     guest.ask("move_joint", id="DrawerSlide", axis="x", value=-0.3)
     assert at(alive, DRAWER)[0] == pytest.approx(1.65)
-    assert alive.undo_stack.history.undo == ("place of Drawer",)
+    assert alive.undo_stack.history.undo == ("pose of Drawer",)
     guest.ask("undo")
     assert at(alive, DRAWER)[0] == pytest.approx(1.95)
 

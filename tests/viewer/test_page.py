@@ -67,7 +67,7 @@ def test_what_the_stage_refuses_is_said_to_the_visitor(stage: Simulation, viewpo
     visitor = visit(viewport)
     stage.close()
     visitor.click_button("step")
-    wait_until(lambda: visitor.shows_text("the stage is closed"), "the page says why nothing happens")
+    wait_until(lambda: visitor.shows_text("the simulation is closed"), "the page says why nothing happens")
 
 
 def test_a_lost_connection_is_said_and_comes_back_by_itself(

@@ -204,7 +204,7 @@ class JointHandle:
         return pose_from_array(self._pose_array_at(axis, value, poses))
 
     def pull_target(self, axis: str, value: float, poses: Mapping[BodyId, Array]) -> PullTarget:
-        """The pull that moves one axis to a value [m or rad]: of the side farthest from a hinge, of the center of a slide."""
+        """The pull that moves one axis to a value [m or rad], at the side far from a hinge, or at the center."""
         goal = self._pose_array_at(axis, value, poses)
         point = np.zeros(3) if AXIS_NAMES.index(axis) < 3 else self._farthest_side(AXIS_NAMES.index(axis) % 3)
         return PullTarget(self.moving_body, _vector(point), _vector(goal[:3] + quat_rotate(goal[3:], point)))

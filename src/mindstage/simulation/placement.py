@@ -1,8 +1,8 @@
 """Places new bodies on or in other bodies, at collision-free poses at which they come to rest.
 
-Candidate poses are sampled on a grid over the level support surfaces of the holder, nearest to the center
-first, and tested in one batch against the collision shapes of all bodies nearby. The free ones are simulated until the body
-rests, slides or falls over.
+Candidate poses are sampled on a grid over the level support surfaces of the holder, nearest to the center first, and
+tested in one batch against the collision shapes of all bodies nearby. The free ones are simulated until the body rests,
+slides or falls over.
 """
 
 from __future__ import annotations
@@ -365,7 +365,7 @@ def _enclosing_body_ids(simulation: EngineSession) -> frozenset[str]:
 
 
 def _sample_poses(poses: list[Pose], count: int) -> Iterator[Pose]:
-    """Up to `count` poses spread evenly over the list, the best first: neighbors of an unstable pose are unstable too."""
+    """Up to `count` poses spread evenly over the list, the best first: an unstable pose has unstable neighbors."""
     if not poses or count <= 0:
         return
     rows = np.unique(np.linspace(0, len(poses) - 1, count).astype(int))

@@ -410,7 +410,7 @@ class UndoStack:
             BodyNotFoundError: no body has that id.
             PoseUnreachableError: a joint does not allow the pose.
         """
-        self.apply(MoveBody(id, pose, f"place of {id}"), continues_last=continues_last)
+        self.apply(MoveBody(id, pose, f"pose of {id}"), continues_last=continues_last)
 
     def set_physics(self, id: BodyId, physics: BodyPhysics, *, label: str = "physics") -> None:
         """Sets mobility, gravity, mass and overlap events; `label` names what changes.
@@ -435,7 +435,7 @@ class UndoStack:
             BodyNotFoundError: one of the two does not exist.
             AttachmentError: the attachment would be cyclic.
         """
-        self.apply(AttachBodies(parent, child, f"{child} hangs on {parent}"))
+        self.apply(AttachBodies(parent, child, f"{child} attached to {parent}"))
 
     def detach(self, child: BodyId) -> None:
         """Detaches a body from its parent.
@@ -443,7 +443,7 @@ class UndoStack:
         Raises:
             BodyNotFoundError: no body has that id.
         """
-        self.apply(DetachBody(child, f"{child} hangs on nothing"))
+        self.apply(DetachBody(child, f"{child} detached"))
 
     def delete(self, ids: Iterable[BodyId]) -> None:
         """Deletes bodies with their joints and attachments.

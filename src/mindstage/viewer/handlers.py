@@ -681,7 +681,7 @@ class EditHandler:
         pull = joint.pull_target(request.axis, request.value, poses)
         self._simulation.pull(pull.id, point=pull.point, target=pull.target)
         if request.done:
-            self._simulation.undo_stack.record(MoveBody(joint.moving_body, before, f"place of {joint.moving_body}"))
+            self._simulation.undo_stack.record(MoveBody(joint.moving_body, before, f"pose of {joint.moving_body}"))
 
     def _release(self, session: ClientSession) -> None:
         for id, slide in list(self._joint_drags.items()):
