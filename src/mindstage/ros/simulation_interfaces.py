@@ -1,4 +1,4 @@
-"""Spawning: new entities after the pattern of what the maps know, of files, or of a text; and what this face can do.
+r"""Spawning: new entities after the pattern of what the maps know, of files, or of a text; and what this face can do.
 
 Resources: the worlds and things that can be asked for by name, and those that come as text.
 
