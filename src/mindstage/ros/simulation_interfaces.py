@@ -1,4 +1,4 @@
-r"""Spawning: new entities after the pattern of what the maps know, of files, or of a text; and what this face can do.
+"""Spawning: new entities after the pattern of what the maps know, of files, or of a text; and what this face can do.
 
 Resources: the worlds and things that can be asked for by name, and those that come as text.
 

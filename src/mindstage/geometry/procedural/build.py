@@ -109,15 +109,15 @@ def build_geometry(
     words = "; ".join(part for part in (reason, form.reason) if part)
     return BodyGeometry.deferred(
         lambda: (form.key, form.visuals),
-        collision_shapes=form.collision_shapes,
+        solids=form.collision_shapes,
         source=source,
-        reason=words,
-        shape_name=form.shape_name,
+        why=words,
+        kind=form.shape_name,
         friction=friction,
         restitution=restitution,
         density=density,
-        support_surfaces=form.support_surfaces,
-        lights=form.lights,
+        places=form.support_surfaces,
+        glows=form.lights,
     )
 
 
@@ -140,11 +140,11 @@ def _build_cached(
     drawing = _Drawing(made, draft, dict(materials), (made.shape_name(), solids, places, glows, numbers))
     return BodyGeometry.deferred(
         drawing.result,
-        collision_shapes=solids,
-        shape_name=made.shape_name(),
-        reason="; ".join(draft.notes),
-        support_surfaces=places,
-        lights=glows,
+        solids=solids,
+        kind=made.shape_name(),
+        why="; ".join(draft.notes),
+        places=places,
+        glows=glows,
     )
 
 
