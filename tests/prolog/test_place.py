@@ -13,7 +13,7 @@ from mindstage.prolog import PrologConsole
 from mindstage.scene import BodyId, Pose, diff
 from mindstage.scene.colors import COLORS
 from mindstage.simulation import Simulation
-from tests.cli.typed import map_text
+from tests.cli.runner import map_text
 
 
 def test_a_map_is_spawned_whole(console: PrologConsole, stage: Simulation) -> None:

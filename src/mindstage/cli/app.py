@@ -9,7 +9,7 @@ import gc
 import signal
 import sys
 import traceback
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import Annotated, NoReturn
 
 import typer
@@ -27,7 +27,7 @@ from mindstage.cli.viewer import demo
 
 __all__ = ["app", "main"]
 
-_COMMANDS = {
+_COMMANDS: dict[str, Callable[..., ExitCode]] = {
     function.__name__: function
     for function in (
         demo,
@@ -48,7 +48,7 @@ _COMMANDS = {
         tell,
     )
 }
-_ALIASES = {"analyse": analyze, "furnish": place}
+_ALIASES: dict[str, Callable[..., ExitCode]] = {"analyse": analyze, "furnish": place}
 """Former names of verbs, which are not listed in the help."""
 
 
