@@ -140,7 +140,7 @@ def test_what_is_selected_is_told_with_its_pose_and_joints_as_they_are(alive: Si
     guest.ask("select", id="Drawer")
     eventually(guest, "live_details", lambda live: live["id"] == "Drawer", "where it is is told")
     assert guest.latest["live_details"]["joints"] == {"DrawerSlide": {"x": 0.0}}
-    alive.editing.move(DRAWER, Pose((1.75, 0.0, 0.65)))
+    alive.undo_stack.move(DRAWER, Pose((1.75, 0.0, 0.65)))
     eventually(
         guest, "live_details", lambda live: live["joints"] == {"DrawerSlide": {"x": -0.2}}, "and where it is now"
     )
@@ -213,7 +213,7 @@ def test_a_slider_in_a_paused_world_puts_the_drawer_there_in_one_edit(alive: Sim
         guest.ask("move_joint", id="DrawerSlide", axis="x", value=value, done=False)
     guest.ask("move_joint", id="DrawerSlide", axis="x", value=-0.3)
     assert at(alive, DRAWER)[0] == pytest.approx(1.65)
-    assert alive.editing.history.undo == ("place of Drawer",)
+    assert alive.undo_stack.history.undo == ("pose of Drawer",)
     guest.ask("undo")
     assert at(alive, DRAWER)[0] == pytest.approx(1.95)
 
@@ -289,7 +289,7 @@ def test_a_saved_map_is_loaded_again_and_nothing_is_lost(
     assert (lost.only_in_a, lost.only_in_b) == ((), ())
     assert lost.identical(1e-6) or way.get("dialect") == "soma"
     wait_until(lambda: len(names(guest)) == 8, "the page sees it")
-    assert alive.editing.history.undo == ()
+    assert alive.undo_stack.history.undo == ()
     assert guest.ask("save", **way)["text"], "what was loaded can be saved again"
 
 

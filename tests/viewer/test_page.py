@@ -67,7 +67,7 @@ def test_what_the_stage_refuses_is_said_to_the_visitor(stage: Simulation, viewpo
     visitor = visit(viewport)
     stage.close()
     visitor.click_button("step")
-    wait_until(lambda: visitor.shows_text("the stage is closed"), "the page says why nothing happens")
+    wait_until(lambda: visitor.shows_text("the simulation is closed"), "the page says why nothing happens")
 
 
 def test_a_lost_connection_is_said_and_comes_back_by_itself(
@@ -81,7 +81,7 @@ def test_a_lost_connection_is_said_and_comes_back_by_itself(
     with Viewer(stage, port=port) as again:
         assert again.url == viewport.url
         wait_until(lambda: not visitor.page.locator("#disconnected").is_visible(), "it is there again")
-        stage.editing.move(BodyId("Mug"), Pose((1.0, 0.0, 0.85)))
+        stage.undo_stack.move(BodyId("Mug"), Pose((1.0, 0.0, 0.85)))
         wait_until(lambda: (visitor.live() or {"pose": {"position": []}})["pose"]["position"][:1] == [1.0], "and tells")
 
 
@@ -172,7 +172,7 @@ def test_values_are_typed_in_and_undone(stage: Simulation, viewport: Viewer, vis
     wait_until(lambda: visitor.shows_text("The mass must be greater than 0 kg."), "nonsense is refused in words")
     for _ in range(4):
         visitor.click_button("undo")
-    wait_until(lambda: not stage.editing.history.undo, "all is undone")
+    wait_until(lambda: not stage.undo_stack.history.undo, "all is undone")
     assert stage.snapshot().body("Mug") == kitchenette().body("Mug")
 
 
@@ -244,11 +244,11 @@ def test_the_map_is_saved_and_loaded_by_file_and_by_drop(
     saved = tmp_path / download.value.suggested_filename
     download.value.save_as(saved)
     assert saved.name == "map.ttl"
-    stage.editing.delete([BodyId("Mug"), BodyId("Fridge")])
+    stage.undo_stack.delete([BodyId("Mug"), BodyId("Fridge")])
     visitor.page.locator("[data-role=upload]").set_input_files(saved)
     wait_until(lambda: len(stage.state.ids) == 8, "all is back")
     wait_until(lambda: visitor.shows_text("map: 8 bodies, 2 joints"), "and the page says so")
-    stage.editing.delete([BodyId("Mug")])
+    stage.undo_stack.delete([BodyId("Mug")])
     drop = """text => {
         const transfer = new DataTransfer();
         transfer.items.add(new File([text], "dropped.ttl"));

@@ -193,5 +193,5 @@ def test_a_gizmo_moves_what_is_selected(stage: Simulation, viewport: Viewer, loo
     ann.release()
     wait_until(lambda: position(stage, "Fridge")[1] > start[1] + 0.3, "it is put where the ghost was")
     wait_until(lambda: not ann.is_drawn("/ghosts/Fridge"), "the ghost has gone")
-    stage.editing.undo()
+    stage.undo_stack.undo()
     assert position(stage, "Fridge") == pytest.approx(start)

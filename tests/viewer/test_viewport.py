@@ -182,7 +182,7 @@ def test_what_is_not_there_cannot_be_selected(viewport: Viewer) -> None:
 def test_what_a_visitor_puts_somewhere_is_put_there_and_can_be_undone(stage: Simulation, viewport: Viewer) -> None:
     viewport._place_body(0, MUG, Pose((1.0, 0.0, 0.85)))
     assert stage.snapshot().body("Mug").pose.position == (1.0, 0.0, 0.85)
-    stage.editing.undo()
+    stage.undo_stack.undo()
     assert stage.snapshot().body("Mug").pose == kitchenette().body("Mug").pose
 
 

@@ -215,7 +215,7 @@ class WorldHandler:
         channel.register("play", PlayRequest, lambda _, wish: simulation.play(speed=wish.speed))
         channel.register("pause", EmptyRequest, lambda _, wish: simulation.pause())
         channel.register("step", StepRequest, self._step)
-        channel.register("reset", EmptyRequest, lambda _, wish: simulation.editing.reset())
+        channel.register("reset", EmptyRequest, lambda _, wish: simulation.undo_stack.reset())
         channel.register("details", DetailsRequest, self._details, queue="details")
 
     # -- for the thread that follows the world -------------------------------------------------------------------------
@@ -339,7 +339,7 @@ def _clock_message(frame: StateSnapshot) -> ClockMessage:
 
 def _undo_labels(simulation: Simulation) -> dict[str, str | None]:
     """What the two buttons would do."""
-    history = simulation.editing.history
+    history = simulation.undo_stack.history
     return {"undo": next(iter(history.undo), None), "redo": next(iter(history.redo), None)}
 
 
@@ -596,7 +596,7 @@ class EditHandler:
         """
         self._simulation, self._world_handler, self._view_center = simulation, world_handler, view_center
         self._joint_drags: dict[BodyId, _JointDrag] = {}
-        editing = simulation.editing
+        editing = simulation.undo_stack
         channel.register("move", MoveRequest, self._move)
         channel.register("set_physics", SetPhysicsRequest, self._set_physics)
         channel.register("set_material", SetMaterialRequest, self._set_material)
@@ -629,7 +629,7 @@ class EditHandler:
     def _move(self, _: ClientSession, request: MoveRequest) -> None:
         if not any(request.quaternion):
             raise InvalidArgumentError("quaternion", cause="four zeros are no rotation")
-        self._simulation.editing.move(request.id, Pose(request.position, request.quaternion))
+        self._simulation.undo_stack.move(request.id, Pose(request.position, request.quaternion))
 
     def _set_physics(self, _: ClientSession, request: SetPhysicsRequest) -> None:
         changes = {
@@ -638,24 +638,24 @@ class EditHandler:
             if (value := getattr(request, name)) is not msgspec.UNSET
         }
         physics: BodyPhysics = msgspec.structs.replace(self._body(request.id).physics, **changes)
-        self._simulation.editing.set_physics(
+        self._simulation.undo_stack.set_physics(
             request.id, physics, label=" and ".join(changes).replace("_kg", "") or "physics"
         )
 
     def _set_material(self, _: ClientSession, request: SetMaterialRequest) -> None:
         if not request.name and request.color is None:
-            self._simulation.editing.set_materials(request.id, ())
+            self._simulation.undo_stack.set_materials(request.id, ())
             return
         known = next((each for each in self._body(request.id).materials if each.name == request.name), None)
         color = None if request.color is None else parse_color(request.color)
         material = Material(name=request.name or "paint", path=known.path if known else "", color=color)
-        self._simulation.editing.set_materials(request.id, (material,))
+        self._simulation.undo_stack.set_materials(request.id, (material,))
 
     def _attach(self, _: ClientSession, request: AttachRequest) -> None:
         if request.parent is None:
-            self._simulation.editing.detach(request.child)
+            self._simulation.undo_stack.detach(request.child)
         else:
-            self._simulation.editing.attach(request.parent, request.child)
+            self._simulation.undo_stack.attach(request.parent, request.child)
 
     def _body(self, id: BodyId) -> Body:
         return self._simulation.snapshot().body(id)
@@ -676,12 +676,12 @@ class EditHandler:
         )
         if not frame.playing:
             pose = joint.pose_for(request.axis, request.value, poses)
-            self._simulation.editing.move(joint.moving_body, pose, continues_last=going_on is not None)
+            self._simulation.undo_stack.move(joint.moving_body, pose, continues_last=going_on is not None)
             return
         pull = joint.pull_target(request.axis, request.value, poses)
         self._simulation.pull(pull.id, point=pull.point, target=pull.target)
         if request.done:
-            self._simulation.editing.record(MoveBody(joint.moving_body, before, f"place of {joint.moving_body}"))
+            self._simulation.undo_stack.record(MoveBody(joint.moving_body, before, f"pose of {joint.moving_body}"))
 
     def _release(self, session: ClientSession) -> None:
         for id, slide in list(self._joint_drags.items()):
@@ -711,7 +711,7 @@ class EditHandler:
         body = self._make_body(cls, request.size)
         if request.on is not None or request.into is not None:
             put = self._simulation.place(body, on=request.on, into=request.into)
-            self._simulation.editing.record_spawn([put.id])
+            self._simulation.undo_stack.record_spawn([put.id])
             return put.id
         x, y, z = request.at or self._view_center(session) or (0.0, 0.0, 0.0)
         height = body.size[2] if body.size else 0.0
@@ -728,7 +728,7 @@ class EditHandler:
         report = self._simulation.spawn(World(iri=iri, name=name, bodies=(body,)), persistent=False)
         for failure in report.failed_bodies:
             raise InvalidArgumentError(failure.id, cause=failure.reason)
-        self._simulation.editing.record_spawn([body.id])
+        self._simulation.undo_stack.record_spawn([body.id])
 
 
 class _JointDrag(msgspec.Struct, frozen=True):

@@ -241,7 +241,7 @@ class Viewer:
     def _place_body(self, visitor: int, id: BodyId, pose: Pose) -> None:
         """A visitor has put a body somewhere."""
         try:
-            self._simulation.editing.move(id, pose)
+            self._simulation.undo_stack.move(id, pose)
         except MindstageError as error:
             self._handlers.toast(visitor, str(error))
 
