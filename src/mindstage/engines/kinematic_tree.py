@@ -109,7 +109,8 @@ def pose_from_joint_coordinates(coordinates: Sequence[float]) -> Array:
 def joint_coordinates(relative: Array, axes: Sequence[JointAxis]) -> Array:
     """Six coordinates of a joint frame seen from the parent's; angles within a half turn either way.
 
-    What the axes cannot express is left out; compare `pose_from_joint_coordinates` of the result to know whether there was any.
+    What the axes cannot express is left out; compare `pose_from_joint_coordinates` of the result to know whether there
+    was any.
     """
     w, x, y, z = (relative[3:] / np.linalg.norm(relative[3:])).tolist()
     hinges = [axis for axis in axes if not axis.is_prismatic]
