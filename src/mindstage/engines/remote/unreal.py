@@ -222,7 +222,7 @@ def _omission_notes(world: World) -> Iterator[SpawnNote]:
 # ruff: noqa: D102 - the methods of an engine are documented in the protocol
 
 _ROUNDED_M, _ROUNDED_RAD = 2e-6, 1e-5
-"""Rounding error of a pose near the origin that was converted to single-precision centimeters and back, with a margin."""
+"""Rounding error of a pose near the origin after conversion to single-precision centimeters and back, and a margin."""
 _MAX_STEP_GAP_S = 0.5
 """Steps with a shorter gap between them are one period of time, which includes the gap [s]."""
 _POLL_INTERVAL_S = 0.5
