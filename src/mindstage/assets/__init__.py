@@ -1,4 +1,4 @@
-"""Assets: mesh files that others have modeled, found and made into forms."""
+"""Mesh files and glTF: meshes found for the bodies of a world, and worlds exported as glTF."""
 
 from mindstage.assets.library import MeshGeometries, MeshLibrary
 
