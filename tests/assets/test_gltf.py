@@ -76,7 +76,7 @@ def shown(world: World) -> trimesh.Scene:
     return scene
 
 
-def test_every_body_is_a_node_where_it_stands_and_as_large() -> None:
+def test_every_body_is_a_node_with_its_pose_and_size() -> None:
     world = kitchenette()
     scene = shown(world)
     for body in world.bodies:
@@ -90,7 +90,7 @@ def test_every_body_is_a_node_where_it_stands_and_as_large() -> None:
 
 @settings(max_examples=30)
 @given(world=worlds())
-def test_any_world_can_be_written(world: World) -> None:
+def test_any_world_can_be_exported(world: World) -> None:
     file = told(world_to_glb(world).data)
     nodes = file["nodes"]
     extras = [node["extras"]["id"] for node in nodes if "class" in node.get("extras", {})]
@@ -100,13 +100,13 @@ def test_any_world_can_be_written(world: World) -> None:
     assert file["scenes"][0]["nodes"] == [0]
 
 
-def test_a_node_tells_what_it_is() -> None:
+def test_a_node_has_id_and_class_as_extras() -> None:
     _, node = told(world_to_glb(world_of(CUP)).data)["nodes"]
     assert node["name"] == "cup"
     assert node["extras"] == {"id": "cup", "class": M + "Cup", "iri": M + "cup", "label": "The cup"}
 
 
-def test_what_hangs_on_something_is_below_it() -> None:
+def test_attached_bodies_are_child_nodes() -> None:
     handle = replace(CUP, id=BodyId("handle"), iri=Iri(M + "handle"), pose=Pose((0.0, 0.0, 5.0)))
     world = world_of(handle, CUP, attachments=(Attachment(parent=CUP.id, child=handle.id),))
     root, below, cup = told(world_to_glb(world).data)["nodes"]
@@ -129,14 +129,14 @@ def test_colors_are_those_of_materials() -> None:
     assert first != second
 
 
-def test_what_looks_alike_is_there_once() -> None:
+def test_equal_meshes_are_stored_once() -> None:
     cups = [replace(CUP, id=BodyId(str(n)), iri=Iri(f"{M}{n}")) for n in range(50)]
     file = told(world_to_glb(world_of(*cups)).data)
     assert (len(file["meshes"]), len(file["nodes"])) == (1, 51)
 
 
 @pytest.mark.parametrize("kind", PrimitiveType)
-def test_solids_are_closed_and_face_outwards(kind: PrimitiveType) -> None:
+def test_primitive_meshes_are_closed_and_face_outwards(kind: PrimitiveType) -> None:
     surface = _PRIMITIVES[kind]((1.0, 2.0, 3.0))
     mesh = trimesh.Trimesh(surface.points, surface.faces)
     mesh.merge_vertices(merge_norm=True)
@@ -149,19 +149,19 @@ def test_solids_are_closed_and_face_outwards(kind: PrimitiveType) -> None:
     assert (np.einsum("ij,ikj->ik", facing, surface.normals[surface.faces]) > 0.0).all()
 
 
-def test_a_world_of_nothing_is_a_file() -> None:
+def test_an_empty_world_can_be_exported() -> None:
     written = world_to_glb(world_of())
     assert [node["name"] for node in told(written.data)["nodes"]] == ["map"]
     assert written.notes == ()
 
 
-def test_what_shows_nothing_is_said() -> None:
+def test_bodies_without_a_mesh_are_reported() -> None:
     written = world_to_glb(world_of(replace(CUP, size=None)))
     assert "mesh" not in told(written.data)["nodes"][1]
     assert "1 bodies have no size" in written.notes[0]
 
 
-def test_lights_shine() -> None:
+def test_lights_are_exported() -> None:
     lamp = Light(
         id=BodyId("lamp"), iri=Iri(M + "lamp"), type=LightType.SPOT, pose=Pose((0.0, 0.0, 2.0)), intensity=40.0
     )
@@ -171,7 +171,7 @@ def test_lights_shine() -> None:
     assert file["nodes"][1]["extensions"]["KHR_lights_punctual"] == {"light": 0}
 
 
-def test_forms_are_what_is_seen() -> None:
+def test_geometry_is_exported_as_meshes() -> None:
     glass = VisualMesh(*CORNER, material=PbrMaterial(name="glass", color=(0.5, 1.0, 1.0), opacity=0.25, roughness=0.1))
     steel = VisualMesh(*CORNER, material=PbrMaterial(name="steel", metalness=1.0))
     form = BodyGeometry(key="jar", visuals=(glass, steel), collision_shapes=())
@@ -186,7 +186,7 @@ def test_forms_are_what_is_seen() -> None:
     assert seen[1]["pbrMetallicRoughness"]["metallicFactor"] == 1.0
 
 
-def test_textures_come_along_the_right_way_up() -> None:
+def test_textures_are_exported_upright() -> None:
     image = np.zeros((2, 2, 4), dtype=np.uint8)
     image[0, 1] = (255, 0, 0, 255)  # the upper right corner
     points, faces = CORNER
@@ -201,7 +201,7 @@ def test_textures_come_along_the_right_way_up() -> None:
     assert np.asarray(mesh.visual.material.baseColorTexture)[0, 1].tolist() == [255, 0, 0, 255]
 
 
-def test_what_gives_light_shines() -> None:
+def test_attached_lights_are_exported() -> None:
     glow = AttachedLight(pose=Pose((0.0, 0.0, -0.1)), color=(1.0, 0.9, 0.8), intensity=60.0)
     form = BodyGeometry("lamp", (VisualMesh(*CORNER, material=PbrMaterial(emission=1.0)),), (), lights=(glow,))
     file = told(world_to_glb(world_of(CUP), geometry={CUP.id: form}).data)
@@ -210,7 +210,7 @@ def test_what_gives_light_shines() -> None:
     assert "emissiveFactor" in file["materials"][0]
 
 
-def test_one_form_is_a_file_in_godots_axes() -> None:
+def test_geometry_is_exported_in_godots_axes() -> None:
     """What is forward (x) is along negative z there, what is left (y) along negative x, what is up along y."""
     data = geometry_to_glb(BodyGeometry("corner", (VisualMesh(*CORNER, material=PbrMaterial()),), ()))
     scene = trimesh.load(io.BytesIO(data), file_type="glb")
@@ -220,7 +220,7 @@ def test_one_form_is_a_file_in_godots_axes() -> None:
     assert mesh.volume == pytest.approx(1.0), "it is still turned outside out"
 
 
-def test_a_place_that_is_none_is_refused() -> None:
+def test_an_invalid_pose_is_refused() -> None:
     with pytest.raises(MapWriteError, match="its pose is none"):
         world_to_glb(world_of(replace(CUP, pose=Pose((float("nan"), 0.0, 0.0)))))
     with pytest.raises(MapWriteError, match="its size"):

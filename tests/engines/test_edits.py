@@ -82,7 +82,7 @@ def test_a_running_room_survives_any_edits(todo: list[tuple[object, ...]], pause
     for number, edit in enumerate(todo):
         apply(engine, room(), edit)
         if number % (pauses + 1) == 0:
-            with contextlib.suppress(SimulationDivergedError):  # a body put a kilometre into another may well break
+            with contextlib.suppress(SimulationDivergedError):  # a body put a kilometer into another may well break
                 engine.step(0.01)
     log = engine.snapshot()
     assert {body.id for body in log.bodies} == set(engine.poses()[0])

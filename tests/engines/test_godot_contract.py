@@ -14,7 +14,7 @@ import pytest
 
 from mindstage.engines import GodotEngine
 from tests.engines.contract import PhysicsContract
-from tests.engines.forms_contract import GeometryContract
+from tests.engines.geometry_contract import GeometryContract
 
 
 @pytest.fixture(scope="module")
@@ -39,7 +39,7 @@ class TestGodotEngine(PhysicsContract, GeometryContract):
         yield running
         running.clear()
 
-    def test_time_passes_exactly_as_asked(self, engine: GodotEngine) -> None:
+    def test_time_advances_by_the_requested_duration(self, engine: GodotEngine) -> None:
         """As for every engine, but time has passed before: one Godot serves many tests."""
         before_s = engine.time_s
         for _ in range(300):

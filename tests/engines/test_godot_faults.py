@@ -65,12 +65,12 @@ def is_gone(pid: int, *, within_s: float = 30.0) -> bool:
 # -- before it starts --------------------------------------------------------------------------------------------------
 
 
-def test_a_program_that_is_not_there_is_named_and_how_to_get_one() -> None:
+def test_a_missing_executable_is_named_with_installation_help() -> None:
     with pytest.raises(EngineUnavailableError, match=r"no program '/nowhere/godot'.*install Godot 4\.4 or later"):
         GodotEngine("/nowhere/godot")
 
 
-def test_no_godot_anywhere_says_how_to_get_one(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_machine_without_godot_gets_installation_help(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(program, "_candidates", lambda: iter(()))
     with pytest.raises(EngineUnavailableError, match=r"no Godot on this machine.*GODOT"):
         find_godot()
@@ -83,22 +83,22 @@ def test_a_godot_that_is_too_old_is_refused(version: str, make_program: Make) ->
 
 
 @pytest.mark.parametrize("version", ["4.4.stable", "4.10.1.stable", "5.0.dev"])
-def test_a_godot_that_is_new_enough_is_taken(version: str, make_program: Make) -> None:
+def test_a_recent_godot_is_accepted(version: str, make_program: Make) -> None:
     assert find_godot(make_program(version=version)).version == version
 
 
-def test_a_program_that_is_no_godot_is_refused_with_what_it_said(make_program: Make) -> None:
+def test_another_program_is_refused_with_its_output(make_program: Make) -> None:
     with pytest.raises(EngineUnavailableError, match="does not say its version: no display today"):
         find_godot(make_program(asked="echo no display today >&2; exit 1"))
 
 
-def test_a_program_that_never_answers_is_given_up(make_program: Make, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_program_that_does_not_answer_times_out(make_program: Make, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(program, "_VERSION_TIMEOUT_S", 0.3)
     with pytest.raises(EngineUnavailableError, match=r"does not say its version within 0\.3 s"):
         find_godot(make_program(asked="exec sleep 60"))
 
 
-def test_a_file_that_is_no_program_does_not_run(tmp_path: Path) -> None:
+def test_a_file_that_is_not_executable_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "godot"
     path.write_bytes(b"\x7fELF and nothing more")
     path.chmod(0o755)
@@ -106,7 +106,7 @@ def test_a_file_that_is_no_program_does_not_run(tmp_path: Path) -> None:
         find_godot(path)
 
 
-def test_the_project_is_copied_once_and_anew_when_it_or_godot_changes(
+def test_the_project_is_copied_once_and_again_after_a_change(
     make_program: Make, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     shipped = tmp_path / "shipped"
@@ -124,7 +124,7 @@ def test_the_project_is_copied_once_and_anew_when_it_or_godot_changes(
     assert first.is_dir()
 
 
-def test_copies_of_the_project_that_nobody_starts_any_more_are_removed(make_program: Make, tmp_path: Path) -> None:
+def test_unused_copies_of_the_project_are_deleted(make_program: Make, tmp_path: Path) -> None:
     path = make_program()
     copies = [project.prepare_project(GodotExecutable(path, f"4.4.{number}")) for number in range(5)]
     long_ago_s = time.time() - 30 * 24 * 3600
@@ -140,7 +140,7 @@ def test_copies_of_the_project_that_nobody_starts_any_more_are_removed(make_prog
     assert left == {newest.name, copies[3].name, copies[0].name, "home"}
 
 
-def test_a_project_that_cannot_be_prepared_leaves_nothing_half_done(
+def test_a_failed_preparation_leaves_no_partial_copy(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
@@ -155,12 +155,12 @@ def test_a_project_that_cannot_be_prepared_leaves_nothing_half_done(
 # -- while it starts ---------------------------------------------------------------------------------------------------
 
 
-def test_a_godot_that_ends_at_once_is_told_with_its_last_words(make_program: Make) -> None:
+def test_a_godot_that_exits_at_once_is_reported_with_its_output(make_program: Make) -> None:
     with pytest.raises(EngineUnavailableError, match=r"did not start: it ended with exit code 7.*my last words"):
         GodotEngine(make_program(runs="echo my last words; exit 7"))
 
 
-def test_a_godot_that_never_offers_anything_is_given_up_and_ended(make_program: Make, tmp_path: Path) -> None:
+def test_a_godot_that_offers_no_services_times_out_and_is_terminated(make_program: Make, tmp_path: Path) -> None:
     pid = tmp_path / "pid"
     runs = f"echo $$ >{pid}; echo thinking; exec sleep 600"
     with pytest.raises(EngineUnavailableError, match=r"after 1 s it offers no service; it said: thinking"):
@@ -168,7 +168,7 @@ def test_a_godot_that_never_offers_anything_is_given_up_and_ended(make_program: 
     assert is_gone(int(pid.read_text()))
 
 
-def test_a_godot_that_does_not_want_to_end_is_ended(make_program: Make, tmp_path: Path) -> None:
+def test_a_godot_that_ignores_sigterm_is_killed(make_program: Make, tmp_path: Path) -> None:
     pid = tmp_path / "pid"
     runs = f"trap '' TERM; echo $$ >{pid}; while :; do sleep 0.1; done"
     with pytest.raises(EngineUnavailableError):
@@ -185,7 +185,7 @@ def engine(godot: Path) -> Iterator[GodotEngine]:
         yield engine
 
 
-def test_a_godot_killed_while_it_spawns_is_told_at_once_and_another_can_be_started(
+def test_a_godot_killed_during_a_spawn_is_reported_at_once_and_can_be_restarted(
     engine: GodotEngine, godot: Path
 ) -> None:
     errors: list[Exception] = []
@@ -213,7 +213,7 @@ def test_a_godot_killed_while_it_spawns_is_told_at_once_and_another_can_be_start
         assert other.spawn(room()).ok
 
 
-def test_a_godot_that_hangs_is_given_up_in_time_and_ended(godot: Path) -> None:
+def test_a_godot_that_hangs_times_out_and_is_terminated(godot: Path) -> None:
     with closing(GodotEngine(godot, timeout_s=1.0)) as engine:
         os.kill(engine.pid, signal.SIGSTOP)
         with pytest.raises(EngineTimeoutError, match="did not answer"):
@@ -221,7 +221,7 @@ def test_a_godot_that_hangs_is_given_up_in_time_and_ended(godot: Path) -> None:
     assert is_gone(engine.pid)
 
 
-def test_two_run_side_by_side_and_neither_knows_of_the_other(engine: GodotEngine, godot: Path) -> None:
+def test_two_engines_run_independently(engine: GodotEngine, godot: Path) -> None:
     engine.spawn(world(FLOOR))
     with closing(GodotEngine(godot)) as other, socket.socket() as taken:
         with suppress(OSError):  # somebody else has it: as good
@@ -234,13 +234,13 @@ def test_two_run_side_by_side_and_neither_knows_of_the_other(engine: GodotEngine
     assert engine.poses()[0] == ("floor",)
 
 
-def test_nobody_else_can_join_its_bridge(engine: GodotEngine) -> None:
+def test_other_clients_cannot_connect_to_its_bridge(engine: GodotEngine) -> None:
     client = RosbridgeClient(engine._client.address.url, max_reconnect_delay_s=0.2)
     with closing(client), pytest.raises(AuthenticationError):
         client.wait_connected(10.0)
 
 
-def test_no_godot_is_left_behind_when_python_dies_without_a_word(godot: Path) -> None:
+def test_no_godot_remains_when_python_is_killed(godot: Path) -> None:
     script = (
         "import os, signal\n"
         "from mindstage.engines import GodotEngine\n"
@@ -253,7 +253,7 @@ def test_no_godot_is_left_behind_when_python_dies_without_a_word(godot: Path) ->
     assert is_gone(int(done.stdout))
 
 
-def test_no_godot_is_left_behind_when_python_ends_and_forgot_to_close(godot: Path) -> None:
+def test_no_godot_remains_when_python_exits_without_closing(godot: Path) -> None:
     script = (
         "from mindstage.engines import GodotEngine\n"
         f"engine = GodotEngine({str(godot)!r})\n"
@@ -264,7 +264,7 @@ def test_no_godot_is_left_behind_when_python_ends_and_forgot_to_close(godot: Pat
     assert is_gone(int(done.stdout))
 
 
-def test_an_unknown_body_is_refused_without_asking_godot(engine: GodotEngine) -> None:
+def test_an_unknown_body_is_refused_without_a_call_to_godot(engine: GodotEngine) -> None:
     engine.spawn(world(FLOOR))
     os.kill(engine.pid, signal.SIGSTOP)
     try:

@@ -60,7 +60,7 @@ def bundled() -> Kitchen:
 
 
 @pytest.mark.parametrize("name", SAMPLES)
-def test_a_map_of_any_dialect_comes_back_with_every_fact_and_tag(
+def test_maps_of_all_dialects_are_returned_with_all_facts_and_tags(
     name: str, engine: GodotEngine, shared_data: Path
 ) -> None:
     kitchen = read(shared_data / "maps" / f"{name}.owl")
@@ -68,7 +68,7 @@ def test_a_map_of_any_dialect_comes_back_with_every_fact_and_tag(
     assert diff(kitchen.world, engine.snapshot()).identical(0.0)
 
 
-def test_the_bundled_kitchen_comes_back_and_stays_as_it_is_when_left_alone(
+def test_the_bundled_kitchen_is_returned_unchanged_and_stays_at_rest(
     engine: GodotEngine, bundled: Kitchen
 ) -> None:
     assert bundled.spawn(engine).ok
@@ -92,7 +92,7 @@ def test_check_finds_nothing_lost_in_godot(run: Run, godot: Path, monkeypatch: p
     assert found["spawn"]["ok"]
 
 
-def test_a_map_becomes_a_scene_of_godots(
+def test_a_map_is_exported_as_a_godot_scene(
     run: Run,  # noqa: F811
     godot: Path,
     tmp_path: Path,
@@ -109,7 +109,7 @@ def test_a_map_becomes_a_scene_of_godots(
     assert "fridge" in scene
 
 
-def test_without_godot_there_is_no_scene_and_it_is_said_how_to_get_one(
+def test_exporting_a_scene_without_godot_gives_installation_help(
     run: Run,  # noqa: F811
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
@@ -209,7 +209,7 @@ def test_doors_and_drawers_open_to_their_limits_by_their_handles(engine: GodotEn
     ("moving", "holder", "inside"),
     [("fridge_door", "fridge", "milk_carton_1"), ("drawer_left_1", "drawer_left_1", "table_fork_1")],
 )
-def test_what_is_inside_stays_inside_while_it_is_opened(
+def test_contents_stay_inside_while_furniture_is_opened(
     moving: str, holder: str, inside: str, engine: GodotEngine, bundled: Kitchen
 ) -> None:
     bundled.spawn(engine)

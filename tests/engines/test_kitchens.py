@@ -40,7 +40,7 @@ def warnings_of(engine: MujocoEngine) -> list[int]:
     return [warning.number for warning in engine._cache.model().data.warning]
 
 
-def test_a_kitchen_left_alone_for_ten_seconds_stays(kitchen: World) -> None:
+def test_an_undisturbed_kitchen_stays_at_rest(kitchen: World) -> None:
     engine = MujocoEngine()
     assert engine.spawn(kitchen).ok
     ids, before = engine.poses()
@@ -125,7 +125,7 @@ def _limits(constraint: Joint) -> tuple[float, float]:
 @pytest.mark.parametrize(
     ("thing", "container"), [("coffee_mug_1", "drawer_right_1"), ("frying_pan_1", "drawer_right_2")]
 )
-def test_what_is_in_a_drawer_comes_along_and_stays_in_it(bundled: World, thing: str, container: str) -> None:
+def test_the_contents_of_a_drawer_move_with_it_and_stay_inside(bundled: World, thing: str, container: str) -> None:
     engine = MujocoEngine()
     engine.spawn(bundled)
     constraint, handle = next((c, h) for c, h in doors_and_drawers(bundled, engine) if container in (c.parent, c.child))
@@ -157,7 +157,7 @@ def test_the_milk_stays_in_the_fridge_when_its_door_is_opened(bundled: World) ->
     assert np.linalg.norm(current_pose(engine, milk)[:3] - before[:3]) < 0.01
 
 
-def test_the_shells_of_the_laboratory_are_found_and_nothing_else(laboratory: World) -> None:
+def test_only_the_enclosures_of_the_laboratory_are_found(laboratory: World) -> None:
     report = MujocoEngine().spawn(laboratory)
     shells = {
         laboratory.body(note.ids[0]).cls.split("#")[1] for note in report.notes if note.kind is SpawnNoteKind.ENCLOSURE

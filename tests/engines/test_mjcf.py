@@ -34,7 +34,7 @@ from mindstage.scene import (
     World,
 )
 from mindstage.scene.transforms import normalize, pose_array, quat_angle
-from tests.engines.formed import bin_geometry, single_shape_geometry, wedge_geometry
+from tests.engines.geometries import bin_geometry, single_shape_geometry, wedge_geometry
 from tests.kitchenette import kitchenette
 from tests.worlds import worlds
 
@@ -76,7 +76,7 @@ def poses_of(model: mujoco.MjModel, names: list[str]) -> np.ndarray:
     return np.concatenate([data.xpos[numbers], data.xquat[numbers]], axis=1)
 
 
-def test_every_body_stands_where_it_stood() -> None:
+def test_every_body_keeps_its_pose() -> None:
     world = kitchenette()
     found = poses_of(loaded(world), [body.id for body in world.bodies])
     told = pose_array(body.pose for body in world.bodies)
@@ -86,7 +86,7 @@ def test_every_body_stands_where_it_stood() -> None:
 
 @settings(max_examples=15, suppress_health_check=[HealthCheck.too_slow])
 @given(world=worlds())
-def test_any_world_that_stands_in_the_engine_can_be_loaded(world: World) -> None:
+def test_any_world_that_can_be_spawned_can_be_loaded(world: World) -> None:
     engine = MujocoEngine()
     report = engine.spawn(world)
     standing, _ = engine.poses()
@@ -116,7 +116,7 @@ def test_each_axis_of_a_joint_has_a_name() -> None:
     assert {model.joint(number).name for number in range(model.njnt)} == {"joint:z", "joint:swing1", "joint:twist"}
 
 
-def test_it_moves_as_in_here() -> None:
+def test_the_exported_model_moves_like_the_engine() -> None:
     """A door swings down and a box falls onto the floor."""
     door = joint(LinearLimits(), AngularLimits(swing2=AxisMotion.LIMITED, swing2_limit=1.2))
     world = world_of(
@@ -147,7 +147,7 @@ def test_it_moves_as_in_here() -> None:
     assert here[2, 2] < -0.05
 
 
-def test_what_hangs_on_something_is_part_of_it() -> None:
+def test_attached_bodies_are_nested() -> None:
     world = world_of(
         thing("cup", dynamic=True),
         thing("handle", at=(0.2, 0.0, 0.0)),
@@ -157,7 +157,7 @@ def test_what_hangs_on_something_is_part_of_it() -> None:
     assert model.body_parentid[model.body("handle").id] == model.body("cup").id
 
 
-def test_lights_and_colors_are_there() -> None:
+def test_lights_and_colors_are_exported() -> None:
     lamp = Light(id=BodyId("lamp"), iri=Iri(M + "lamp"), type=LightType.SPOT, pose=Pose((0.0, 0.0, 2.0)))
     red = Material(name="red", color=(0.75, 0.25, 0.0))
     model = loaded(world_of(thing("cup", materials=(red,)), lights=(lamp,)))
@@ -165,7 +165,7 @@ def test_lights_and_colors_are_there() -> None:
     np.testing.assert_allclose(model.light("lamp").dir, (0.0, 0.0, -1.0), atol=1e-12)
 
 
-def test_a_mesh_is_named_and_made_as_large_as_its_body(tmp_path: Path) -> None:
+def test_a_mesh_is_referenced_and_scaled_to_its_body(tmp_path: Path) -> None:
     (tmp_path / "t.obj").write_text(TETRAHEDRON, encoding="utf-8")
     world = world_of(thing("rock", at=(5.0, 6.0, 7.0), mesh="package://x/t.obj", size=(0.5, 1.0, 1.5)))
     written = world_to_mjcf(world, find_mesh=lambda name: tmp_path / name.removeprefix("package://x/"))
@@ -180,14 +180,14 @@ def test_a_mesh_is_named_and_made_as_large_as_its_body(tmp_path: Path) -> None:
     assert not model.geom_contype[geom]
 
 
-def test_a_mesh_that_cannot_be_read_is_said(tmp_path: Path) -> None:
+def test_an_unreadable_mesh_is_reported(tmp_path: Path) -> None:
     (tmp_path / "t.obj").write_text("v 1 2 3\n", encoding="utf-8")
     written = world_to_mjcf(world_of(thing("rock", mesh="t.obj")), find_mesh=lambda name: tmp_path / name)
     assert any("t.obj" in note for note in written.notes)
     mujoco.MjModel.from_xml_string(written.text)
 
 
-def test_names_that_mujoco_or_xml_dislike_are_changed_and_that_is_said() -> None:
+def test_names_that_mujoco_or_xml_forbid_are_changed_and_reported() -> None:
     written = world_to_mjcf(world_of(thing("world"), thing("a\x01b"), thing("ab"), thing('"<&>')))
     model = mujoco.MjModel.from_xml_string(written.text)
     names = {model.body(number).name for number in range(model.nbody)}
@@ -195,7 +195,7 @@ def test_names_that_mujoco_or_xml_dislike_are_changed_and_that_is_said() -> None
     assert len([note for note in written.notes if "is called" in note]) == 3
 
 
-def test_what_each_thing_is_stands_among_the_texts() -> None:
+def test_the_class_of_each_body_is_a_custom_text() -> None:
     texts = ElementTree.fromstring(world_to_mjcf(world_of(thing("cup"))).text).iter("text")
     assert {text.get("name"): text.get("data") for text in texts} == {"map": M + "map", "class of cup": M + "Thing"}
 
@@ -208,7 +208,7 @@ def test_a_chain_that_is_too_long_is_refused() -> None:
     assert mujoco.MjModel.from_xml_string(world_to_mjcf(world_of(*links[:390], attachments=tuple(pairs[:389]))).text)
 
 
-def test_forms_are_in_the_file_and_the_file_is_the_same_physics() -> None:
+def test_geometry_is_exported_and_simulates_the_same() -> None:
     """A ball rolls down a hull onto a bouncy crate's floor, in here and from the file, step by step."""
     forms = {
         BodyId("ramp"): wedge_geometry((0.6, 0.4, 0.3), friction=0.3),

@@ -4,7 +4,7 @@ import pytest
 
 from mindstage.engines import NullEngine
 from tests.engines.contract import DescriptionContract
-from tests.engines.forms_contract import GeometryDescriptionContract
+from tests.engines.geometry_contract import GeometryDescriptionContract
 
 
 class TestNullEngine(DescriptionContract, GeometryDescriptionContract):

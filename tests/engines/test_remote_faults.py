@@ -29,8 +29,8 @@ from mindstage.knowledge import KnowledgeBase
 from mindstage.scene import BodyId, diff
 from mindstage.simulation import Simulation
 from tests.bridge.talking import TIMEOUT_S, eventually
-from tests.engines.far_side import ServedSimulation
-from tests.engines.odd_far_side import (
+from tests.engines.served_simulation import ServedSimulation
+from tests.engines.fake_remote import (
     DESCRIBE_VALUES,
     NO_REFUSAL,
     REPORT,
@@ -47,7 +47,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 @contextmanager
 def far_process(*args: object) -> Iterator[tuple[subprocess.Popen[str], str]]:
-    command = [sys.executable, "-m", "tests.engines.slow_far_side", *map(str, args)]
+    command = [sys.executable, "-m", "tests.engines.stuck_server", *map(str, args)]
     process = subprocess.Popen(command, cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
     try:
         assert process.stdout is not None
@@ -74,7 +74,7 @@ def odd_engine(odd: FakeRemote) -> Iterator[RemoteEngine]:
 # -- it is gone --------------------------------------------------------------------------------------------------------
 
 
-def test_a_far_engine_that_is_killed_in_the_middle_of_a_spawn_is_lost_at_once_and_then_works_again() -> None:
+def test_an_engine_killed_during_a_spawn_is_reported_at_once_and_usable_after_a_restart() -> None:
     with far_process("--stuck") as (process, address), ThreadPoolExecutor(1) as other:
         engine = connect(address, timeout_s=600.0)
         spawning = other.submit(engine.spawn, room())
@@ -100,10 +100,10 @@ def answers(engine: RemoteEngine) -> bool:
         return False
 
 
-def cut(far_side: ServedSimulation) -> None:
+def cut(served: ServedSimulation) -> None:
     """Cuts every socket without a word."""
-    for client in list(far_side.server._clients):
-        far_side.hub._loop.call(client.connection.abort, "it was cut")
+    for client in list(served.server._clients):
+        served.hub._loop.call(client.connection.abort, "it was cut")
 
 
 def is_noticed(link: ServiceClient, meetings: int) -> bool:
@@ -111,12 +111,12 @@ def is_noticed(link: ServiceClient, meetings: int) -> bool:
     return link.connection_count > meetings or not link._transport.connected
 
 
-def test_a_cut_socket_is_mended_before_the_next_call_and_the_world_is_still_there() -> None:
-    with ServedSimulation(NullEngine) as far_side, closing(connect(far_side.address)) as engine:
+def test_a_broken_connection_is_restored_before_the_next_call_and_the_world_is_kept() -> None:
+    with ServedSimulation(NullEngine) as served, closing(connect(served.address)) as engine:
         engine.spawn(room())
         state = engine.save_state()
         for meetings in (1, 2, 3):
-            cut(far_side)
+            cut(served)
             eventually(partial(is_noticed, engine._client, meetings))
             assert diff(room(), engine.snapshot()).identical(0.0)
         engine.delete([BodyId("mug")])
@@ -137,16 +137,16 @@ class Blocked(NullEngine):
         super().step(duration_s)
 
 
-def test_a_socket_that_is_cut_during_a_call_ends_that_call_and_no_other() -> None:
+def test_a_connection_broken_during_a_call_fails_only_that_call() -> None:
     blocked = Blocked()
     with (
-        ServedSimulation(lambda: blocked) as far_side,
-        closing(connect(far_side.address, timeout_s=600.0)) as engine,
+        ServedSimulation(lambda: blocked) as served,
+        closing(connect(served.address, timeout_s=600.0)) as engine,
         ThreadPoolExecutor(1) as other,
     ):
         stepping = other.submit(engine.step, 1.0)
         assert blocked.stepping.wait(TIMEOUT_S)
-        cut(far_side)
+        cut(served)
         with pytest.raises(EngineUnavailableError):
             stepping.result(TIMEOUT_S)
         blocked.go.set()
@@ -154,12 +154,12 @@ def test_a_socket_that_is_cut_during_a_call_ends_that_call_and_no_other() -> Non
         assert engine.time_s == 1.0  # it was done all the same, and the next call tells
 
 
-def test_saved_states_go_with_the_world_they_were_of() -> None:
-    with ServedSimulation(NullEngine) as far_side, closing(connect(far_side.address)) as engine:
+def test_saved_states_are_lost_with_their_world() -> None:
+    with ServedSimulation(NullEngine) as served, closing(connect(served.address)) as engine:
         engine.spawn(room())
         state = engine.save_state()
-        far_side.stop()
-        far_side.start()
+        served.stop()
+        served.start()
         eventually(lambda: answers(engine))
         engine.clear()
         with pytest.raises(EngineUnavailableError, match="the state went with its world"):
@@ -168,19 +168,19 @@ def test_saved_states_go_with_the_world_they_were_of() -> None:
         assert engine.spawn(room()).ok
 
 
-def test_a_stage_on_a_far_engine_tells_of_its_loss_and_goes_on_when_it_is_back() -> None:
-    with ServedSimulation(NullEngine) as far_side, KnowledgeBase() as knowledge:
-        engine = connect(far_side.address)
+def test_a_simulation_reports_the_loss_of_its_engine_and_continues_after_it_is_restored() -> None:
+    with ServedSimulation(NullEngine) as served, KnowledgeBase() as knowledge:
+        engine = connect(served.address)
         with Simulation(knowledge, engine, timeout_s=TIMEOUT_S) as stage:
             assert stage.spawn(room()).ok
             stage.play()
             eventually(lambda: stage.state.time_s > 0.05)
-            far_side.stop()
+            served.stop()
             eventually(lambda: stage.engine_error is not None)
             assert "no connection" in stage.state.error
             with pytest.raises(EngineError):
                 stage.ping()
-            far_side.start()
+            served.start()
             eventually(lambda: answers(engine))
             assert stage.spawn(room()).ok
             assert stage.engine_error is None
@@ -200,9 +200,9 @@ def in_a_hurry(engine: RemoteEngine) -> Iterator[None]:
         engine._client.timeout_s = usual_s
 
 
-def test_a_late_answer_is_a_timeout_and_the_next_call_gets_its_own() -> None:
+def test_a_late_response_is_a_timeout_and_is_not_taken_for_the_next() -> None:
     blocked = Blocked()
-    with ServedSimulation(lambda: blocked) as far_side, closing(connect(far_side.address)) as engine:
+    with ServedSimulation(lambda: blocked) as served, closing(connect(served.address)) as engine:
         late = r"did not answer .*/step within 0\.2 s; it may have been executed"
         with in_a_hurry(engine), pytest.raises(EngineTimeoutError, match=late):
             engine.step(0.0)
@@ -211,15 +211,15 @@ def test_a_late_answer_is_a_timeout_and_the_next_call_gets_its_own() -> None:
         assert len(engine.poses()[0]) == len(room().bodies)
 
 
-def test_a_far_stage_that_is_busy_says_so_as_an_error_of_the_engine() -> None:
+def test_a_busy_remote_simulation_is_an_engine_error() -> None:
     blocked = Blocked()
-    with ServedSimulation(lambda: blocked) as far_side, closing(connect(far_side.address)) as engine:
-        far_side.stage.timeout_s = 0.1
+    with ServedSimulation(lambda: blocked) as served, closing(connect(served.address)) as engine:
+        served.stage.timeout_s = 0.1
         with pytest.raises(EngineError, match=r"ros://.* failed: step did not finish within 0\.1 s") as told:
             engine.step(0.0)
         assert not isinstance(told.value, EngineTimeoutError)
         blocked.go.set()
-        far_side.stage.timeout_s = TIMEOUT_S
+        served.stage.timeout_s = TIMEOUT_S
         engine.step(0.5)
         assert engine.time_s == 0.5
 
@@ -227,7 +227,7 @@ def test_a_far_stage_that_is_busy_says_so_as_an_error_of_the_engine() -> None:
 # -- it answers twice, or nonsense -------------------------------------------------------------------------------------
 
 
-def test_the_second_of_two_answers_does_no_harm(odd: FakeRemote, odd_engine: RemoteEngine) -> None:
+def test_a_duplicate_response_is_ignored(odd: FakeRemote, odd_engine: RemoteEngine) -> None:
     for name in ("a", "b", "c"):
         told = {
             "success": True,
@@ -262,7 +262,7 @@ NONSENSE: dict[str, tuple[str, Callable[[RemoteEngine], object], Any]] = {
         lambda engine: engine.spawn(world(FLOOR)),
         ok_response(report={**REPORT, "notes": [{"kind": "mood", "ids": [], "text": ""}]}),
     ),
-    "more colours than bodies": (
+    "more colors than bodies": (
         "get_highlights",
         lambda engine: engine.highlights(),
         ok_response(ids=["a"], colors=[]),
@@ -271,7 +271,7 @@ NONSENSE: dict[str, tuple[str, Callable[[RemoteEngine], object], Any]] = {
 
 
 @pytest.mark.parametrize("what", NONSENSE)
-def test_nonsense_is_an_error_of_the_engine_and_the_next_call_works(
+def test_an_invalid_response_is_an_engine_error_and_the_next_call_works(
     what: str, odd: FakeRemote, odd_engine: RemoteEngine
 ) -> None:
     service, call, behave = NONSENSE[what]
@@ -283,7 +283,7 @@ def test_nonsense_is_an_error_of_the_engine_and_the_next_call_works(
     assert odd_engine.poses()[0] == ()
 
 
-def test_frames_that_are_no_json_are_no_answer(odd: FakeRemote) -> None:
+def test_messages_that_are_not_json_are_no_response(odd: FakeRemote) -> None:
     odd.respond["get_poses"] = lambda call: ["no JSON", b"\xff", "[]", '{"op":"zip"}', '{"op":"service_response"}']
     with closing(connect(odd.address)) as engine:
         with in_a_hurry(engine), pytest.raises(EngineTimeoutError):
@@ -292,7 +292,7 @@ def test_frames_that_are_no_json_are_no_answer(odd: FakeRemote) -> None:
         assert engine.poses()[0] == ()
 
 
-def test_a_no_without_a_reason_is_a_no_of_the_world(odd: FakeRemote, odd_engine: RemoteEngine) -> None:
+def test_a_failure_without_a_reason_is_a_world_error(odd: FakeRemote, odd_engine: RemoteEngine) -> None:
     odd.respond["clear"] = ok_response(success=False)
     with pytest.raises(WorldError, match="does not say why"):
         odd_engine.clear()
@@ -303,11 +303,11 @@ def test_a_no_without_a_reason_is_a_no_of_the_world(odd: FakeRemote, odd_engine:
         odd_engine.clear()
 
 
-def test_abilities_that_are_not_known_here_are_none(odd_engine: RemoteEngine) -> None:
+def test_unknown_capabilities_are_ignored(odd_engine: RemoteEngine) -> None:
     assert odd_engine.capabilities == frozenset()
 
 
-def test_worlds_of_another_format_are_refused_when_one_meets(odd: FakeRemote) -> None:
+def test_another_world_format_is_refused_on_connection(odd: FakeRemote) -> None:
     odd.respond["describe"] = lambda call: [response(call, DESCRIBE_VALUES | {"format_version": 2})]
     with pytest.raises(
         EngineUnavailableError, match="worlds of the format 2, and this Mindstage writes 1; use the same"
@@ -315,7 +315,7 @@ def test_worlds_of_another_format_are_refused_when_one_meets(odd: FakeRemote) ->
         connect(odd.address)
 
 
-def test_a_peer_that_fails_to_describe_itself_is_not_taken_for_another(odd: FakeRemote) -> None:
+def test_a_peer_whose_description_fails_is_not_taken_for_unreal(odd: FakeRemote) -> None:
     odd.respond["describe"] = failed("out of order")
     with pytest.raises(EngineError, match="failed: out of order"):
         connect(odd.address)
@@ -345,10 +345,10 @@ class Breaking(NullEngine):
     ],
     ids=lambda value: getattr(value, "__name__", type(value).__name__),
 )
-def test_what_breaks_there_is_told_here_and_the_world_goes_on(error: Exception, comes_as: type[EngineError]) -> None:
+def test_a_remote_engine_error_is_reported_and_the_world_continues(error: Exception, comes_as: type[EngineError]) -> None:
     breaking = Breaking()
     breaking.error = error
-    with ServedSimulation(lambda: breaking) as far_side, closing(connect(far_side.address)) as engine:
+    with ServedSimulation(lambda: breaking) as served, closing(connect(served.address)) as engine:
         engine.spawn(room())
         with pytest.raises(EngineError, match=str(error)) as told:
             engine.step(0.1)
@@ -356,17 +356,17 @@ def test_what_breaks_there_is_told_here_and_the_world_goes_on(error: Exception, 
         assert diff(room(), engine.snapshot()).identical(0.0)
 
 
-def test_nothing_is_left_behind() -> None:
+def test_closing_leaves_no_threads_or_states() -> None:
     before = set(threading.enumerate())
 
     def left() -> list[str]:
         return [thread.name for thread in set(threading.enumerate()) - before if thread.name.startswith("mindstage")]
 
-    with ServedSimulation(NullEngine) as far_side:
-        engines: list[Engine] = [connect(far_side.address) for _ in range(3)]
+    with ServedSimulation(NullEngine) as served:
+        engines: list[Engine] = [connect(served.address) for _ in range(3)]
         for engine in engines:
             engine.close()
-        for address in (f"{far_side.address}/elsewhere", "ros://127.0.0.1:1/unreal"):
+        for address in (f"{served.address}/elsewhere", "ros://127.0.0.1:1/unreal"):
             with pytest.raises(EngineUnavailableError):
                 connect(address, timeout_s=0.3)
     eventually(lambda: not left())

@@ -33,7 +33,7 @@ from mindstage.scene import BodyId, BodyPhysics, Material, Mobility, Pose, World
 from tests.bridge.talking import TIMEOUT_S
 from tests.engines.contract import DescriptionContract, current_pose, displacement
 from tests.engines.scenes import FLOOR, attachment, body, prismatic_joint, room, world
-from tests.engines.unreal_peer import FakeUnrealPlugin
+from tests.engines.fake_unreal import FakeUnrealPlugin
 
 YAW_30 = (0.9659258262890683, 0.0, 0.0, 0.25881904510252074)
 
@@ -87,7 +87,7 @@ class TestUnrealEngine(DescriptionContract):
     def engine(self, engine: UnrealEngine) -> UnrealEngine:
         return engine
 
-    def test_attached_bodies_follow_when_their_parent_is_put_elsewhere(self, engine: UnrealEngine) -> None:
+    def test_attached_bodies_move_with_their_parent(self, engine: UnrealEngine) -> None:
         engine.spawn(world(body("table", (1, 2, 3), (1, 1, 0.1)), body("lamp", (1.3, 2, 3.2), (0.1, 0.1, 0.3))))
         engine.attach(BodyId("table"), BodyId("lamp"))
         engine.set_pose(BodyId("table"), Pose((5, 5, 5), YAW_30))
@@ -95,7 +95,7 @@ class TestUnrealEngine(DescriptionContract):
         np.testing.assert_allclose(current_pose(engine, "lamp")[:3], turned, atol=self.pose_tolerance)
         np.testing.assert_allclose(current_pose(engine, "lamp")[3:], YAW_30, atol=self.pose_tolerance)
 
-    def test_a_child_put_elsewhere_leaves_its_parent_alone_and_stays_attached(self, engine: UnrealEngine) -> None:
+    def test_moving_an_attached_child_keeps_its_parent_and_the_attachment(self, engine: UnrealEngine) -> None:
         engine.spawn(
             world(
                 body("table", (0, 0, 1), (1, 1, 0.1)),
@@ -108,7 +108,7 @@ class TestUnrealEngine(DescriptionContract):
         engine.set_pose(BodyId("table"), Pose((1, 0, 1)))
         np.testing.assert_allclose(current_pose(engine, "lamp")[:3], (1.4, 0, 1.2), atol=self.pose_tolerance)
 
-    def test_attaching_keeps_both_where_they_are_and_detaching_too(self, engine: UnrealEngine) -> None:
+    def test_attaching_and_detaching_keep_poses(self, engine: UnrealEngine) -> None:
         engine.spawn(room())
         before = {id: current_pose(engine, id) for id in ("crate", "mug")}
         engine.attach(BodyId("crate"), BodyId("mug"))
@@ -125,7 +125,7 @@ def kitchen_of_the_thesis(shared_data: Path) -> World:
         return knowledge.world()
 
 
-def test_the_thesis_map_arrives_complete_bodies_first_then_constraints_then_attachments(
+def test_the_thesis_map_is_spawned_completely_and_in_order(
     server: RosbridgeServer, peer: FakeUnrealPlugin, shared_data: Path
 ) -> None:
     kitchen = kitchen_of_the_thesis(shared_data)
@@ -144,7 +144,7 @@ def test_the_thesis_map_arrives_complete_bodies_first_then_constraints_then_atta
         assert diff(kitchen, engine.snapshot()).identical(0.0)
 
 
-def test_a_model_stands_in_unreals_own_frame_with_all_that_the_map_says(
+def test_a_model_has_unreals_axes_and_all_properties_of_the_map(
     engine: UnrealEngine, peer: FakeUnrealPlugin
 ) -> None:
     mug = body("mug", (1, 2, 3), (0.1, 0.1, 0.2), "dynamic", 0.3, quaternion=YAW_30, mesh="/Game/Models/SM_Mug.uasset")
@@ -158,7 +158,7 @@ def test_a_model_stands_in_unreals_own_frame_with_all_that_the_map_says(
     assert (actor.model["material_names"], actor.model["material_paths"]) == (["Blue"], ["/Game/Looks"])
 
 
-def test_what_cannot_be_spawned_is_told_with_the_reason_and_the_rest_stands(
+def test_failures_are_reported_with_reasons_and_the_rest_is_spawned(
     server: RosbridgeServer, peer: FakeUnrealPlugin, engine: UnrealEngine
 ) -> None:
     with closing(connect(address(server))) as other:
@@ -189,7 +189,7 @@ def test_what_cannot_be_spawned_is_told_with_the_reason_and_the_rest_stands(
     assert {each.id for each in log.joints} == {"strong"} == set(peer.joints)
 
 
-def test_what_the_plugin_refuses_is_a_no_of_the_world_and_nothing_is_noted_as_done(
+def test_a_request_refused_by_the_plugin_is_a_world_error_and_changes_nothing(
     engine: UnrealEngine, peer: FakeUnrealPlugin
 ) -> None:
     engine.spawn(world(FLOOR, body("box", (0, 0, 1), (1, 1, 1), "dynamic", 1.0)))
@@ -209,7 +209,7 @@ def test_what_the_plugin_refuses_is_a_no_of_the_world_and_nothing_is_noted_as_do
     assert not engine.highlights()
 
 
-def test_what_the_plugin_has_no_service_for_is_said_to_be_impossible(engine: UnrealEngine) -> None:
+def test_operations_without_a_service_are_unsupported(engine: UnrealEngine) -> None:
     engine.spawn(world(FLOOR, body("box", (0, 0, 1), (1, 1, 1), "dynamic", 1.0)))
     engine.apply_force(BodyId("floor"), (1, 0, 0))  # which is static and feels nothing
     with pytest.raises(UnsupportedByEngineError, match="cannot push bodies; put them"):
@@ -223,7 +223,7 @@ def test_what_the_plugin_has_no_service_for_is_said_to_be_impossible(engine: Unr
 
 
 @pytest.mark.parametrize(("color", "code"), [((1, 0, 0), 2), ((0, 0.9, 0.1), 4), ((0.1, 0.1, 0.1), 1), (None, 0)])
-def test_bodies_are_outlined_in_the_nearest_color_that_there_is(
+def test_bodies_are_outlined_in_the_nearest_available_color(
     color: tuple[float, float, float] | None, code: int, engine: UnrealEngine, peer: FakeUnrealPlugin
 ) -> None:
     engine.spawn(world(FLOOR))
@@ -232,7 +232,7 @@ def test_bodies_are_outlined_in_the_nearest_color_that_there_is(
     assert peer.calls[-1] == "highlight_models"
 
 
-def test_steps_in_a_row_wait_for_the_clock_on_the_wall_and_no_longer(engine: UnrealEngine, wall: Wall) -> None:
+def test_consecutive_steps_wait_for_the_wall_clock_and_not_longer(engine: UnrealEngine, wall: Wall) -> None:
     engine.step(2.0)
     assert wall.now_s == pytest.approx(1002.0)
     wall.now_s += 0.3  # somebody looked at poses, say
@@ -244,7 +244,7 @@ def test_steps_in_a_row_wait_for_the_clock_on_the_wall_and_no_longer(engine: Unr
     assert engine.time_s == pytest.approx(64.0)
 
 
-def test_clearing_takes_only_what_mindstage_spawned(
+def test_clearing_deletes_only_what_mindstage_spawned(
     server: RosbridgeServer, engine: UnrealEngine, peer: FakeUnrealPlugin
 ) -> None:
     engine.spawn(room())
@@ -258,7 +258,7 @@ def test_clearing_takes_only_what_mindstage_spawned(
     assert not peer.joints
 
 
-def test_what_others_take_away_leaves_the_log_with_a_warning(
+def test_bodies_deleted_by_others_leave_the_snapshot_with_a_warning(
     engine: UnrealEngine, peer: FakeUnrealPlugin, caplog: pytest.LogCaptureFixture
 ) -> None:
     engine.spawn(room())
@@ -267,7 +267,7 @@ def test_what_others_take_away_leaves_the_log_with_a_warning(
     assert "no longer there: mug" in caplog.text
 
 
-def test_a_level_that_was_started_anew_is_said_until_something_is_spawned(
+def test_a_restarted_level_is_reported_until_a_world_is_spawned(
     engine: UnrealEngine, peer: FakeUnrealPlugin
 ) -> None:
     engine.spawn(room())
@@ -280,7 +280,7 @@ def test_a_level_that_was_started_anew_is_said_until_something_is_spawned(
     assert len(peer.actors) == len(room().bodies)
 
 
-def test_a_plugin_that_leaves_in_the_middle_of_a_spawn_is_gone_and_later_the_same_world_can_be_spawned(
+def test_after_a_disconnection_during_a_spawn_the_same_world_can_be_spawned(
     engine: UnrealEngine, peer: FakeUnrealPlugin
 ) -> None:
     peer.stops_after = 4
@@ -302,13 +302,13 @@ def test_a_plugin_that_leaves_in_the_middle_of_a_spawn_is_gone_and_later_the_sam
 
 
 @pytest.mark.parametrize("name", ["highlight_model", "set_material", "spawn_map"])
-def test_the_stand_in_knows_only_the_plugins_names(name: str, server: RosbridgeServer, peer: FakeUnrealPlugin) -> None:
+def test_the_fake_plugin_offers_only_the_plugins_services(name: str, server: RosbridgeServer, peer: FakeUnrealPlugin) -> None:
     with RosbridgeClient(server.url) as client, pytest.raises(ServiceNotFoundError):
         client.wait_connected(20.0).call_service(f"/unreal/{name}", {}, timeout_s=20.0)
 
 
 @pytest.mark.parametrize("args", [{}, {"id": 1}, {"id": "x", "more": 1}])
-def test_the_stand_in_reads_every_field_and_no_other(
+def test_the_fake_plugin_reads_every_field_and_no_other(
     args: dict, server: RosbridgeServer, peer: FakeUnrealPlugin
 ) -> None:
     with RosbridgeClient(server.url) as client, pytest.raises(ServiceCallError, match=r"expected|is no str"):

@@ -101,13 +101,13 @@ def names() -> str:
     return " ".join(sorted(body.id for body in room().bodies if not body.id.endswith("_handle")))
 
 
-def test_a_map_is_spawned_into_the_open_scene_and_comes_back(furnished: tuple[Editor, RemoteEngine]) -> None:
+def test_a_map_is_spawned_into_the_open_scene_and_returned(furnished: tuple[Editor, RemoteEngine]) -> None:
     editor, engine = furnished
     assert editor.do("nodes") == names()
     assert diff(room(), engine.snapshot()).identical(0.0)
 
 
-def test_what_was_moved_by_hand_is_logged_where_it_is_now(furnished: tuple[Editor, RemoteEngine]) -> None:
+def test_a_body_moved_by_hand_has_its_new_pose_in_the_snapshot(furnished: tuple[Editor, RemoteEngine]) -> None:
     editor, engine = furnished
     editor.do("move crate")
     assert engine.snapshot().body("crate").pose.position == pytest.approx((2, 0, 2), abs=1e-6)
@@ -120,7 +120,7 @@ def test_what_was_moved_by_hand_is_logged_where_it_is_now(furnished: tuple[Edito
     assert diff(room(), engine.snapshot()).identical(2e-6)
 
 
-def test_what_came_over_the_wire_can_be_undone_and_done_again(furnished: tuple[Editor, RemoteEngine]) -> None:
+def test_edits_from_the_wire_can_be_undone_and_redone(furnished: tuple[Editor, RemoteEngine]) -> None:
     editor, engine = furnished
     engine.delete([BodyId("fridge")])
     assert "fridge" not in editor.do("nodes")
@@ -136,7 +136,7 @@ def test_what_came_over_the_wire_can_be_undone_and_done_again(furnished: tuple[E
     assert diff(room(), engine.snapshot()).identical(0.0)
 
 
-def test_a_saved_scene_that_is_opened_again_is_still_the_map(furnished: tuple[Editor, RemoteEngine]) -> None:
+def test_a_saved_scene_is_still_the_map_when_opened_again(furnished: tuple[Editor, RemoteEngine]) -> None:
     editor, engine = furnished
     editor.do("move crate")
     assert editor.do("save") == "OK"
@@ -151,7 +151,7 @@ def test_a_saved_scene_that_is_opened_again_is_still_the_map(furnished: tuple[Ed
     assert different == {"crate"}
 
 
-def test_a_saved_scene_that_is_run_lives_as_the_map_says(furnished: tuple[Editor, RemoteEngine], godot: Path) -> None:
+def test_a_saved_scene_runs_as_the_map_describes(furnished: tuple[Editor, RemoteEngine], godot: Path) -> None:
     editor, _ = furnished
     assert editor.do("save") == "OK"
     done = run(
@@ -161,12 +161,12 @@ def test_a_saved_scene_that_is_run_lives_as_the_map_says(furnished: tuple[Editor
     assert "SCRIPT ERROR" not in done.stdout, done.stdout
 
 
-def test_no_time_passes_in_the_editor_and_it_says_so(furnished: tuple[Editor, RemoteEngine]) -> None:
+def test_stepping_in_the_editor_is_an_error(furnished: tuple[Editor, RemoteEngine]) -> None:
     _, engine = furnished
     with pytest.raises(UnsupportedByEngineError, match="run the scene"):
         engine.step(0.1)
 
 
-def test_no_script_broke_off_meanwhile(furnished: tuple[Editor, RemoteEngine]) -> None:
+def test_no_script_failed_meanwhile(furnished: tuple[Editor, RemoteEngine]) -> None:
     editor, _ = furnished
     assert "SCRIPT ERROR" not in editor.said(), editor.said()

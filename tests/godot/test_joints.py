@@ -36,7 +36,7 @@ def engine(godot: Path) -> Iterator[GodotEngine]:
         ((LOCKED, LOCKED, LOCKED), (LOCKED, LOCKED, LOCKED)),
     ],
 )
-def test_any_mix_of_axes_moves_just_as_it_says(
+def test_any_combination_of_axes_moves_as_described(
     engine: GodotEngine, linear: tuple[AxisMotion, ...], angular: tuple[AxisMotion, ...]
 ) -> None:
     engine.clear()

@@ -63,7 +63,7 @@ def wait_for(is_so: Any) -> None:
         time.sleep(0.02)
 
 
-def test_overlaps_are_told_as_they_begin_and_end(place: Place) -> None:
+def test_overlap_events_are_published_as_they_begin_and_end(place: Place) -> None:
     told: list[dict[str, Any]] = []
     listening = place.hub.subscribe("/lab/place/overlaps", lambda message: told.append(json.loads(message["data"])))
     ball = body("ball", (0.3, 0.2, 0.4), (0.2, 0.2, 0.2), "dynamic", 1.0)
@@ -85,7 +85,7 @@ def test_overlaps_are_told_as_they_begin_and_end(place: Place) -> None:
     assert len(told) == 2
 
 
-def test_where_everything_is_is_told_while_time_passes_by_itself(place: Place) -> None:
+def test_poses_are_published_while_time_runs(place: Place) -> None:
     told: list[Any] = []
     listening = place.hub.subscribe("/lab/place/tf", told.append)
     assert place.engine.spawn(world(FLOOR, body("ball", (1, 2, 0.5), (0.2, 0.2, 0.2), "dynamic", 1.0))).ok

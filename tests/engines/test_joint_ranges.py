@@ -40,18 +40,18 @@ def where_it_ends(engine: MujocoEngine, force: float) -> float:
 
 
 @pytest.mark.parametrize(("force", "end"), [(40.0, 0.4), (-40.0, 0.0)])
-def test_a_shut_drawer_opens_one_way_only(engine: MujocoEngine, force: float, end: float) -> None:
+def test_a_closed_drawer_opens_in_one_direction_only(engine: MujocoEngine, force: float, end: float) -> None:
     assert engine.spawn(drawer(prismatic_joint("slide", "case", "drawer", (0.3, 0, 0.5)))).ok
     assert where_it_ends(engine, force) == pytest.approx(end, abs=0.002)
 
 
 @pytest.mark.parametrize(("force", "end"), [(40.0, 0.0), (-40.0, -0.4)])
-def test_upside_down_the_same_range_goes_the_other_way(engine: MujocoEngine, force: float, end: float) -> None:
+def test_swapping_parent_and_child_reverses_the_range(engine: MujocoEngine, force: float, end: float) -> None:
     assert engine.spawn(drawer(prismatic_joint("slide", "drawer", "case", (0.3, 0, 0.5)))).ok
     assert where_it_ends(engine, force) == pytest.approx(end, abs=0.002)
 
 
-def test_a_door_can_be_put_where_its_range_reaches_and_nowhere_else(engine: MujocoEngine) -> None:
+def test_a_door_can_be_set_within_its_range_only(engine: MujocoEngine) -> None:
     swing = AngularLimits(swing1=AxisMotion.LIMITED, swing1_limit=0.8, swing1_middle=0.7)  # from -0.1 to 1.5
     door = body("door", (0, 0.3, 0.5), (0.04, 0.6, 1.0), "dynamic", 8.0)
     frame = body("frame", (0, -0.1, 0.5), (0.1, 0.1, 1.0))
@@ -71,7 +71,7 @@ def test_a_door_can_be_put_where_its_range_reaches_and_nowhere_else(engine: Mujo
             engine.set_pose(BodyId("door"), turned(angle))
 
 
-def test_a_middle_that_is_no_number_is_refused(engine: MujocoEngine) -> None:
+def test_a_middle_that_is_not_finite_is_refused(engine: MujocoEngine) -> None:
     nowhere = LinearLimits(x=AxisMotion.LIMITED, limit=0.2, x_middle=float("nan"))
     report = engine.spawn(
         world(CASE, DRAWER, replace(prismatic_joint("slide", "case", "drawer", (0, 0, 0)), linear=nowhere))

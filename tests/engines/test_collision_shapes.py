@@ -11,7 +11,7 @@ from mindstage.engines.collision_shapes import CollisionShapeBatch, CompiledGeom
 from mindstage.scene import CollisionShape, CollisionShapeType, Pose
 from mindstage.scene.bounding_boxes import OrientedBoxes, penetration_depths
 from mindstage.scene.transforms import normalize, pose_multiply, quat_rotate
-from tests.engines.formed import bin_geometry, box_shape, wedge_geometry
+from tests.engines.geometries import bin_geometry, box_shape, wedge_geometry
 
 HERE = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
 numbers = st.floats(-0.6, 0.6)
@@ -54,21 +54,21 @@ def at(x: float, y: float = 0.0, z: float = 0.0) -> tuple[float, ...]:
         (CollisionShapeType.HULL, CollisionShapeType.SPHERE, at(0.0, 0.97), 0.03),
     ],
 )
-def test_the_depth_is_that_of_the_real_shapes(
+def test_the_depth_is_that_of_the_actual_shapes(
     one: CollisionShapeType, other: CollisionShapeType, where: tuple[float, ...], expected: float
 ) -> None:
     pair = compile_geometry((of(one, (1, 1, 1)),)), compile_geometry((of(other, (1, 1, 1)),))
     assert depth(*pair, where) == pytest.approx(expected, abs=1e-9)
 
 
-def test_round_things_in_the_corners_of_each_others_boxes_are_apart() -> None:
+def test_round_shapes_in_the_corners_of_each_others_boxes_are_separate() -> None:
     for kind in (CollisionShapeType.SPHERE, CollisionShapeType.CYLINDER):
         ball = compile_geometry((of(kind, (1, 1, 1)),))
         assert depth(ball, ball, at(0.8, 0.8)) < 0.0
 
 
 @given(kinds, sizes, kinds, sizes, poses)
-def test_what_shares_a_point_is_never_told_to_be_apart(
+def test_shapes_with_a_common_point_are_never_separate(
     kind: CollisionShapeType,
     size: tuple[float, float, float],
     other: CollisionShapeType,
@@ -101,7 +101,7 @@ def compose_points(place: np.ndarray, points: np.ndarray) -> np.ndarray:
 
 
 @given(sizes, sizes, poses)
-def test_boxes_are_as_deep_in_one_another_as_boxes_alone(
+def test_boxes_have_the_same_depth_as_in_the_box_test(
     size: tuple[float, float, float], other: tuple[float, float, float], where: tuple[float, ...]
 ) -> None:
     placed = np.array([HERE, where])
@@ -117,7 +117,7 @@ def test_boxes_are_as_deep_in_one_another_as_boxes_alone(
     assert found == pytest.approx(exact) if found > -np.inf else exact <= 0.0
 
 
-def test_something_in_a_bin_touches_its_floor_and_walls_only() -> None:
+def test_a_body_in_a_bin_touches_its_floor_and_walls_only() -> None:
     crate, mug = (
         compile_geometry(bin_geometry((0.5, 0.5, 0.3)).collision_shapes),
         compile_geometry((of(CollisionShapeType.BOX, (0.1, 0.1, 0.1)),)),
@@ -127,12 +127,12 @@ def test_something_in_a_bin_touches_its_floor_and_walls_only() -> None:
     assert depth(crate, mug, at(0.23, 0.0, 0.0)) == pytest.approx(0.05, abs=1e-9)
 
 
-def test_pairs_of_too_many_solids_are_as_deep_as_was_said() -> None:
+def test_pairs_with_too_many_shapes_use_the_fallback() -> None:
     comb = compile_geometry(tuple(box_shape((0.01 * i, 0, 0), (0.01 * i + 0.005, 1, 1)) for i in range(600)))
     assert depth(comb, comb, at(0.0, 0.0, 5.0)) == 9.0
 
 
-def test_the_mass_of_a_compound_lies_where_its_parts_are() -> None:
+def test_the_center_of_mass_of_a_compound_is_that_of_its_parts() -> None:
     two = compile_geometry(
         (
             of(CollisionShapeType.BOX, (1, 1, 1)),
@@ -145,7 +145,7 @@ def test_the_mass_of_a_compound_lies_where_its_parts_are() -> None:
 
 
 @pytest.mark.parametrize("turn", [(1.0, 0, 0, 0), (0.6, 0.8, 0, 0), (0.5, 0.5, 0.5, 0.5)])
-def test_a_turned_solid_has_turned_moments(turn: tuple[float, float, float, float]) -> None:
+def test_a_rotated_shape_has_rotated_moments(turn: tuple[float, float, float, float]) -> None:
     size = (0.2, 0.3, 0.5)
     ways = {}
     for kind in (CollisionShapeType.BOX, CollisionShapeType.HULL):
@@ -159,7 +159,7 @@ def test_a_turned_solid_has_turned_moments(turn: tuple[float, float, float, floa
     assert np.linalg.eigvalsh(box.inertia)[0] == pytest.approx((0.2**2 + 0.3**2) / 12)
 
 
-def test_what_is_too_thin_gets_thick_enough_and_a_flat_hull_is_a_box() -> None:
+def test_thin_shapes_are_enlarged_and_flat_hulls_become_boxes() -> None:
     flat = CollisionShape(
         type=CollisionShapeType.HULL, size=(1, 1, 0), points=((0, 0, 0), (1, 0, 0), (0, 1, 0), (1, 1, 0))
     )
@@ -169,7 +169,7 @@ def test_what_is_too_thin_gets_thick_enough_and_a_flat_hull_is_a_box() -> None:
     np.testing.assert_allclose(made.poses[0, :3], (0.5, 0.5, 0.0))
 
 
-def test_a_hull_beside_its_origin_stands_where_its_points_are() -> None:
+def test_a_hull_away_from_its_origin_keeps_its_points() -> None:
     wedge = wedge_geometry((0.6, 0.4, 0.3)).collision_shapes[0]
     shifted = tuple((x + 5, y, z) for x, y, z in wedge.points)
     made = compile_geometry(
@@ -188,6 +188,6 @@ def test_a_hull_beside_its_origin_stands_where_its_points_are() -> None:
         CollisionShape(type=CollisionShapeType.HULL, size=(1, 1, 1), points=((0, 0, float("nan")),)),
     ],
 )
-def test_numbers_of_no_meaning_are_left_out_and_counted(broken: CollisionShape) -> None:
+def test_invalid_shapes_are_left_out_and_counted(broken: CollisionShape) -> None:
     made = compile_geometry((broken, of(CollisionShapeType.BOX, (1, 1, 1))))
     assert (len(made.shapes), made.invalid_count) == (1, 1)

@@ -89,7 +89,7 @@ def test_a_mesh_is_found_by_its_path_then_its_name_then_its_class(
     assert not notes
 
 
-def test_what_the_map_itself_leads_to_comes_first(folder: Path, cache: Path, tmp_path: Path) -> None:
+def test_a_file_resolved_by_the_map_takes_precedence(folder: Path, cache: Path, tmp_path: Path) -> None:
     block().export(folder / "mug.stl")
     beside = tmp_path / "beside.stl"
     block().export(beside)
@@ -98,7 +98,7 @@ def test_what_the_map_itself_leads_to_comes_first(folder: Path, cache: Path, tmp
     assert "beside.stl" in form.reason
 
 
-def test_of_several_formats_the_one_that_says_most_about_looks_is_taken(folder: Path, cache: Path) -> None:
+def test_the_format_with_the_best_materials_takes_precedence(folder: Path, cache: Path) -> None:
     for suffix in (".stl", ".obj", ".glb"):
         block().export(folder / f"mug{suffix}")
     form, _ = formed(folder, cache, body())
@@ -106,14 +106,14 @@ def test_of_several_formats_the_one_that_says_most_about_looks_is_taken(folder: 
     assert "mug.glb" in form.reason
 
 
-def test_a_body_without_a_file_has_no_form(folder: Path, cache: Path) -> None:
+def test_a_body_without_a_file_has_no_geometry(folder: Path, cache: Path) -> None:
     assert formed(folder, cache, body("Cup", cls="Cup")) == (None, "")
 
 
 # -- as large as its body ----------------------------------------------------------------------------------------------
 
 
-def test_what_fits_is_left_as_it_is(folder: Path, cache: Path) -> None:
+def test_a_mesh_that_fits_is_not_changed(folder: Path, cache: Path) -> None:
     block().export(folder / "mug.stl")
     form, notes = formed(folder, cache, body())
     assert form is not None
@@ -121,7 +121,7 @@ def test_what_fits_is_left_as_it_is(folder: Path, cache: Path) -> None:
     assert not notes
 
 
-def test_a_mesh_is_scaled_and_moved_to_the_maps_size_and_says_so(folder: Path, cache: Path) -> None:
+def test_a_mesh_is_scaled_and_centered_to_the_size_and_this_is_reported(folder: Path, cache: Path) -> None:
     block((8.0, 10.0, 12.0), at=(30.0, 0.0, 6.0)).export(folder / "mug.stl")
     form, notes = formed(folder, cache, body())
     assert form is not None
@@ -134,7 +134,7 @@ def test_a_mesh_is_scaled_and_moved_to_the_maps_size_and_says_so(folder: Path, c
     assert solid.size == pytest.approx(MUG, abs=1e-6)
 
 
-def test_without_a_size_a_mesh_stays_where_its_origin_is(folder: Path, cache: Path) -> None:
+def test_without_a_size_a_mesh_keeps_its_origin(folder: Path, cache: Path) -> None:
     block(at=(0.0, 0.0, 0.06)).export(folder / "mug.stl")
     form, notes = formed(folder, cache, body(size=None))
     assert form is not None
@@ -142,7 +142,7 @@ def test_without_a_size_a_mesh_stays_where_its_origin_is(folder: Path, cache: Pa
     assert not notes
 
 
-def test_a_file_that_does_not_say_what_is_up_is_turned_where_only_that_fits(folder: Path, cache: Path) -> None:
+def test_a_file_without_an_up_axis_is_rotated_only_if_that_fits(folder: Path, cache: Path) -> None:
     block((0.08, 0.12, 0.1)).export(folder / "mug.obj")
     form, notes = formed(folder, cache, body())
     assert form is not None
@@ -160,7 +160,7 @@ def test_gltf_has_y_up_and_z_forward(folder: Path, cache: Path) -> None:
     assert not notes
 
 
-def test_collada_says_itself_what_is_up(folder: Path, cache: Path) -> None:
+def test_collada_states_its_up_axis(folder: Path, cache: Path) -> None:
     text = COLLADA.replace("UP", "Z_UP")
     (folder / "mug.dae").write_text(text)
     form, notes = formed(folder, cache, body(size=(1.0, 2.0, 3.0)))
@@ -176,7 +176,7 @@ def test_collada_says_itself_what_is_up(folder: Path, cache: Path) -> None:
 # -- looks -------------------------------------------------------------------------------------------------------------
 
 
-def test_colors_and_textures_are_kept(folder: Path, cache: Path) -> None:
+def test_colors_and_textures_are_imported(folder: Path, cache: Path) -> None:
     checkers = np.zeros((8, 8, 3), dtype=np.uint8)
     checkers[::2, ::2] = (250, 120, 10)
     uv = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]] * 2)
@@ -196,7 +196,7 @@ def test_colors_and_textures_are_kept(folder: Path, cache: Path) -> None:
     assert (skin.material.metalness, skin.material.roughness) == (0.25, 0.5)
 
 
-def test_faces_of_several_colors_become_several_skins(folder: Path, cache: Path) -> None:
+def test_faces_of_several_colors_become_several_visual_meshes(folder: Path, cache: Path) -> None:
     (folder / "mug.mtl").write_text("newmtl red\nKd 1 0 0\nnewmtl blue\nKd 0 0 1\nd 0.5\n")
     corners = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\n"
     (folder / "mug.obj").write_text(
@@ -213,7 +213,7 @@ def test_faces_of_several_colors_become_several_skins(folder: Path, cache: Path)
 # -- touch -------------------------------------------------------------------------------------------------------------
 
 
-def test_an_open_box_is_made_of_convex_pieces_with_room_inside(folder: Path, cache: Path) -> None:
+def test_an_open_box_is_decomposed_into_convex_parts_with_space_inside(folder: Path, cache: Path) -> None:
     pytest.importorskip("coacd")
     tray = trimesh.util.concatenate([
         block((0.4, 0.4, 0.02), at=(0.0, 0.0, -0.09)),
@@ -248,7 +248,7 @@ def test_a_hull_has_the_extents_of_its_mesh(folder: Path, cache: Path, monkeypat
     assert 100 < len(solid.points) < 600
 
 
-def test_the_hull_of_a_tilted_cylinder_weighs_what_the_cylinder_does(
+def test_the_hull_of_a_tilted_cylinder_has_the_volume_of_the_cylinder(
     folder: Path, cache: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """An STL file rounds to single precision, so that the corners of a cap are not quite in one plane."""
@@ -264,7 +264,7 @@ def test_the_hull_of_a_tilted_cylinder_weighs_what_the_cylinder_does(
 # -- kept --------------------------------------------------------------------------------------------------------------
 
 
-def test_what_was_read_once_is_read_from_the_cache(folder: Path, cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_imported_file_is_loaded_from_the_cache(folder: Path, cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     block().export(folder / "mug.stl")
     first, _ = formed(folder, cache, body())
 
@@ -279,7 +279,7 @@ def test_what_was_read_once_is_read_from_the_cache(folder: Path, cache: Path, mo
     assert np.array_equal(first.visuals[0].points, again.visuals[0].points)
 
 
-def test_a_file_that_changes_is_read_anew(folder: Path, cache: Path) -> None:
+def test_a_changed_file_is_imported_again(folder: Path, cache: Path) -> None:
     block().export(folder / "mug.stl")
     first, _ = formed(folder, cache, body(size=None))
     block((0.2, 0.2, 0.2)).export(folder / "mug.stl")
@@ -290,7 +290,7 @@ def test_a_file_that_changes_is_read_anew(folder: Path, cache: Path) -> None:
     assert extents(again) == pytest.approx((0.2, 0.2, 0.2), abs=1e-6)
 
 
-def test_a_broken_cache_is_made_anew(folder: Path, cache: Path) -> None:
+def test_a_corrupt_cache_file_is_replaced(folder: Path, cache: Path) -> None:
     block().export(folder / "mug.stl")
     formed(folder, cache, body())
     for kept in cache.iterdir():
@@ -351,7 +351,7 @@ def collada_that_explodes() -> bytes:
         ("mug.dae", b"<COLLADA/>"),
     ],
 )
-def test_a_broken_or_hostile_file_is_refused_by_name(folder: Path, cache: Path, name: str, content: bytes) -> None:
+def test_a_corrupt_or_malicious_file_is_rejected_by_name(folder: Path, cache: Path, name: str, content: bytes) -> None:
     (folder / name).write_bytes(content)
     block().export(folder / "cup.stl")
     cup = body(cls="Cup")
@@ -362,7 +362,7 @@ def test_a_broken_or_hostile_file_is_refused_by_name(folder: Path, cache: Path, 
     assert "is left out: " in note
 
 
-def test_a_file_that_ends_its_reader_costs_only_itself(
+def test_a_file_that_crashes_the_worker_affects_no_other_file(
     folder: Path, cache: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A reader that hangs: a pipe where a file should be is refused at once, and a slow one by its time."""

@@ -9,7 +9,7 @@ from mindstage.engines import Capability, Engine, SpawnNoteKind, SpawnReport
 from mindstage.scene import BodyGeometry, BodyId, BodyPhysics, CollisionShape, CollisionShapeType, Mobility, Pose, diff
 from mindstage.scene.transforms import normalize, quat_angle, quat_rotate
 from tests.engines.contract import apply_force_for, current_pose, displacement
-from tests.engines.formed import (
+from tests.engines.geometries import (
     as_vector,
     bin_geometry,
     box_shape,
@@ -44,11 +44,11 @@ def ids_of_notes(report: SpawnReport, kind: SpawnNoteKind) -> set[str]:
 class GeometryDescriptionContract:
     """What holds for any engine, with physics or without."""
 
-    def test_a_world_with_forms_comes_back_as_it_was_given(self, engine: Engine) -> None:
+    def test_a_snapshot_of_a_world_with_geometry_equals_the_spawned_world(self, engine: Engine) -> None:
         assert engine.spawn(room(), geometry=room_geometry()).ok
         assert diff(room(), engine.snapshot()).identical(0.0)
 
-    def test_a_form_of_a_body_that_is_not_there_does_no_harm(self, engine: Engine) -> None:
+    def test_geometry_of_a_missing_body_is_ignored(self, engine: Engine) -> None:
         assert engine.spawn(world(FLOOR), geometry=geometry_map(ghost=bin_geometry(CRATE))).ok
         assert engine.poses()[0] == ("floor",)
 
@@ -61,7 +61,7 @@ class GeometryContract(GeometryDescriptionContract):
 
     # -- what can be touched
 
-    def test_what_is_dropped_into_an_open_box_lies_on_its_floor(self, engine: Engine) -> None:
+    def test_a_ball_dropped_into_an_open_box_rests_on_its_floor(self, engine: Engine) -> None:
         ball = body("ball", (0.05, 0.03, 0.6), (0.08, 0.08, 0.08), "dynamic", 0.2)
         engine.spawn(
             world(FLOOR, body("crate", (0, 0, 0.15), CRATE), ball),
@@ -72,7 +72,7 @@ class GeometryContract(GeometryDescriptionContract):
         engine.step(3.0)
         assert current_pose(engine, "ball")[2] == pytest.approx(0.02 + 0.04, abs=self.rest_tolerance_m)
 
-    def test_nobody_touches_the_free_room_under_a_table(self, engine: Engine) -> None:
+    def test_the_space_under_a_table_is_free(self, engine: Engine) -> None:
         report = engine.spawn(
             world(
                 FLOOR,
@@ -96,7 +96,7 @@ class GeometryContract(GeometryDescriptionContract):
             (CollisionShapeType.BOX, (0.2, 0.2, 0.1), (0.7071067811865476, 0.7071067811865476, 0, 0), 0.1),
         ],
     )
-    def test_each_kind_of_solid_rests_as_high_as_it_is(
+    def test_each_type_of_collision_shape_rests_at_its_height(
         self,
         engine: Engine,
         kind: CollisionShapeType,
@@ -122,7 +122,7 @@ class GeometryContract(GeometryDescriptionContract):
         engine.step(2.0)
         assert current_pose(engine, "thing")[0] < -0.3, "it did not roll down"
 
-    def test_a_form_of_no_solids_can_be_walked_through(self, engine: Engine) -> None:
+    def test_geometry_without_collision_shapes_collides_with_nothing(self, engine: Engine) -> None:
         engine.spawn(
             world(FLOOR, body("light", (0, 0, 0.5), (1, 1, 0.1)), body("box", (0, 0, 1), (0.2,) * 3, "dynamic", 1.0)),
             geometry=geometry_map(light=geometry()),
@@ -130,7 +130,7 @@ class GeometryContract(GeometryDescriptionContract):
         engine.step(2.0)
         assert current_pose(engine, "box")[2] == pytest.approx(0.1, abs=self.rest_tolerance_m)
 
-    def test_solids_of_no_meaning_are_left_out_and_it_is_said(self, engine: Engine) -> None:
+    def test_invalid_collision_shapes_are_left_out_and_reported(self, engine: Engine) -> None:
         broken = geometry(
             CollisionShape(size=(float("nan"), 1.0, 1.0)),
             box_shape((-0.1, -0.1, -0.1), (0.1, 0.1, 0.1)),
@@ -162,7 +162,7 @@ class GeometryContract(GeometryDescriptionContract):
         assert 0.1 < place[0] < 0.22, "it tilts against the wall of the other one and goes no further"
         assert place[2] > 0.1
 
-    def test_solids_that_stand_in_one_another_do_not_explode_and_it_is_said(self, engine: Engine) -> None:
+    def test_overlapping_collision_shapes_do_not_explode_and_are_reported(self, engine: Engine) -> None:
         report = engine.spawn(
             world(
                 body("one", (0, 0, 1), CRATE, "dynamic", 2.0, gravity=False),
@@ -174,7 +174,7 @@ class GeometryContract(GeometryDescriptionContract):
         engine.step(1.0)
         assert displacement(engine, "one", np.array([0, 0, 1.0])) < 1e-4
 
-    def test_what_is_sunk_in_what_it_stands_on_is_pushed_out_and_it_is_said(self, engine: Engine) -> None:
+    def test_a_body_that_penetrates_its_support_is_pushed_out_and_reported(self, engine: Engine) -> None:
         """A map puts things on the undersides of boxes; the floor of a form is thicker than nothing."""
         mug = body("mug", (0, 0, 0.015 + 0.05), (0.08, 0.08, 0.1), "dynamic", 0.3)
         report = engine.spawn(
@@ -188,14 +188,14 @@ class GeometryContract(GeometryDescriptionContract):
         assert abs(place[0]) < 0.002
         assert abs(place[1]) < 0.002
 
-    def test_a_form_is_not_made_hollow_again(self, engine: Engine) -> None:
+    def test_a_body_with_geometry_is_not_made_hollow(self, engine: Engine) -> None:
         report = engine.spawn(room(), geometry=room_geometry())
         assert not ids_of_notes(report, SpawnNoteKind.HOLLOW)
         assert "drawer" not in ids_of_notes(report, SpawnNoteKind.OVERLAP)
 
     # -- what is inside stays inside
 
-    def test_a_mug_stays_in_its_drawer_through_opening_and_closing(self, engine: Engine) -> None:
+    def test_a_mug_stays_in_its_drawer_while_it_opens_and_closes(self, engine: Engine) -> None:
         engine.spawn(room(), geometry=room_geometry())
         engine.step(1.0)  # it stands 2 cm over the drawer's floor
         for force, place in ((15.0, LIMIT_M), (-15.0, -LIMIT_M)):
@@ -207,7 +207,7 @@ class GeometryContract(GeometryDescriptionContract):
             assert abs(mug[1] - drawer[1]) < 0.275
             assert 0.2 + 0.02 < mug[2] < 0.3
 
-    def test_milk_stands_on_its_shelf_while_the_door_swings(self, engine: Engine) -> None:
+    def test_milk_stays_on_its_shelf_while_the_door_swings(self, engine: Engine) -> None:
         milk = body("milk", (0, 2, 1.1), (0.08, 0.08, 0.2), "dynamic", 1.0)
         described = world(*room().bodies, milk, *room().joints, *room().attachments)
         report = engine.spawn(described, geometry=room_geometry())
@@ -218,7 +218,7 @@ class GeometryContract(GeometryDescriptionContract):
 
     # -- mass
 
-    def test_the_mass_of_a_hollow_body_stays_the_maps(self, engine: Engine) -> None:
+    def test_a_given_mass_takes_precedence_over_density(self, engine: Engine) -> None:
         crate = body("crate", (0, 0, 0), CRATE, "dynamic", 2.5, gravity=False)
         engine.spawn(world(crate), geometry=geometry_map(crate=bin_geometry(CRATE, density=700.0)))
         for _ in range(50):
@@ -227,7 +227,7 @@ class GeometryContract(GeometryDescriptionContract):
         assert current_pose(engine, "crate")[0] == pytest.approx(0.5 * (5.0 / 2.5) * 1.0**2, rel=0.01)
         assert quat_angle(current_pose(engine, "crate")[3:], [1, 0, 0, 0]) < 1e-3, "not pushed where its mass is"
 
-    def test_without_a_mass_what_it_is_made_of_tells_it(self, engine: Engine) -> None:
+    def test_without_a_mass_density_determines_it(self, engine: Engine) -> None:
         crate = body("crate", (0, 0, 1), CRATE, "dynamic", None, gravity=False)
         report = engine.spawn(world(crate), geometry=geometry_map(crate=bin_geometry(CRATE, density=700.0)))
         note = next(note for note in report.notes if note.kind is SpawnNoteKind.MASS_ESTIMATED)
@@ -239,7 +239,7 @@ class GeometryContract(GeometryDescriptionContract):
             engine.step(0.02)
         assert current_pose(engine, "crate")[0] == pytest.approx(1.0, rel=0.01)
 
-    def test_a_body_tips_over_to_where_its_mass_is(self, engine: Engine) -> None:
+    def test_a_body_tips_over_towards_its_center_of_mass(self, engine: Engine) -> None:
         """A foot with a heavy arm: its box would stand, the arm pulls it over."""
         size = (0.6, 0.1, 0.4)
         arm = geometry(
@@ -253,7 +253,7 @@ class GeometryContract(GeometryDescriptionContract):
     # -- surfaces
 
     @pytest.mark.parametrize(("friction", "slides"), [(0.9, False), (0.2, True)])
-    def test_a_steep_ramp_holds_what_is_rough_and_not_what_is_smooth(
+    def test_a_box_slides_down_a_ramp_only_with_low_friction(
         self, engine: Engine, friction: float, slides: bool
     ) -> None:
         turn = normalize([np.cos(np.radians(15)), 0.0, -np.sin(np.radians(15)), 0.0])  # 30 degrees
@@ -282,7 +282,7 @@ class GeometryContract(GeometryDescriptionContract):
         expected = 0.5 * 9.81 * (0.5 - friction * np.cos(np.radians(30))) * 0.5**2
         assert way == pytest.approx(expected, rel=0.15) if slides else way < 0.01
 
-    def test_what_is_bouncy_jumps_and_what_is_not_lies_still(self, engine: Engine) -> None:
+    def test_a_ball_bounces_by_its_restitution(self, engine: Engine) -> None:
         size = (0.1, 0.1, 0.1)
         balls = [body(name, (x, 0, 1.0), size, "dynamic", 0.2) for name, x in (("rubber", 0.0), ("clay", 1.0))]
         engine.spawn(
@@ -302,7 +302,7 @@ class GeometryContract(GeometryDescriptionContract):
 
     # -- edits
 
-    def test_a_form_goes_where_its_body_goes_and_stays_through_edits(self, engine: Engine) -> None:
+    def test_geometry_moves_with_its_body_and_survives_edits(self, engine: Engine) -> None:
         ball = body("ball", (0, 0, 0.8), (0.08, 0.08, 0.08), "dynamic", 0.2)
         engine.spawn(
             world(FLOOR, body("crate", (2, 0, 0.15), CRATE, "kinematic"), body("other", (5, 5, 1), (1, 1, 1)), ball),
@@ -319,7 +319,7 @@ class GeometryContract(GeometryDescriptionContract):
         engine.step(3.0)
         assert current_pose(engine, "ball")[2] == pytest.approx(0.06, abs=self.rest_tolerance_m)
 
-    def test_a_form_comes_back_with_a_saved_state(self, engine: Engine) -> None:
+    def test_restoring_a_state_restores_geometry(self, engine: Engine) -> None:
         if Capability.SAVE not in engine.capabilities:
             pytest.skip("the engine has no SAVE ability")
         engine.spawn(room(), geometry=room_geometry())
@@ -331,7 +331,7 @@ class GeometryContract(GeometryDescriptionContract):
         assert drawer[0] == pytest.approx(LIMIT_M, abs=self.limit_tolerance_m)
         assert abs(mug[0] - drawer[0]) < 0.29
 
-    def test_a_body_spawned_anew_has_its_new_form_or_none(self, engine: Engine) -> None:
+    def test_a_respawned_body_has_its_new_geometry_or_none(self, engine: Engine) -> None:
         mug = body("mug", (0, 0, 0.8), (0.08, 0.08, 0.1), "dynamic", 0.3)
         crate = world(body("crate", (0, 0, 0.15), CRATE))
         engine.spawn(world(FLOOR))
@@ -342,7 +342,7 @@ class GeometryContract(GeometryDescriptionContract):
             assert current_pose(engine, "mug")[2] == pytest.approx(height, abs=self.rest_tolerance_m)
             engine.delete([BodyId("crate"), BodyId("mug")])
 
-    def test_a_room_of_forms_left_alone_stays(self, engine: Engine) -> None:
+    def test_an_undisturbed_room_with_geometry_stays_at_rest(self, engine: Engine) -> None:
         described = room()
         resting = [b for b in described.bodies if b.id not in {"crate", "mug"}]
         mug = body("mug", (0.05, 0.1, 0.271), (0.08, 0.08, 0.1), "dynamic", 0.3)
@@ -370,7 +370,7 @@ class GeometryContract(GeometryDescriptionContract):
     def test_a_door_swings_although_its_neighbor_touches_it(self, engine: Engine) -> None:
         """The edge of a door that is hinged at its front goes outwards a little when it turns."""
         panel = geometry(box_shape((-0.02, -0.3, -0.9), (0.02, 0.3, 0.9)))
-        neighbor = body("neighbour", (0.322, 1.4, 0.9), (0.04, 0.6, 1.8))
+        neighbor = body("neighbor", (0.322, 1.4, 0.9), (0.04, 0.6, 1.8))
         described = room()
         others = [b for b in described.bodies if b.id not in {"crate", "mug"}]
         parts = world(*others, neighbor, *described.joints, *described.attachments)

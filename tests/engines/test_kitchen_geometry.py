@@ -64,7 +64,7 @@ def overlapping(report: SpawnReport) -> int:
     return sum(len(note.ids) - 1 for note in report.notes if note.kind is SpawnNoteKind.OVERLAP)
 
 
-def test_a_kitchen_of_forms_left_alone_for_ten_seconds_stays_and_falls_asleep(kitchen: Kitchen) -> None:
+def test_an_undisturbed_kitchen_with_geometry_stays_at_rest_and_falls_asleep(kitchen: Kitchen) -> None:
     engine, report = kitchen.spawned()
     assert report.ok
     ids, before = engine.poses()
@@ -74,20 +74,20 @@ def test_a_kitchen_of_forms_left_alone_for_ten_seconds_stays_and_falls_asleep(ki
     assert (engine._cache.model().data.tree_asleep >= 0).all(), "something never comes to rest"
 
 
-def test_fewer_pairs_are_kept_apart_than_of_boxes(kitchen: Kitchen) -> None:
+def test_geometry_excludes_fewer_pairs_than_boxes(kitchen: Kitchen) -> None:
     boxes = MujocoEngine().spawn(kitchen.world)
     formed = kitchen.spawned()[1]
     assert overlapping(formed) < overlapping(boxes)
     assert not [note for note in formed.notes if note.kind is SpawnNoteKind.HOLLOW]
 
 
-def test_nothing_loose_stands_in_anything_solid(bundled: Kitchen) -> None:
+def test_free_bodies_penetrate_nothing(bundled: Kitchen) -> None:
     """So everything in the kitchen is held up by what it stands on or in."""
     report = bundled.spawned()[1]
     assert [note.text for note in report.notes if note.kind is SpawnNoteKind.OVERLAP] == []
 
 
-def test_every_door_and_drawer_of_forms_opens_to_its_limit_by_its_handle(kitchen: Kitchen) -> None:
+def test_every_door_and_drawer_with_geometry_opens_to_its_limit_by_its_handle(kitchen: Kitchen) -> None:
     engine, _ = kitchen.spawned()
     engine.step(1.0)
     closed = engine.save_state()
@@ -140,7 +140,7 @@ def joint_of(kitchen: Kitchen, engine: MujocoEngine, name: str) -> tuple[Joint, 
     return next((c, h) for c, h in doors_and_drawers(kitchen.world, engine) if name in (c.parent, c.child))
 
 
-def test_a_mug_put_into_a_drawer_stays_in_it_through_opening_and_closing(bundled: Kitchen) -> None:
+def test_a_mug_placed_in_a_drawer_stays_in_it_while_it_opens_and_closes(bundled: Kitchen) -> None:
     drawer = bundled.world.body("drawer_left_4")
     assert drawer.size is not None
     mug = thing(bundled.world, "coffee_mug_1", np.add(drawer.pose.position, (0.0, 0.0, 0.02)))
@@ -152,7 +152,7 @@ def test_a_mug_put_into_a_drawer_stays_in_it_through_opening_and_closing(bundled
         assert (np.abs(away) < np.array(drawer.size) / 2).all(), away
 
 
-def test_milk_stands_in_the_fridge_with_the_door_closed_and_open(bundled: Kitchen) -> None:
+def test_milk_stays_in_the_fridge_with_the_door_closed_and_open(bundled: Kitchen) -> None:
     engine, _ = bundled.spawned()
     milk = next(body.id for body in bundled.world.bodies if "milk" in body.id)
     before = current_pose(engine, milk)
@@ -182,7 +182,7 @@ def free_spot(kitchen: Kitchen, host: Body, size: tuple[float, float, float]) ->
 
 
 @pytest.mark.parametrize("kind", ["plate_1", "coffee_mug_1", "cereal_bowl_1"])
-def test_what_is_put_on_the_counter_rests_there(bundled: Kitchen, kind: str) -> None:
+def test_objects_placed_on_the_counter_rest_there(bundled: Kitchen, kind: str) -> None:
     counter = bundled.world.body("counter_left")
     size = bundled.world.body(kind).size
     assert size is not None

@@ -38,7 +38,7 @@ EIGHTH_TURN = (np.cos(np.pi / 8), 0.0, 0.0, np.sin(np.pi / 8))
         ((0.5 + np.sqrt(0.5) - 0.02, 0, 0, *EIGHTH_TURN, 1, 1, 1), 0.02),
     ],
 )
-def test_the_depth_is_how_far_two_boxes_must_part(second: tuple[float, ...], expected: float) -> None:
+def test_the_depth_is_the_distance_that_separates_two_boxes(second: tuple[float, ...], expected: float) -> None:
     first = (0, 0, 0, *UPRIGHT, 1, 1, 1)
     assert depth(first, second) == pytest.approx(expected, abs=1e-12)
     assert depth(second, first) == pytest.approx(expected, abs=1e-12)
@@ -49,7 +49,7 @@ rows = st.tuples(numbers, numbers, numbers, *[st.floats(0.1, 1)] * 4, *[st.float
 
 
 @given(st.lists(rows, min_size=2, max_size=25))
-def test_the_sweep_finds_each_meeting_pair_once(table: list[tuple[float, ...]]) -> None:
+def test_the_sweep_finds_each_overlapping_pair_once(table: list[tuple[float, ...]]) -> None:
     boxes = boxes_of(*table)
     everything = np.ones(len(table), dtype=bool)
     found = [
@@ -69,7 +69,7 @@ def test_the_sweep_finds_each_meeting_pair_once(table: list[tuple[float, ...]]) 
 
 
 @given(rows, rows)
-def test_moving_apart_by_the_depth_parts_them(first: tuple[float, ...], second: tuple[float, ...]) -> None:
+def test_moving_apart_by_the_depth_separates_boxes(first: tuple[float, ...], second: tuple[float, ...]) -> None:
     found = depth(first, second)
     far = (second[0] + 20.0, *second[1:])
     assert depth(first, far) < 0
@@ -77,7 +77,7 @@ def test_moving_apart_by_the_depth_parts_them(first: tuple[float, ...], second: 
         assert not contains(boxes_of(first, second), np.array([0]), np.array([1]))[0]
 
 
-def test_a_small_box_inside_a_large_one_is_contained_and_not_the_other_way_round() -> None:
+def test_a_large_box_contains_a_small_one_but_not_vice_versa() -> None:
     boxes = boxes_of((0, 0, 0, *UPRIGHT, 1, 1, 1), (0.2, 0.1, 0, *EIGHTH_TURN, 0.3, 0.3, 0.3))
     assert contains(boxes, np.array([0]), np.array([1]))[0]
     assert not contains(boxes, np.array([1]), np.array([0]))[0]
@@ -89,7 +89,7 @@ def inside(plates: list[tuple[np.ndarray, np.ndarray]], low: np.ndarray, high: n
 
 
 @pytest.mark.parametrize("turn", [(1.0, 0, 0, 0), (0.0, 0, 0, 1.0), (0.7071067811865476, 0, 0, 0.7071067811865476)])
-def test_contents_get_walls_around_and_a_floor_under_each_level(turn: tuple[float, ...]) -> None:
+def test_contents_get_walls_and_a_floor_under_each_level(turn: tuple[float, ...]) -> None:
     fridge, size = np.array([3.0, 2.0, 0.9, *turn]), np.array([0.6, 0.6, 1.8])
     local = [np.array([0.1, 0.1, -0.7, 1, 0, 0, 0]), np.array([0.0, -0.1, 0.2, 1, 0, 0, 0])]
     sizes = [np.array([0.1, 0.1, 0.2]), np.array([0.08, 0.08, 0.3])]
@@ -114,7 +114,7 @@ def test_without_a_door_the_top_is_open() -> None:
     assert hollow_box(bowl_and_apple, 0, [1], []).opening == "to the top"
 
 
-def test_what_stands_on_other_contents_gets_no_floor_of_its_own() -> None:
+def test_stacked_contents_get_no_floor_of_their_own() -> None:
     drawer, plate = (0, 0, 0, *UPRIGHT, 0.5, 0.5, 0.2), (0, 0, -0.06, *UPRIGHT, 0.2, 0.2, 0.02)
     cup = (0, 0, 0.0, *UPRIGHT, 0.08, 0.08, 0.1)
     hollow = hollow_box(boxes_of(drawer, plate, cup), 0, [1, 2], [])
@@ -122,7 +122,7 @@ def test_what_stands_on_other_contents_gets_no_floor_of_its_own() -> None:
     assert len(floors) == 1
 
 
-def test_in_a_throng_everything_collides_with_nothing_and_says_so() -> None:
+def test_bodies_in_a_crowd_collide_with_nothing_and_are_reported() -> None:
     count = 1_500
     table = np.zeros((count, 7))
     table[:, 3] = 1.0

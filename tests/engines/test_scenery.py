@@ -44,16 +44,16 @@ def unreached(place: World) -> set[str]:
 
 
 @pytest.mark.parametrize(("x", "far"), [(2.0, True), (0.9, True), (0.79, False), (0.6, False), (-0.9, True)])
-def test_a_drawer_gets_as_far_as_its_limit_and_a_little_farther(x: float, *, far: bool) -> None:
+def test_the_swept_box_of_a_drawer_extends_slightly_beyond_its_limit(x: float, *, far: bool) -> None:
     assert ("drawer" in unreached(with_wall(x))) is far
 
 
 @pytest.mark.parametrize(("x", "far"), [(2.0, True), (1.05, True), (0.9, False)])
-def test_a_door_is_taken_to_turn_all_the_way_round(x: float, *, far: bool) -> None:
+def test_a_door_is_assumed_to_turn_fully(x: float, *, far: bool) -> None:
     assert ("door" in unreached(with_wall(x, y=2.3))) is far
 
 
-def test_a_drawer_that_is_open_has_all_of_its_way_back_before_it() -> None:
+def test_the_swept_box_of_an_open_drawer_includes_its_way_back() -> None:
     engine = MujocoEngine()
     engine.spawn(with_wall(-0.65))
     engine.set_pose(BodyId("drawer"), Pose((0.3, 0, 0.3)))
@@ -62,14 +62,14 @@ def test_a_drawer_that_is_open_has_all_of_its_way_back_before_it() -> None:
     assert current_pose(engine, "drawer")[0] == pytest.approx(-0.3, abs=0.005)
 
 
-def test_a_wall_in_the_way_still_stops_a_drawer() -> None:
+def test_a_wall_within_reach_stops_a_drawer() -> None:
     engine = MujocoEngine()
     engine.spawn(with_wall(0.6))
     apply_force_for(engine, "drawer", (20.0, 0.0, 0.0), 2.0)
     assert current_pose(engine, "drawer")[0] == pytest.approx(0.6 - 0.05 - 0.3, abs=0.005)
 
 
-def test_a_wall_that_is_put_in_the_way_later_stops_a_drawer() -> None:
+def test_a_wall_added_later_stops_a_drawer() -> None:
     engine = MujocoEngine()
     engine.spawn(with_wall(2.0))
     engine.step(0.01)
@@ -78,7 +78,7 @@ def test_a_wall_that_is_put_in_the_way_later_stops_a_drawer() -> None:
     assert current_pose(engine, "drawer")[0] == pytest.approx(0.25, abs=0.005)
 
 
-def test_a_kinematic_body_is_part_of_the_scenery_until_it_is_moved_and_then_moves_without_a_new_model() -> None:
+def test_a_kinematic_body_is_scenery_until_it_moves_and_then_needs_no_new_model() -> None:
     engine = MujocoEngine()
     engine.spawn(
         world(FLOOR, body("one", (0, 0, 1), (1, 1, 0.1), "kinematic"), body("two", (3, 0, 1), (1, 1, 1), "kinematic"))
@@ -94,7 +94,7 @@ def test_a_kinematic_body_is_part_of_the_scenery_until_it_is_moved_and_then_move
     assert [current_pose(engine, id)[2] for id in ("one", "two")] == [3.0, 2.0]
 
 
-def test_what_stands_on_a_kinematic_body_is_carried_off_by_its_first_move() -> None:
+def test_the_first_move_of_a_kinematic_body_carries_what_it_supports() -> None:
     engine = MujocoEngine()
     engine.spawn(
         world(
@@ -109,7 +109,7 @@ def test_what_stands_on_a_kinematic_body_is_carried_off_by_its_first_move() -> N
     assert current_pose(engine, "cup")[2] == pytest.approx(0.05, abs=0.01)
 
 
-def test_scenery_beyond_reach_is_told_to_mujoco() -> None:
+def test_contacts_with_scenery_out_of_reach_are_excluded() -> None:
     engine = MujocoEngine()
     engine.spawn(with_wall(2.0))
     live = engine._cache.model()

@@ -27,7 +27,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return geometry_cache_dir()
 
 
-def test_a_form_lies_there_in_the_axes_of_godot(folder: Path) -> None:
+def test_cached_geometry_has_godots_axes(folder: Path) -> None:
     name = cache_geometry_glb(FORM)
     assert name == "00112233445566778899aabb.glb"
     scene = trimesh.load(folder / name)
@@ -35,7 +35,7 @@ def test_a_form_lies_there_in_the_axes_of_godot(folder: Path) -> None:
     assert [path.name for path in folder.iterdir()] == [name]
 
 
-def test_what_lies_there_is_not_written_again(folder: Path) -> None:
+def test_an_existing_file_is_not_written_again(folder: Path) -> None:
     path = folder / cache_geometry_glb(FORM)
     path.write_bytes(b"as it was")
     assert cache_geometry_glb(FORM) == path.name
@@ -43,17 +43,17 @@ def test_what_lies_there_is_not_written_again(folder: Path) -> None:
 
 
 @pytest.mark.parametrize("key", ["", "../../up", "0011", "G" * 16, "a" * 65])
-def test_what_has_no_digest_gets_no_file(key: str, folder: Path) -> None:
+def test_geometry_without_a_digest_gets_no_file(key: str, folder: Path) -> None:
     assert cache_geometry_glb(replace(FORM, key=key)) == ""
     assert list(folder.parent.rglob("*.glb")) == []
 
 
-def test_what_has_no_looks_gets_no_file(folder: Path) -> None:
+def test_geometry_without_visual_meshes_gets_no_file(folder: Path) -> None:
     assert cache_geometry_glb(replace(FORM, visuals=())) == ""
     assert list(folder.iterdir()) == []
 
 
-def test_what_was_not_used_for_longest_goes_when_there_is_too_much(
+def test_the_least_recently_used_files_are_deleted(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     names = [cache_geometry_glb(replace(FORM, key=f"{number:016x}")) for number in range(4)]

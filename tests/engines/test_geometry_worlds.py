@@ -15,7 +15,7 @@ from mindstage.errors import SimulationDivergedError
 from mindstage.scene import BodyGeometry, BodyId, CollisionShape, CollisionShapeType, Pose, World, diff
 from mindstage.scene.transforms import quat_rotate
 from tests.engines.contract import apply_force_for, current_pose
-from tests.engines.formed import as_vector, bin_geometry, cabinet_geometry, geometry
+from tests.engines.geometries import as_vector, bin_geometry, cabinet_geometry, geometry
 from tests.engines.scenes import FLOOR, LIMIT_M, body, prismatic_joint, world
 from tests.worlds import worlds
 
@@ -49,18 +49,18 @@ def forms(draw: st.DrawFn) -> BodyGeometry:
 
 @settings(max_examples=40, suppress_health_check=[HealthCheck.too_slow])
 @given(described=worlds(max_bodies=5), made=st.lists(forms(), min_size=5, max_size=5))
-def test_any_world_with_any_forms_comes_back_identical_and_runs(described: World, made: list[BodyGeometry]) -> None:
+def test_any_world_with_any_geometry_is_returned_unchanged_and_runs(described: World, made: list[BodyGeometry]) -> None:
     worn = {body.id: form for body, form in zip(described.bodies, made, strict=False)}
     engine = MujocoEngine()
     assert engine.spawn(described, geometry=worn).ok
     assert diff(described, engine.snapshot()).identical(0.0)
-    with contextlib.suppress(SimulationDivergedError):  # a body put a kilometre into another may well break
+    with contextlib.suppress(SimulationDivergedError):  # a body put a kilometer into another may well break
         engine.step(0.02)
         assert np.isfinite(engine.poses()[1]).all()
     mujoco.MjModel.from_xml_string(world_to_mjcf(described, geometry=worn).text)
 
 
-def test_a_crowd_of_forms_in_one_place_is_spawned_and_does_not_explode() -> None:
+def test_a_crowd_of_geometries_in_one_place_does_not_explode() -> None:
     crate = bin_geometry((0.3, 0.3, 0.2))
     bodies = [body(f"b{i}", (0, 0, 1), (0.3, 0.3, 0.2), "dynamic", 1.0, gravity=False) for i in range(270)]
     engine = MujocoEngine()
@@ -80,7 +80,7 @@ gaps = st.floats(-0.003, 0.003)
     beside=gaps,
     turn=st.floats(0.0, 6.0),
 )
-def test_drawers_open_however_badly_the_map_was_measured(
+def test_drawers_open_in_an_inaccurate_map(
     wide: float, high: float, between: list[float], beside: float, turn: float
 ) -> None:
     """Three drawers one over another and a cupboard beside them, a little apart or a little in one another."""

@@ -17,21 +17,21 @@ def skin(*boxes: tuple[tuple[float, float, float], tuple[float, float, float]]) 
     return VisualMesh(np.array(mesh.vertices), np.array(mesh.faces, dtype=np.uint32), PbrMaterial())
 
 
-def test_a_block_can_be_stood_upon() -> None:
+def test_a_block_has_one_support_surface() -> None:
     (place,) = find_support_surfaces([skin(((-0.5, -0.4, -0.3), (0.5, 0.4, 0.3)))])
     assert place.center == pytest.approx((0.0, 0.0, 0.3))
     assert place.size == pytest.approx((1.0, 0.8))
     assert (place.clearance, place.is_inside) == (None, False)
 
 
-def test_a_bench_s_seat_is_the_place_and_not_the_edge_of_its_back() -> None:
+def test_the_seat_of_a_bench_is_a_support_surface_and_its_back_is_not() -> None:
     seat, back = ((-0.5, -0.25, 0.4), (0.5, 0.25, 0.45)), ((-0.5, 0.22, 0.45), (0.5, 0.25, 0.9))
     (place,) = find_support_surfaces([skin(seat, back)])
     assert place.center[2] == pytest.approx(0.45)
     assert not place.is_inside
 
 
-def test_lower_shelves_are_in_it_with_the_room_up_to_the_next() -> None:
+def test_lower_shelves_are_inside_with_their_clearance() -> None:
     boards = [((-0.4, -0.15, z), (0.4, 0.15, z + 0.02)) for z in (0.0, 0.4, 0.8)]
     places = find_support_surfaces([skin(boards[0]), skin(*boards[1:])])
     assert [place.center[2] for place in places] == pytest.approx([0.82, 0.42, 0.02])
@@ -39,7 +39,7 @@ def test_lower_shelves_are_in_it_with_the_room_up_to_the_next() -> None:
     assert [place.clearance for place in places[1:]] == pytest.approx([0.4, 0.4])
 
 
-def test_a_ball_and_a_slope_have_no_place() -> None:
+def test_a_ball_and_a_slope_have_no_support_surface() -> None:
     ball = trimesh.creation.icosphere(subdivisions=3)
     wedge = trimesh.creation.box((1.0, 1.0, 0.1))
     wedge.apply_transform(trimesh.transformations.rotation_matrix(0.4, (0, 1, 0)))

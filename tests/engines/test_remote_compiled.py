@@ -16,13 +16,13 @@ from mindstage.msgs import mindstage_msgs as wire
 from mindstage.ros.engine_services import EngineServices
 from mindstage.scene import BodyId, Pose
 from tests.engines.contract import PhysicsContract, apply_force_for, current_pose
-from tests.engines.far_side import ServedSimulation
-from tests.engines.forms_contract import GeometryContract
+from tests.engines.served_simulation import ServedSimulation
+from tests.engines.geometry_contract import GeometryContract
 from tests.engines.scenes import FLOOR, attachment, body, prismatic_joint, room, world
 
 
 @pytest.fixture
-def far_side(monkeypatch: pytest.MonkeyPatch) -> Iterator[ServedSimulation]:
+def served(monkeypatch: pytest.MonkeyPatch) -> Iterator[ServedSimulation]:
     """A Mindstage that says that it takes plans, and has nothing to add to what was decided for it."""
     describe, spawn = EngineServices.describe, EngineServices.spawn_world
 
@@ -44,14 +44,14 @@ def far_side(monkeypatch: pytest.MonkeyPatch) -> Iterator[ServedSimulation]:
 
 class TestPlannedEngine(PhysicsContract, GeometryContract):
     @pytest.fixture
-    def engine(self, far_side: ServedSimulation) -> Iterator[RemoteEngine]:
-        with closing(connect(far_side.address)) as engine:
+    def engine(self, served: ServedSimulation) -> Iterator[RemoteEngine]:
+        with closing(connect(served.address)) as engine:
             assert isinstance(engine, CompiledRemoteEngine)
             yield engine
 
 
-def test_joints_stand_where_mujoco_itself_says(far_side: ServedSimulation) -> None:
-    with closing(connect(far_side.address)) as far, closing(MujocoEngine()) as near:
+def test_joint_positions_agree_with_mujoco(served: ServedSimulation) -> None:
+    with closing(connect(served.address)) as far, closing(MujocoEngine()) as near:
         for engine in (far, near):
             engine.spawn(room())
             apply_force_for(engine, "door_handle", (25.0, 0.0, 0.0), 0.6)
@@ -61,8 +61,8 @@ def test_joints_stand_where_mujoco_itself_says(far_side: ServedSimulation) -> No
             np.testing.assert_allclose(told[id], place, atol=1e-9)
 
 
-def test_a_plan_says_who_hangs_on_whom_and_keeps_from_whom(far_side: ServedSimulation) -> None:
-    with closing(connect(far_side.address)) as engine:
+def test_the_sent_model_has_roots_and_excluded_pairs(served: ServedSimulation) -> None:
+    with closing(connect(served.address)) as engine:
         engine.spawn(
             world(
                 FLOOR,
@@ -73,7 +73,7 @@ def test_a_plan_says_who_hangs_on_whom_and_keeps_from_whom(far_side: ServedSimul
                 prismatic_joint("slide", "drawer", "case", (0.3, 0, 0.5)),
             )
         )
-    plan = msgspec.json.decode(far_side.plans[-1])  # type: ignore[attr-defined]
+    plan = msgspec.json.decode(served.plans[-1])  # type: ignore[attr-defined]
     assert plan["bodies"]["handle"]["top"] == "drawer"
     assert plan["bodies"]["handle"]["hold"]["position"] == pytest.approx([0.3, 0, 0])
     assert plan["bodies"]["handle"]["mass_kg"] == pytest.approx(0.02 * 0.2 * 0.02 * 200, abs=0.01)
@@ -84,8 +84,8 @@ def test_a_plan_says_who_hangs_on_whom_and_keeps_from_whom(far_side: ServedSimul
     assert joint["of_child"]["position"] == pytest.approx([0.3, 0, 0])
 
 
-def test_a_push_on_what_is_deleted_before_the_step_is_forgotten(far_side: ServedSimulation) -> None:
-    with closing(connect(far_side.address)) as engine:
+def test_a_force_on_a_body_deleted_before_the_step_is_dropped(served: ServedSimulation) -> None:
+    with closing(connect(served.address)) as engine:
         engine.spawn(room())
         engine.apply_force(BodyId("mug"), (1.0, 0.0, 0.0))
         engine.delete([BodyId("mug")])
@@ -93,21 +93,21 @@ def test_a_push_on_what_is_deleted_before_the_step_is_forgotten(far_side: Served
         assert "mug" not in engine.poses()[0]
 
 
-def test_poses_asked_for_twice_after_a_step_are_those_of_now(far_side: ServedSimulation) -> None:
-    with closing(connect(far_side.address)) as engine:
+def test_poses_read_twice_after_a_step_are_current(served: ServedSimulation) -> None:
+    with closing(connect(served.address)) as engine:
         engine.spawn(room())
         for _ in range(3):  # from the second on, steps tell poses unasked
             engine.step(0.01)
             told = engine.poses()[1]
-        np.testing.assert_allclose(told, far_side.stage.state.poses, atol=1e-12)
-        far_side.stage.run_on_engine(lambda far: far.set_pose(BodyId("crate"), Pose((7, 7, 7))), label="set pose")
+        np.testing.assert_allclose(told, served.stage.state.poses, atol=1e-12)
+        served.stage.run_on_engine(lambda far: far.set_pose(BodyId("crate"), Pose((7, 7, 7))), label="set pose")
         assert current_pose(engine, "crate")[0] == 7
 
 
-def test_what_others_spawn_there_is_taken_over(far_side: ServedSimulation) -> None:
-    with closing(connect(far_side.address)) as engine:
+def test_bodies_spawned_by_other_clients_are_taken_over(served: ServedSimulation) -> None:
+    with closing(connect(served.address)) as engine:
         engine.spawn(room())
-        far_side.stage.spawn(world(body("guest", (3, 3, 1), (0.2, 0.2, 0.2), "dynamic", 1.0)))
+        served.stage.spawn(world(body("guest", (3, 3, 1), (0.2, 0.2, 0.2), "dynamic", 1.0)))
         assert "guest" in engine.poses()[0]
         engine.attach(BodyId("crate"), BodyId("guest"))
         engine.set_pose(BodyId("crate"), Pose((0, 5, 1)))
@@ -115,11 +115,11 @@ def test_what_others_spawn_there_is_taken_over(far_side: ServedSimulation) -> No
         assert engine.snapshot().body("guest").pose.position[1] != 3
 
 
-def test_a_far_world_that_was_started_anew_can_be_spawned_into(far_side: ServedSimulation) -> None:
-    with closing(connect(far_side.address, timeout_s=10.0)) as engine:
+def test_a_restarted_remote_world_can_be_spawned_into(served: ServedSimulation) -> None:
+    with closing(connect(served.address, timeout_s=10.0)) as engine:
         engine.spawn(room())
-        far_side.stop()
-        far_side.start()
+        served.stop()
+        served.start()
         with pytest.raises(EngineUnavailableError, match="started anew"):
             engine.poses()
         assert engine.spawn(room()).ok

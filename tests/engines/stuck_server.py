@@ -10,7 +10,7 @@ import threading
 
 from mindstage.engines import NullEngine, SpawnReport
 from mindstage.scene import NO_GEOMETRY, GeometryMap, World
-from tests.engines.far_side import ServedSimulation
+from tests.engines.served_simulation import ServedSimulation
 
 
 class StuckEngine(NullEngine):
@@ -25,8 +25,8 @@ class StuckEngine(NullEngine):
 def main() -> None:
     stuck = "--stuck" in sys.argv
     ports = [int(each) for each in sys.argv[1:] if each.isdigit()]
-    with ServedSimulation(StuckEngine if stuck else NullEngine, port=ports[0] if ports else 0) as far_side:
-        print(far_side.address, flush=True)
+    with ServedSimulation(StuckEngine if stuck else NullEngine, port=ports[0] if ports else 0) as served:
+        print(served.address, flush=True)
         sys.stdin.read()  # until whoever started it is gone
 
 
