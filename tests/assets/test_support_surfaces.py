@@ -1,4 +1,4 @@
-"""Where things can be put on a mesh, or into it."""
+"""Support surfaces of meshes."""
 
 from __future__ import annotations
 
@@ -10,33 +10,33 @@ from mindstage.assets.library import find_support_surfaces
 from mindstage.scene import PbrMaterial, VisualMesh
 
 
-def skin(*boxes: tuple[tuple[float, float, float], tuple[float, float, float]]) -> VisualMesh:
-    """Blocks, each by its two corners."""
+def box_visual(*boxes: tuple[tuple[float, float, float], tuple[float, float, float]]) -> VisualMesh:
+    """A visual mesh of boxes, each given by two corners."""
     made = [trimesh.creation.box(bounds=np.array(corners)) for corners in boxes]
     mesh = trimesh.util.concatenate(made)
     return VisualMesh(np.array(mesh.vertices), np.array(mesh.faces, dtype=np.uint32), PbrMaterial())
 
 
 def test_a_block_has_one_support_surface() -> None:
-    (place,) = find_support_surfaces([skin(((-0.5, -0.4, -0.3), (0.5, 0.4, 0.3)))])
-    assert place.center == pytest.approx((0.0, 0.0, 0.3))
-    assert place.size == pytest.approx((1.0, 0.8))
-    assert (place.clearance, place.is_inside) == (None, False)
+    (surface,) = find_support_surfaces([box_visual(((-0.5, -0.4, -0.3), (0.5, 0.4, 0.3)))])
+    assert surface.center == pytest.approx((0.0, 0.0, 0.3))
+    assert surface.size == pytest.approx((1.0, 0.8))
+    assert (surface.clearance, surface.is_inside) == (None, False)
 
 
 def test_the_seat_of_a_bench_is_a_support_surface_and_its_back_is_not() -> None:
     seat, back = ((-0.5, -0.25, 0.4), (0.5, 0.25, 0.45)), ((-0.5, 0.22, 0.45), (0.5, 0.25, 0.9))
-    (place,) = find_support_surfaces([skin(seat, back)])
-    assert place.center[2] == pytest.approx(0.45)
-    assert not place.is_inside
+    (surface,) = find_support_surfaces([box_visual(seat, back)])
+    assert surface.center[2] == pytest.approx(0.45)
+    assert not surface.is_inside
 
 
 def test_lower_shelves_are_inside_with_their_clearance() -> None:
     boards = [((-0.4, -0.15, z), (0.4, 0.15, z + 0.02)) for z in (0.0, 0.4, 0.8)]
-    places = find_support_surfaces([skin(boards[0]), skin(*boards[1:])])
-    assert [place.center[2] for place in places] == pytest.approx([0.82, 0.42, 0.02])
-    assert [place.is_inside for place in places] == [False, True, True]
-    assert [place.clearance for place in places[1:]] == pytest.approx([0.4, 0.4])
+    surfaces = find_support_surfaces([box_visual(boards[0]), box_visual(*boards[1:])])
+    assert [surface.center[2] for surface in surfaces] == pytest.approx([0.82, 0.42, 0.02])
+    assert [surface.is_inside for surface in surfaces] == [False, True, True]
+    assert [surface.clearance for surface in surfaces[1:]] == pytest.approx([0.4, 0.4])
 
 
 def test_a_ball_and_a_slope_have_no_support_surface() -> None:

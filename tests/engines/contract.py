@@ -1,6 +1,19 @@
-"""What every engine must do, as one class of sentences; an engine adds a subclass and an `engine` fixture.
+"""The contract of engines: what every implementation of `mindstage.engines.Engine` must do, as reusable test classes.
 
-Tolerances are attributes, so that an engine of single precision can state its own.
+To test a new engine, write a subclass of `DescriptionContract` (an engine without physics) or `PhysicsContract` (an
+engine that simulates), and a fixture `engine` that yields an empty engine for each test:
+
+    class TestMyEngine(PhysicsContract):
+        @pytest.fixture
+        def engine(self) -> Iterator[Engine]:
+            engine = MyEngine()
+            yield engine
+            engine.close()
+
+Tolerances are class attributes; an engine that computes in single precision overrides them. Tests of optional
+capabilities are skipped for engines that do not declare them. An engine that differs from the contract by design
+overrides the test and states the reason. Collision shapes and visual meshes have a contract of their own, in
+`geometry_contract.py`.
 """
 
 from __future__ import annotations
@@ -35,12 +48,12 @@ def current_pose(engine: Engine, id: str) -> np.ndarray:
 
 
 def displacement(engine: Engine, id: str, start: np.ndarray) -> float:
-    """How far a body is from where it was [m]."""
+    """Distance of a body from its position in a start pose [m]."""
     return float(np.linalg.norm(current_pose(engine, id)[:3] - start[:3]))
 
 
 def apply_force_for(engine: Engine, id: str, force: tuple[float, float, float], duration_s: float) -> None:
-    """Pushes a body at its own center for a while."""
+    """Applies a force [N] at the body's origin for a duration [s]."""
     for _ in range(round(duration_s / 0.01)):
         x, y, z = current_pose(engine, id)[:3].tolist()
         engine.apply_force(BodyId(id), force, (x, y, z))
@@ -48,17 +61,17 @@ def apply_force_for(engine: Engine, id: str, force: tuple[float, float, float], 
 
 
 def overlap_pairs(ids: tuple[str, ...]) -> list[frozenset[str]]:
-    """The pairs that an overlap note is about: its first body with each of the others."""
+    """The pairs of an overlap note: its first body with each of the others."""
     return [frozenset((ids[0], other)) for other in ids[1:]]
 
 
 class DescriptionContract:
-    """What holds for any engine, with physics or without."""
+    """The contract of all engines, with and without physics."""
 
     pose_tolerance = 1e-12
-    """A world that was not stepped comes back as given, up to this [m, rad]."""
+    """Maximum deviation of poses before the first step from the spawned ones [m, rad]."""
     placement_tolerance = 1e-9
-    """What is put somewhere, with all that goes along, is there up to this [m, rad]."""
+    """Maximum deviation of poses after `set_pose`, including those of attached bodies [m, rad]."""
 
     def test_a_snapshot_equals_the_spawned_world(self, engine: Engine) -> None:
         assert engine.spawn(room()).ok
@@ -66,13 +79,13 @@ class DescriptionContract:
 
     def test_poses_before_the_first_step_are_the_described_ones(self, engine: Engine) -> None:
         engine.spawn(room())
-        engine.snapshot()  # by now at the latest the engine has built what it was given
+        engine.snapshot()  # forces the engine to build its model
         ids, poses = engine.poses()
-        given = {b.id: b.pose for b in room().bodies}
-        assert set(ids) == set(given)
+        described = {b.id: b.pose for b in room().bodies}
+        assert set(ids) == set(described)
         for id, pose in zip(ids, poses, strict=True):
-            assert np.abs(pose[:3] - given[id].position).max() <= self.pose_tolerance
-            assert quat_angle(pose[3:], given[id].quaternion) <= self.pose_tolerance
+            assert np.abs(pose[:3] - described[id].position).max() <= self.pose_tolerance
+            assert quat_angle(pose[3:], described[id].quaternion) <= self.pose_tolerance
 
     def test_a_duplicate_id_fails_and_the_rest_is_spawned(self, engine: Engine) -> None:
         engine.spawn(world(FLOOR))
@@ -103,11 +116,11 @@ class DescriptionContract:
     def test_deleting_a_body_deletes_its_joints_and_attachments(self, engine: Engine) -> None:
         engine.spawn(room())
         engine.delete([BodyId("door")])
-        log = engine.snapshot()
-        assert "door" not in {b.id for b in log.bodies}
-        assert "door_hinge" not in {c.id for c in log.joints}
-        assert all("door" not in (a.parent, a.child) for a in log.attachments)
-        assert {"door_handle", "fridge", "drawer"} <= {b.id for b in log.bodies}
+        snapshot = engine.snapshot()
+        assert "door" not in {b.id for b in snapshot.bodies}
+        assert "door_hinge" not in {c.id for c in snapshot.joints}
+        assert all("door" not in (a.parent, a.child) for a in snapshot.attachments)
+        assert {"door_handle", "fridge", "drawer"} <= {b.id for b in snapshot.bodies}
 
     def test_an_unknown_body_is_refused_with_similar_names_and_nothing_changes(self, engine: Engine) -> None:
         engine.spawn(room())
@@ -123,13 +136,13 @@ class DescriptionContract:
                 attachment("table", "lamp"),
             )
         )
-        turn = normalize([1.0, 0.0, 0.0, 1.0])
-        engine.set_pose(BodyId("table"), Pose((5, 5, 5), tuple(turn.tolist())))
+        rotation = normalize([1.0, 0.0, 0.0, 1.0])
+        engine.set_pose(BodyId("table"), Pose((5, 5, 5), tuple(rotation.tolist())))
         lamp = current_pose(engine, "lamp")
         np.testing.assert_allclose(
-            lamp[:3], np.add((5, 5, 5), quat_rotate(turn, [0.3, 0, 0.2])), atol=self.placement_tolerance
+            lamp[:3], np.add((5, 5, 5), quat_rotate(rotation, [0.3, 0, 0.2])), atol=self.placement_tolerance
         )
-        assert quat_angle(lamp[3:], turn) < self.placement_tolerance
+        assert quat_angle(lamp[3:], rotation) < self.placement_tolerance
 
     def test_moving_an_attached_child_keeps_its_parent_and_the_attachment(self, engine: Engine) -> None:
         engine.spawn(
@@ -176,16 +189,16 @@ class DescriptionContract:
 
     def test_restoring_a_state_restores_all_bodies(self, engine: Engine) -> None:
         if Capability.SAVE not in engine.capabilities:
-            pytest.skip("the engine has no SAVE ability")
+            pytest.skip("the engine has no SAVE capability")
         engine.spawn(room())
         engine.step(0.3)
-        state, log, time_s = engine.save_state(), engine.snapshot(), engine.time_s
+        state, snapshot, time_s = engine.save_state(), engine.snapshot(), engine.time_s
         engine.set_pose(BodyId("crate"), Pose((3, 3, 3)))
         engine.delete([BodyId("mug")])
         engine.step(0.2)
         engine.restore_state(state)
         assert engine.time_s == time_s
-        assert diff(log, engine.snapshot()).identical(0.0)
+        assert diff(snapshot, engine.snapshot()).identical(0.0)
 
     def test_clearing_removes_everything_and_spawning_again_works(self, engine: Engine) -> None:
         engine.spawn(room())
@@ -211,10 +224,10 @@ class DescriptionContract:
 
 
 class PhysicsContract(DescriptionContract):
-    """What holds for any engine in which things fall."""
+    """The contract of engines that simulate physics."""
 
     attachment_tolerance = 1e-6
-    """What hangs rigidly, and what nothing touches, keeps its place up to this while time passes [m, rad]."""
+    """Maximum change of rigid attachments, and of bodies that nothing touches, while time passes [m, rad]."""
     limit_tolerance_m = 0.001
     limit_tolerance_rad = np.radians(0.5)
     rest_tolerance_m = 0.002
@@ -265,15 +278,13 @@ class PhysicsContract(DescriptionContract):
         assert current_pose(engine, "puck")[0] == pytest.approx(0.5 * (5.0 / 2.5) * 1.0**2, rel=0.01)
 
     @pytest.mark.parametrize("mass", [None, 0.0])
-    def test_a_dynamic_body_without_mass_gets_a_reported_estimate(
-        self, engine: Engine, mass: float | None
-    ) -> None:
+    def test_a_dynamic_body_without_mass_gets_a_reported_estimate(self, engine: Engine, mass: float | None) -> None:
         report = engine.spawn(world(FLOOR, body("box", (0, 0, 0.5), (0.5, 0.5, 0.5), "dynamic", mass)))
         assert [note.ids for note in report.notes if note.kind is SpawnNoteKind.MASS_ESTIMATED] == [("box",)]
         engine.step(1.0)
-        assert engine.snapshot().body("box").physics.mass_kg == mass  # the log says what is known, not what was guessed
+        assert engine.snapshot().body("box").physics.mass_kg == mass  # a snapshot has described values, not estimates
 
-    # -- constraints
+    # -- joints
 
     def drawer(self, engine: Engine, **more: object) -> None:
         report = engine.spawn(
@@ -286,16 +297,16 @@ class PhysicsContract(DescriptionContract):
         )
         assert report.ok
 
-    @pytest.mark.parametrize("way", [1, -1])
-    def test_a_pushed_drawer_slides_to_its_limit_and_not_beyond(self, engine: Engine, way: int) -> None:
+    @pytest.mark.parametrize("direction", [1, -1])
+    def test_a_pushed_drawer_slides_to_its_limit_and_not_beyond(self, engine: Engine, direction: int) -> None:
         self.drawer(engine)
         for _ in range(300):
-            engine.apply_force(BodyId("drawer"), (40.0 * way, 5.0, 0.0))
+            engine.apply_force(BodyId("drawer"), (40.0 * direction, 5.0, 0.0))
             engine.step(0.01)
-        place = current_pose(engine, "drawer")
-        assert abs(place[0] - way * LIMIT_M) < self.limit_tolerance_m
-        assert np.abs(place[1:3] - (0, 0.5)).max() < 0.001
-        assert quat_angle(place[3:], [1, 0, 0, 0]) < self.limit_tolerance_rad
+        pose = current_pose(engine, "drawer")
+        assert abs(pose[0] - direction * LIMIT_M) < self.limit_tolerance_m
+        assert np.abs(pose[1:3] - (0, 0.5)).max() < 0.001
+        assert quat_angle(pose[3:], [1, 0, 0, 0]) < self.limit_tolerance_rad
 
     def test_a_drawer_slides_along_its_rotated_joint_frame(self, engine: Engine) -> None:
         self.drawer(engine, quaternion=(0.7071067811865476, 0.0, 0.0, 0.7071067811865476))
@@ -306,10 +317,10 @@ class PhysicsContract(DescriptionContract):
         self.drawer(engine)
         apply_force_for(engine, "drawer", (30.0, 0.0, 0.0), 0.2)
         engine.step(1.0)
-        left = current_pose(engine, "drawer")
-        assert 0.005 < left[0] < LIMIT_M
+        before = current_pose(engine, "drawer")
+        assert 0.005 < before[0] < LIMIT_M
         engine.step(5.0)
-        assert displacement(engine, "drawer", left) < 0.001
+        assert displacement(engine, "drawer", before) < 0.001
 
     def test_a_fridge_door_swings_to_its_limit_when_its_handle_is_pulled(self, engine: Engine) -> None:
         engine.spawn(room())
@@ -342,7 +353,7 @@ class PhysicsContract(DescriptionContract):
 
     @pytest.mark.parametrize("gap", [0.001, 0.0, -0.001])
     def test_drawers_open_past_adjacent_bodies(self, engine: Engine, gap: float) -> None:
-        """Maps are measured by the millimeter: two drawers one over another, and a cupboard beside them."""
+        """Maps are accurate to a millimeter: two drawers, one above the other, and a cupboard beside them."""
         parts: list[Body | Joint] = [FLOOR, body("case", (0, 0, 0.5), (0.6, 0.6, 1.0))]
         for name, z in (("low", 0.4), ("high", 0.6 + gap)):
             parts += [
@@ -443,10 +454,10 @@ class PhysicsContract(DescriptionContract):
         engine.step(2.0)
         assert displacement(engine, "mug", np.array([0, 0, 0.75])) < self.rest_tolerance_m
 
-    # -- edits while it runs
+    # -- edits of a running world
 
     def running_room(self, engine: Engine) -> dict[str, np.ndarray]:
-        """A room with an open drawer, a door on its way, a crate that has come to rest."""
+        """A room with an open drawer, a moving door and a crate at rest."""
         engine.spawn(room())
         apply_force_for(engine, "drawer_handle", (20.0, 0.0, 0.0), 2.0)
         apply_force_for(engine, "door_handle", (25.0, 0.0, 0.0), 0.6)
@@ -469,13 +480,13 @@ class PhysicsContract(DescriptionContract):
         door_before = current_pose(engine, "door")
         engine.step(0.01)
         speed_before = displacement(engine, "door", door_before)
-        here = {id: current_pose(engine, id) for id in before}
+        poses = {id: current_pose(engine, id) for id in before}
         dict(self.edits())[edit](engine)  # type: ignore[operator]
-        for id in set(here) & set(engine.poses()[0]) - {"floor"}:
-            assert displacement(engine, id, here[id]) < self.attachment_tolerance, id
+        for id in set(poses) & set(engine.poses()[0]) - {"floor"}:
+            assert displacement(engine, id, poses[id]) < self.attachment_tolerance, id
         if edit != "delete":
             engine.step(0.01)
-            assert displacement(engine, "door", here["door"]) == pytest.approx(speed_before, rel=0.2, abs=1e-5)
+            assert displacement(engine, "door", poses["door"]) == pytest.approx(speed_before, rel=0.2, abs=1e-5)
         engine.step(0.5)
         assert displacement(engine, "drawer", before["drawer"]) < 0.002
         assert displacement(engine, "crate", before["crate"]) < 0.002
@@ -546,7 +557,7 @@ class PhysicsContract(DescriptionContract):
 
     def test_joint_positions_refer_to_the_parent_in_the_map(self, engine: Engine) -> None:
         if Capability.JOINTS not in engine.capabilities:
-            pytest.skip("the engine has no JOINTS ability")
+            pytest.skip("the engine has no JOINTS capability")
         self.drawer(engine)
         engine.set_pose(BodyId("drawer"), Pose((0.2, 0, 0.5)))
         np.testing.assert_allclose(
@@ -563,7 +574,7 @@ class PhysicsContract(DescriptionContract):
 
     def test_a_restored_world_continues_exactly_as_before(self, engine: Engine) -> None:
         if Capability.SAVE not in engine.capabilities:
-            pytest.skip("the engine has no SAVE ability")
+            pytest.skip("the engine has no SAVE capability")
         self.running_room(engine)
         state = engine.save_state()
         engine.step(0.5)

@@ -1,4 +1,4 @@
-"""What a Godot of our own can do beside the contract: meshes, scenes, and taking part at other people's bridges."""
+"""GodotEngine beyond the contract: visual meshes, scene files, and Godot at another rosbridge server."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def engine(running: GodotEngine) -> Iterator[GodotEngine]:
 def test_an_asymmetric_pose_survives_the_axis_conversion(engine: GodotEngine) -> None:
     box = body("box", (1, 2, 3), (0.1, 0.2, 0.3), "dynamic", 1.0, quaternion=TURNED, gravity=False)
     engine.spawn(world(FLOOR, box))
-    engine.apply_force(BodyId("box"), (0.0, 0.0, 1e-9))  # so that the pose is Godot's, and not the one that was given
+    engine.apply_force(BodyId("box"), (0.0, 0.0, 1e-9))  # so that the pose is computed by Godot
     engine.step(0.1)
     _, poses = engine.poses()
     np.testing.assert_allclose(poses[1], (1, 2, 3, *TURNED), atol=3 * engine.precision)
@@ -69,11 +69,11 @@ def test_visual_meshes_are_loaded_from_the_cache(engine: GodotEngine, tmp_path: 
 
 
 def test_a_broken_mesh_is_reported_and_replaced_by_collision_shapes(engine: GodotEngine) -> None:
-    form = replace(FORM, key="00000000deadbeef")
-    (geometry_cache_dir() / f"{form.key}.glb").write_bytes(b"glTF, or so it says")
-    report = engine.spawn(world(FLOOR, body("mug", (0, 0, 1), (0.1, 0.2, 0.3))), geometry={MUG: form})
+    broken = replace(FORM, key="00000000deadbeef")
+    (geometry_cache_dir() / f"{broken.key}.glb").write_bytes(b"glTF, or so it says")
+    report = engine.spawn(world(FLOOR, body("mug", (0, 0, 1), (0.1, 0.2, 0.3))), geometry={MUG: broken})
     assert report.ok
-    assert [note.ids for note in report.notes if form.key in note.text or "mug" in note.ids] == [("mug",)]
+    assert [note.ids for note in report.notes if broken.key in note.text or "mug" in note.ids] == [("mug",)]
 
 
 def test_a_scene_cannot_be_saved_in_a_missing_folder(engine: GodotEngine, tmp_path: Path) -> None:
@@ -99,26 +99,26 @@ def test_a_godot_at_another_bridge_is_controlled_as_a_remote_engine(godot: Path)
             mesh_dir=geometry_cache_dir(),
         )
         try:
-            engine = _met(f"ros://127.0.0.1:{server.port}/lab/place?token=secret", process)
+            engine = _connect_when_ready(f"ros://127.0.0.1:{server.port}/lab/place?token=secret", process)
             with closing(engine):
                 assert isinstance(engine, CompiledRemoteEngine)
                 assert engine.spawn(room()).ok
                 engine.set_pose(BodyId("drawer"), Pose((0.2, 0, 0.3)))
                 assert diff(room(), engine.snapshot()).lost == ()
-            assert process.is_running  # it is somebody else's
+            assert process.is_running  # this process belongs to another server
         finally:
             process.terminate()
         assert not process.is_running
 
 
-def _met(address: str, process: GodotProcess) -> RemoteEngine:
-    """The engine, once it has joined."""
-    until_s = time.monotonic() + 60.0
+def _connect_when_ready(address: str, process: GodotProcess) -> RemoteEngine:
+    """The engine, after Godot has connected."""
+    deadline_s = time.monotonic() + 60.0
     while True:
         try:
             return connect(address)
         except EngineUnavailableError:
-            if time.monotonic() > until_s or not process.is_running:
+            if time.monotonic() > deadline_s or not process.is_running:
                 raise
             time.sleep(0.1)
 
@@ -132,5 +132,5 @@ def test_thin_bodies_rest_on_each_other_and_thin_walls_stand_still(engine: Godot
     assert engine.spawn(world(FLOOR, shelf, *cups, tray), geometry={each.id: cup for each in cups}).ok
     engine.step(5.0)
     assert current_pose(engine, "standing") == pytest.approx((1, 0, 0.05, 1, 0, 0, 0), abs=1e-4)
-    for fallen in ("falling", "tray"):
-        assert current_pose(engine, fallen)[2] > 0.5
+    for moved_down in ("falling", "tray"):
+        assert current_pose(engine, moved_down)[2] > 0.5

@@ -1,6 +1,6 @@
-"""GodotEngine keeps the whole contract, in single precision.
+"""GodotEngine fulfills the contract, in single precision.
 
-One Godot serves all tests and is cleared between them; the one that closes its engine gets a Godot of its own.
+One Godot process serves all tests and is cleared between them; a test that closes its engine gets its own process.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class TestGodotEngine(PhysicsContract, GeometryContract):
         running.clear()
 
     def test_time_advances_by_the_requested_duration(self, engine: GodotEngine) -> None:
-        """As for every engine, but time has passed before: one Godot serves many tests."""
+        """As in the contract, but time has already passed, since one process serves many tests."""
         before_s = engine.time_s
         for _ in range(300):
             engine.step(1 / 60)

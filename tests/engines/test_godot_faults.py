@@ -1,4 +1,4 @@
-"""What goes wrong with a Godot of our own ends in an error that says why; nothing hangs, and nothing is left behind."""
+"""Faults of a Godot process end in an error with the reason; no call hangs, and no process remains."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ Make = Callable[..., Path]
 
 @pytest.fixture
 def make_program(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Make:
-    """A program that says what a Godot says when it is asked for its version, and does something else when it runs."""
+    """Creates an executable that reports a Godot version when asked for it, and otherwise runs a script."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
 
     def make(*, version: str = "4.6.3.stable.official", asked: str = "", runs: str = "exit 0") -> Path:
@@ -49,9 +49,9 @@ def make_program(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Make:
 
 
 def is_gone(pid: int, *, within_s: float = 30.0) -> bool:
-    """Whether a process ends in time; one that has ended and that nobody has asked about counts as gone."""
-    until_s = time.monotonic() + within_s
-    while time.monotonic() < until_s:
+    """Whether a process ends in time; a zombie counts as ended."""
+    deadline_s = time.monotonic() + within_s
+    while time.monotonic() < deadline_s:
         try:
             state = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
         except FileNotFoundError:
@@ -109,16 +109,16 @@ def test_a_file_that_is_not_executable_is_refused(tmp_path: Path) -> None:
 def test_the_project_is_copied_once_and_again_after_a_change(
     make_program: Make, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    shipped = tmp_path / "shipped"
-    (shipped / "addons").mkdir(parents=True)
-    (shipped / "project.godot").write_text("one")
-    monkeypatch.setattr(project, "bundled_project", lambda: shipped)
+    bundled = tmp_path / "shipped"
+    (bundled / "addons").mkdir(parents=True)
+    (bundled / "project.godot").write_text("one")
+    monkeypatch.setattr(project, "bundled_project", lambda: bundled)
     path = make_program()
     first = project.prepare_project(GodotExecutable(path, "4.6.3"))
     assert (first / "project.godot").read_text() == "one"
     assert project.prepare_project(GodotExecutable(path, "4.6.3")) == first
     assert project.prepare_project(GodotExecutable(path, "4.7")) != first
-    (shipped / "project.godot").write_text("two")
+    (bundled / "project.godot").write_text("two")
     second = project.prepare_project(GodotExecutable(path, "4.6.3"))
     assert (second / "project.godot").read_text() == "two"
     assert first.is_dir()
@@ -130,19 +130,17 @@ def test_unused_copies_of_the_project_are_deleted(make_program: Make, tmp_path: 
     long_ago_s = time.time() - 30 * 24 * 3600
     for age, copy in enumerate(copies):
         os.utime(copy, (long_ago_s - age, long_ago_s - age))
-    abandoned = copies[0].parent / ".making-by-somebody-who-was-killed"
-    abandoned.mkdir()
-    os.utime(abandoned, (0, 0))
+    unused = copies[0].parent / ".making-by-somebody-who-was-killed"
+    unused.mkdir()
+    os.utime(unused, (0, 0))
     project.isolated_environment()
-    assert project.prepare_project(GodotExecutable(path, "4.4.3")) == copies[3]  # it is used, and so it is young
+    assert project.prepare_project(GodotExecutable(path, "4.4.3")) == copies[3]  # it is used, so it is recent
     newest = project.prepare_project(GodotExecutable(path, "4.5"))
-    left = {each.name for each in newest.parent.iterdir()}
-    assert left == {newest.name, copies[3].name, copies[0].name, "home"}
+    remaining = {each.name for each in newest.parent.iterdir()}
+    assert remaining == {newest.name, copies[3].name, copies[0].name, "home"}
 
 
-def test_a_failed_preparation_leaves_no_partial_copy(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_failed_preparation_leaves_no_partial_copy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     path = tmp_path / "broken"
     path.write_text('#!/bin/sh\ncase "$*" in *--version*) echo 4.6;; *) echo no room; exit 3;; esac\n')
@@ -152,7 +150,7 @@ def test_a_failed_preparation_leaves_no_partial_copy(
     assert [each.name for each in (tmp_path / "mindstage" / "godot").iterdir() if each.name != "home"] == []
 
 
-# -- while it starts ---------------------------------------------------------------------------------------------------
+# -- during the start --------------------------------------------------------------------------------------------------
 
 
 def test_a_godot_that_exits_at_once_is_reported_with_its_output(make_program: Make) -> None:
@@ -196,7 +194,7 @@ def test_a_godot_killed_during_a_spawn_is_reported_at_once_and_can_be_restarted(
         except EngineUnavailableError as error:
             errors.append(error)
 
-    os.kill(engine.pid, signal.SIGSTOP)  # so that the spawning has begun and has not ended
+    os.kill(engine.pid, signal.SIGSTOP)  # so that the spawn has started but not finished
     thread = threading.Thread(target=spawn)
     thread.start()
     time.sleep(0.3)
@@ -223,9 +221,9 @@ def test_a_godot_that_hangs_times_out_and_is_terminated(godot: Path) -> None:
 
 def test_two_engines_run_independently(engine: GodotEngine, godot: Path) -> None:
     engine.spawn(world(FLOOR))
-    with closing(GodotEngine(godot)) as other, socket.socket() as taken:
-        with suppress(OSError):  # somebody else has it: as good
-            taken.bind(("127.0.0.1", 9090))  # rosbridge's own port: nobody needs it
+    with closing(GodotEngine(godot)) as other, socket.socket() as listener:
+        with suppress(OSError):  # another process has it, which is just as good
+            listener.bind(("127.0.0.1", 9090))  # rosbridge's default port, which the engines do not need
         assert other.poses()[0] == ()
         other.spawn(world(body("box", (0, 0, 1), (0.1, 0.1, 0.1))))
         assert engine.poses()[0] == ("floor",)
@@ -248,9 +246,9 @@ def test_no_godot_remains_when_python_is_killed(godot: Path) -> None:
         "print(engine.pid, flush=True)\n"
         "os.kill(os.getpid(), signal.SIGKILL)\n"
     )
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=120, check=False)
-    assert done.returncode == -signal.SIGKILL, done.stderr
-    assert is_gone(int(done.stdout))
+    result = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=120, check=False)
+    assert result.returncode == -signal.SIGKILL, result.stderr
+    assert is_gone(int(result.stdout))
 
 
 def test_no_godot_remains_when_python_exits_without_closing(godot: Path) -> None:
@@ -259,9 +257,9 @@ def test_no_godot_remains_when_python_exits_without_closing(godot: Path) -> None
         f"engine = GodotEngine({str(godot)!r})\n"
         "print(engine.pid, flush=True)\n"
     )
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=120, check=False)
-    assert done.returncode == 0, done.stderr
-    assert is_gone(int(done.stdout))
+    result = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=120, check=False)
+    assert result.returncode == 0, result.stderr
+    assert is_gone(int(result.stdout))
 
 
 def test_an_unknown_body_is_refused_without_a_call_to_godot(engine: GodotEngine) -> None:

@@ -1,4 +1,4 @@
-"""Six coordinates of a joint: what goes in comes out."""
+"""Joint coordinates and poses are converted without loss."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""NullEngine keeps all of the contract that needs no physics."""
+"""NullEngine fulfills the part of the contract without physics."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""RemoteEngine: who is met at an address, what travels, and whose time it is."""
+"""RemoteEngine: addresses, profiles, time control, saved states, and data on the wire."""
 
 from __future__ import annotations
 
@@ -32,8 +32,8 @@ from mindstage.scene import (
     diff,
 )
 from tests.bridge.talking import eventually
-from tests.engines.served_simulation import ServedSimulation
 from tests.engines.scenes import BASE, FLOOR, body, prismatic_joint, room, world
+from tests.engines.served_simulation import ServedSimulation
 from tests.worlds import worlds
 
 NAN = float("nan")
@@ -69,9 +69,7 @@ def engine(served: ServedSimulation) -> Iterator[RemoteEngine]:
         ),
     ],
 )
-def test_an_address_is_parsed_and_shown_without_its_token(
-    text: str, address: RemoteUrl, shown: str
-) -> None:
+def test_an_address_is_parsed_and_shown_without_its_token(text: str, address: RemoteUrl, shown: str) -> None:
     assert RemoteUrl.parse(text) == address
     assert str(address) == shown
     assert address.url == f"ws://{shown.removeprefix('ros://').partition('/')[0]}"
@@ -106,7 +104,7 @@ def test_any_address_is_parsed_from_its_text(host: str, port: int, names: list[s
     assert RemoteUrl.parse(f"{address}?token={quote(token, safe='')}") == address
 
 
-# -- meeting -----------------------------------------------------------------------------------------------------------
+# -- profiles ----------------------------------------------------------------------------------------------------------
 
 
 def test_another_mindstage_is_detected_with_its_capabilities(served: ServedSimulation, engine: RemoteEngine) -> None:
@@ -121,9 +119,9 @@ def test_a_mindstage_can_be_used_through_the_unreal_profile(served: ServedSimula
         assert engine.profile is RemoteProfile.UNREAL
         assert engine.spawn(room()).ok
         assert diff(room(), engine.snapshot()).identical(0.0)
-        assert {each.id for each in served.stage.snapshot().bodies} == {each.id for each in room().bodies}
+        assert {each.id for each in served.simulation.snapshot().bodies} == {each.id for each in room().bodies}
         engine.clear()
-    assert served.stage.snapshot().bodies == ()
+    assert served.simulation.snapshot().bodies == ()
 
 
 def test_a_wrong_namespace_is_answered_with_the_right_one(served: ServedSimulation) -> None:
@@ -157,45 +155,43 @@ def test_only_the_right_token_connects_and_no_text_reveals_it() -> None:
 def test_a_running_world_is_paused_while_its_time_is_controlled(
     served: ServedSimulation,
 ) -> None:
-    served.stage.spawn(room())
-    served.stage.play(speed=2.0)
+    served.simulation.spawn(room())
+    served.simulation.play(speed=2.0)
     with closing(connect(served.address)) as engine:
         began_s = engine.time_s
         engine.step(0.5)
-        assert not served.stage.state.playing
+        assert not served.simulation.state.playing
         assert engine.time_s == pytest.approx(began_s + 0.5)
-    eventually(lambda: served.stage.state.playing)
-    assert served.stage.state.speed == 2.0
+    eventually(lambda: served.simulation.state.playing)
+    assert served.simulation.state.speed == 2.0
 
 
 def test_a_paused_world_stays_paused(served: ServedSimulation) -> None:
     connect(served.address).close()
-    assert not served.stage.state.playing
+    assert not served.simulation.state.playing
 
 
 def test_a_running_world_can_be_observed_without_controlling_its_time(served: ServedSimulation) -> None:
-    served.stage.spawn(room())
-    served.stage.play()
+    served.simulation.spawn(room())
+    served.simulation.play()
     with closing(connect(served.address, control_time=False)) as engine:
         began_s = engine.time_s
         eventually(lambda: engine.time_s > began_s)
-    assert served.stage.state.playing
+    assert served.simulation.state.playing
 
 
 # -- states ------------------------------------------------------------------------------------------------------------
 
 
-def kept(served: ServedSimulation) -> int:
-    """How many states the far side still has: it says so when it is asked for another one."""
-    with pytest.raises(Exception, match="no state") as told:
+def saved_state_count(served: ServedSimulation) -> int:
+    """The number of states on the remote side, from its error message on an unknown handle."""
+    with pytest.raises(Exception, match="no state") as error:
         served.hub.call_service("/unreal/mindstage/restore_state", {"handle": "?"})
-    names = str(told.value).partition("there is ")[2].splitlines()[0]
+    names = str(error.value).partition("there is ")[2].splitlines()[0]
     return 0 if names == "none" else len(names.split(","))
 
 
-def test_unreferenced_states_are_deleted_remotely(
-    served: ServedSimulation, engine: RemoteEngine
-) -> None:
+def test_unreferenced_states_are_deleted_remotely(served: ServedSimulation, engine: RemoteEngine) -> None:
     engine.spawn(room())
     first = engine.save_state()
     for _ in range(100):
@@ -204,9 +200,9 @@ def test_unreferenced_states_are_deleted_remotely(
     engine.delete([BodyId("mug")])
     engine.restore_state(first)
     assert "mug" in engine.poses()[0]
-    assert kept(served) <= 3
+    assert saved_state_count(served) <= 3
     engine.close()
-    assert kept(served) == 0
+    assert saved_state_count(served) == 0
 
 
 def test_a_state_of_another_engine_is_refused(served: ServedSimulation, engine: RemoteEngine) -> None:
@@ -216,13 +212,13 @@ def test_a_state_of_another_engine_is_refused(served: ServedSimulation, engine: 
                 engine.restore_state(foreign)  # type: ignore[arg-type]
 
 
-# -- what travels ------------------------------------------------------------------------------------------------------
+# -- data on the wire --------------------------------------------------------------------------------------------------
 
 
 def test_entities_that_json_cannot_express_fail_and_the_rest_is_spawned(engine: RemoteEngine) -> None:
     lamp = Light(id=BodyId("lamp"), iri=Iri(BASE + "lamp"), type=LightType.POINT, pose=Pose(), intensity=NAN)
     painted = body("painted", (5, 0, 0), (1, 1, 1), materials=(Material(name="Sky", color=(0.0, 0.0, NAN)),))
-    mad = world(
+    invalid = world(
         FLOOR,
         body("nowhere", (NAN, 0, 0), (1, 1, 1)),
         body("box", (0, 0, 1), (1, 1, 1)),
@@ -232,7 +228,7 @@ def test_entities_that_json_cannot_express_fail_and_the_rest_is_spawned(engine: 
         ),
         prismatic_joint("loose", "floor", "nowhere", (0, 0, 0)),
     )
-    report = engine.spawn(msgspec.structs.replace(mad, lights=(lamp,)))
+    report = engine.spawn(msgspec.structs.replace(invalid, lights=(lamp,)))
     assert {failure.id for failure in report.failed_bodies} == {"nowhere", "painted", "lamp"}
     reasons = {failure.id: failure.reason for failure in (*report.failed_bodies, *report.failed_joints)}
     assert "not finite" in reasons["nowhere"]
@@ -256,16 +252,16 @@ def test_numbers_that_json_cannot_express_change_nothing(engine: RemoteEngine) -
 
 def test_a_world_too_large_for_one_message_is_refused_before_it_is_sent(engine: RemoteEngine) -> None:
     story = PropertyAssertion(Iri(BASE + "story"), Literal("x" * (33 << 20)))
-    huge = World(iri=Iri(BASE + "huge"), facts=(story,))
+    too_large = World(iri=Iri(BASE + "huge"), facts=(story,))
     with pytest.raises(MessageValidationError, match="33 MiB, and 32 can travel in one message"):
-        engine.spawn(huge)
+        engine.spawn(too_large)
     assert engine.snapshot().facts == ()
 
 
 def test_a_world_of_a_thousand_bodies_is_returned_completely(engine: RemoteEngine) -> None:
-    many: tuple[Body, ...] = tuple(body(f"box{i}", (i, i % 7, 0.1 * i), (0.1, 0.2, 0.3)) for i in range(1000))
-    assert engine.spawn(world(*many)).bodies == 1000
-    assert diff(world(*many), engine.snapshot()).identical(0.0)
+    bodies: tuple[Body, ...] = tuple(body(f"box{i}", (i, i % 7, 0.1 * i), (0.1, 0.2, 0.3)) for i in range(1000))
+    assert engine.spawn(world(*bodies)).bodies == 1000
+    assert diff(world(*bodies), engine.snapshot()).identical(0.0)
     assert engine.poses()[1].shape == (1000, 7)
 
 
@@ -277,7 +273,9 @@ def engine_of_all_examples() -> Iterator[RemoteEngine]:
 
 @settings(max_examples=25)
 @given(described=worlds(max_bodies=6))
-def test_any_world_is_returned_unchanged_over_the_socket(engine_of_all_examples: RemoteEngine, described: World) -> None:
+def test_any_world_is_returned_unchanged_over_the_socket(
+    engine_of_all_examples: RemoteEngine, described: World
+) -> None:
     engine = engine_of_all_examples
     engine.clear()
     report = engine.spawn(described)

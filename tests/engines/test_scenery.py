@@ -1,4 +1,4 @@
-"""What MuJoCo need not look at: drawers that get to no wall, and kinematic bodies that nobody moves."""
+"""Scenery in MuJoCo: contacts excluded for bodies out of reach, and kinematic bodies that do not move."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from tests.engines.scenes import FLOOR, body, prismatic_joint, revolute_joint, w
 
 
 def with_wall(x: float, *, y: float = 0.0) -> World:
-    """A drawer that comes out by 0.45 m, to x = 0.75 m; a door that turns about (0, 2.3), and a wall."""
+    """A drawer that opens by 0.45 m, to x = 0.75 m; a door that turns about (0, 2.3); and a wall."""
     return world(
         FLOOR,
         body("wall", (x, y, 1.0), (0.1, 0.5, 2.0)),
@@ -30,17 +30,17 @@ def with_wall(x: float, *, y: float = 0.0) -> World:
     )
 
 
-def unreached(place: World) -> set[str]:
-    """The bodies that get to no scenery, asked of the very plan that a model is built from."""
-    keeper = ModelCache(0.002)
-    keeper.add(place)
-    plan = keeper.model_input()
-    fixed = [found for found in place.bodies if found.id in {"floor", "wall"}]
+def unreached(position: World) -> set[str]:
+    """The bodies that never reach the scenery, computed from the input of a model."""
+    cache = ModelCache(0.002)
+    cache.add(position)
+    model_input = cache.model_input()
+    fixed = [found for found in position.bodies if found.id in {"floor", "wall"}]
     scenery = OrientedBoxes.from_poses(
-        pose_array(found.pose for found in fixed), plan.sizes[[plan.rows[found.id] for found in fixed]]
+        pose_array(found.pose for found in fixed), model_input.sizes[[model_input.rows[found.id] for found in fixed]]
     )
-    axes = {constraint.id: movable_axes(constraint) for constraint in place.joints}
-    return set(cull_static_contacts(plan, axes, scenery))
+    axes = {joint.id: movable_axes(joint) for joint in position.joints}
+    return set(cull_static_contacts(model_input, axes, scenery))
 
 
 @pytest.mark.parametrize(("x", "far"), [(2.0, True), (0.9, True), (0.79, False), (0.6, False), (-0.9, True)])
@@ -57,7 +57,7 @@ def test_the_swept_box_of_an_open_drawer_includes_its_way_back() -> None:
     engine = MujocoEngine()
     engine.spawn(with_wall(-0.65))
     engine.set_pose(BodyId("drawer"), Pose((0.3, 0, 0.3)))
-    engine.spawn(world(body("lamp", (5, 5, 1), (0.1, 0.1, 0.1))))  # so that there is a new model
+    engine.spawn(world(body("lamp", (5, 5, 1), (0.1, 0.1, 0.1))))  # forces a new model
     apply_force_for(engine, "drawer", (-20.0, 0.0, 0.0), 2.0)
     assert current_pose(engine, "drawer")[0] == pytest.approx(-0.3, abs=0.005)
 
@@ -103,7 +103,7 @@ def test_the_first_move_of_a_kinematic_body_carries_what_it_supports() -> None:
             body("cup", (0, 0, 1.1), (0.1,) * 3, "dynamic", 0.3),
         )
     )
-    engine.step(2.0)  # the cup sleeps
+    engine.step(2.0)  # the cup falls asleep
     engine.set_pose(BodyId("tray"), Pose((5, 0, 1)))
     engine.step(1.5)
     assert current_pose(engine, "cup")[2] == pytest.approx(0.05, abs=0.01)
@@ -112,8 +112,8 @@ def test_the_first_move_of_a_kinematic_body_carries_what_it_supports() -> None:
 def test_contacts_with_scenery_out_of_reach_are_excluded() -> None:
     engine = MujocoEngine()
     engine.spawn(with_wall(2.0))
-    live = engine._cache.model()
-    pairs = {(int(each) >> 16, int(each) & 0xFFFF) for each in live.model.exclude_signature}
-    assert (0, live.body_ids[BodyId("drawer")]) in pairs
-    mujoco.mj_forward(live.model, live.data)
-    assert live.data.ncon == 0
+    compiled = engine._cache.model()
+    pairs = {(int(each) >> 16, int(each) & 0xFFFF) for each in compiled.model.exclude_signature}
+    assert (0, compiled.body_ids[BodyId("drawer")]) in pairs
+    mujoco.mj_forward(compiled.model, compiled.data)
+    assert compiled.data.ncon == 0

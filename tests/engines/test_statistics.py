@@ -1,4 +1,4 @@
-"""How busy an engine is: told by those that declare it, at any time, and without any work for the engine."""
+"""Statistics of engines: available at any time, without work for the engine."""
 
 from __future__ import annotations
 
