@@ -156,7 +156,7 @@ def test_an_empty_world_can_be_exported() -> None:
 def test_bodies_without_a_mesh_are_reported() -> None:
     written = world_to_glb(world_of(replace(CUP, size=None)))
     assert "mesh" not in json_chunk(written.data)["nodes"][1]
-    assert "1 bodies have no size" in written.notes[0]
+    assert "1 bodies have neither size nor mesh" in written.notes[0]
 
 
 def test_lights_are_exported() -> None:
@@ -220,7 +220,7 @@ def test_geometry_is_exported_in_godots_axes() -> None:
 
 
 def test_an_invalid_pose_is_refused() -> None:
-    with pytest.raises(MapWriteError, match="its pose is none"):
+    with pytest.raises(MapWriteError, match="its pose is not finite"):
         world_to_glb(world_of(replace(CUP, pose=Pose((float("nan"), 0.0, 0.0)))))
     with pytest.raises(MapWriteError, match="its size"):
         world_to_glb(world_of(replace(CUP, size=(1.0, float("inf"), 1.0), shape=PrimitiveShape())))

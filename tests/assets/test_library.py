@@ -149,7 +149,7 @@ def test_a_file_without_an_up_axis_is_rotated_only_if_that_fits(folder: Path, ca
     geometry, notes = geometry_for(folder, cache, body())
     assert geometry is not None
     assert extents(geometry) == pytest.approx(MUG, abs=1e-6)
-    assert "is turned from y up to z up" in notes
+    assert "is rotated from y up to z up" in notes
     assert "scaled" not in notes
 
 

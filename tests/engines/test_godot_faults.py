@@ -66,13 +66,13 @@ def is_gone(pid: int, *, within_s: float = 30.0) -> bool:
 
 
 def test_a_missing_executable_is_named_with_installation_help() -> None:
-    with pytest.raises(EngineUnavailableError, match=r"no program '/nowhere/godot'.*install Godot 4\.4 or later"):
+    with pytest.raises(EngineUnavailableError, match=r"no executable '/nowhere/godot'.*install Godot 4\.4 or later"):
         GodotEngine("/nowhere/godot")
 
 
 def test_a_machine_without_godot_gets_installation_help(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(program, "_candidates", lambda: iter(()))
-    with pytest.raises(EngineUnavailableError, match=r"no Godot on this machine.*GODOT"):
+    with pytest.raises(EngineUnavailableError, match=r"Godot was not found on this machine.*GODOT"):
         find_godot()
 
 
@@ -88,13 +88,13 @@ def test_a_recent_godot_is_accepted(version: str, make_program: Make) -> None:
 
 
 def test_another_program_is_refused_with_its_output(make_program: Make) -> None:
-    with pytest.raises(EngineUnavailableError, match="does not say its version: no display today"):
+    with pytest.raises(EngineUnavailableError, match="does not report its version: no display today"):
         find_godot(make_program(asked="echo no display today >&2; exit 1"))
 
 
 def test_a_program_that_does_not_answer_times_out(make_program: Make, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(program, "_VERSION_TIMEOUT_S", 0.3)
-    with pytest.raises(EngineUnavailableError, match=r"does not say its version within 0\.3 s"):
+    with pytest.raises(EngineUnavailableError, match=r"did not report its version within 0\.3 s"):
         find_godot(make_program(asked="exec sleep 60"))
 
 
@@ -130,7 +130,7 @@ def test_unused_copies_of_the_project_are_deleted(make_program: Make, tmp_path: 
     long_ago_s = time.time() - 30 * 24 * 3600
     for age, copy in enumerate(copies):
         os.utime(copy, (long_ago_s - age, long_ago_s - age))
-    unused = copies[0].parent / ".making-by-somebody-who-was-killed"
+    unused = copies[0].parent / ".making-by-a-killed-process"
     unused.mkdir()
     os.utime(unused, (0, 0))
     project.isolated_environment()
@@ -154,14 +154,14 @@ def test_a_failed_preparation_leaves_no_partial_copy(tmp_path: Path, monkeypatch
 
 
 def test_a_godot_that_exits_at_once_is_reported_with_its_output(make_program: Make) -> None:
-    with pytest.raises(EngineUnavailableError, match=r"did not start: it ended with exit code 7.*my last words"):
+    with pytest.raises(EngineUnavailableError, match=r"did not start: it exited with code 7.*my last words"):
         GodotEngine(make_program(runs="echo my last words; exit 7"))
 
 
 def test_a_godot_that_offers_no_services_times_out_and_is_terminated(make_program: Make, tmp_path: Path) -> None:
     pid = tmp_path / "pid"
     runs = f"echo $$ >{pid}; echo thinking; exec sleep 600"
-    with pytest.raises(EngineUnavailableError, match=r"after 1 s it offers no service; it said: thinking"):
+    with pytest.raises(EngineUnavailableError, match=r"after 1 s it offers no service; its last output: thinking"):
         GodotEngine(make_program(runs=runs), start_timeout_s=1.0)
     assert is_gone(int(pid.read_text()))
 

@@ -192,7 +192,7 @@ def test_names_that_mujoco_or_xml_forbid_are_changed_and_reported() -> None:
     model = mujoco.MjModel.from_xml_string(written.text)
     names = {model.body(number).name for number in range(model.nbody)}
     assert names == {"world", "world-2", "ab", "ab-2", '"<&>'}
-    assert len([note for note in written.notes if "is called" in note]) == 3
+    assert len([note for note in written.notes if "is named" in note]) == 3
 
 
 def test_the_class_of_each_body_is_a_custom_text() -> None:
@@ -203,7 +203,7 @@ def test_the_class_of_each_body_is_a_custom_text() -> None:
 def test_a_chain_that_is_too_long_is_refused() -> None:
     links = [item(f"link{number}", at=(float(number), 0.0, 0.0), dynamic=True) for number in range(450)]
     pairs = [Attachment(parent=a.id, child=b.id) for a, b in pairwise(links)]
-    with pytest.raises(MapWriteError, match="hang one on another"):
+    with pytest.raises(MapWriteError, match="bodies are nested"):
         world_to_mjcf(world_of(*links, attachments=tuple(pairs)))
     assert mujoco.MjModel.from_xml_string(world_to_mjcf(world_of(*links[:390], attachments=tuple(pairs[:389]))).text)
 

@@ -51,7 +51,7 @@ def test_the_ends_of_a_joint_and_all_attached_bodies_are_excluded_pairs() -> Non
         builder_of(room(), geometry)[0].build_model().excluded_pairs for geometry in ({}, room_geometry())
     )
     assert with_geometry == excluded
-    assert without_geometry == excluded | {("cabinet", "mug")}, "the mug stands in the cabinet's box"
+    assert without_geometry == excluded | {("cabinet", "mug")}, "the mug is inside the box of the cabinet"
 
 
 def test_the_two_frames_of_a_joint_coincide() -> None:

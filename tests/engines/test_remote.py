@@ -76,19 +76,19 @@ def test_an_address_is_parsed_and_shown_without_its_token(text: str, address: Re
 
 
 @pytest.mark.parametrize(
-    ("text", "why"),
+    ("text", "reason"),
     [
-        ("ros://", "it is no address; write ros://HOST"),
-        ("ws://robot", "it is no address"),
-        ("ros://robot:port/x?token=secret", "it is no address: .*port"),
-        ("ros://robot:99999/x?token=secret", "it is no address: .*0-65535"),
-        ("ros://me:secret@robot/x", "it is no address"),
-        ("ros://robot/x?tokn=secret", "an address has no 'tokn'; there is token and profile"),
-        ("ros://robot/x?token=secret&profile=unity", "no profile 'unity'; choose mindstage or unreal"),
+        ("ros://", "it is not a valid address; write ros://HOST"),
+        ("ws://robot", "it is not a valid address"),
+        ("ros://robot:port/x?token=secret", "it is not a valid address: .*port"),
+        ("ros://robot:99999/x?token=secret", "it is not a valid address: .*0-65535"),
+        ("ros://me:secret@robot/x", "it is not a valid address"),
+        ("ros://robot/x?tokn=secret", "unknown parameter 'tokn'; the parameters are token and profile"),
+        ("ros://robot/x?token=secret&profile=unity", "unknown profile 'unity'; choose mindstage or unreal"),
     ],
 )
-def test_an_invalid_address_is_refused_without_revealing_the_token(text: str, why: str) -> None:
-    with pytest.raises(EngineUnavailableError, match=why) as refused:
+def test_an_invalid_address_is_refused_without_revealing_the_token(text: str, reason: str) -> None:
+    with pytest.raises(EngineUnavailableError, match=reason) as refused:
         RemoteUrl.parse(text)
     assert "token=secret" not in str(refused.value)
 
@@ -125,7 +125,7 @@ def test_a_mindstage_can_be_used_through_the_unreal_profile(served: ServedSimula
 
 
 def test_a_wrong_namespace_is_answered_with_the_right_one(served: ServedSimulation) -> None:
-    with pytest.raises(EngineUnavailableError, match="no engine answers below /lab there; there is one below /unreal"):
+    with pytest.raises(EngineUnavailableError, match="no engine answers below /lab there; engines there: /unreal"):
         connect(served.address.replace("/unreal", "/lab"))
 
 
@@ -253,7 +253,7 @@ def test_numbers_that_json_cannot_express_change_nothing(engine: RemoteEngine) -
 def test_a_world_too_large_for_one_message_is_refused_before_it_is_sent(engine: RemoteEngine) -> None:
     story = PropertyAssertion(Iri(BASE + "story"), Literal("x" * (33 << 20)))
     too_large = World(iri=Iri(BASE + "huge"), facts=(story,))
-    with pytest.raises(MessageValidationError, match="33 MiB, and 32 can travel in one message"):
+    with pytest.raises(MessageValidationError, match="33 MiB, and one message can have 32 MiB"):
         engine.spawn(too_large)
     assert engine.snapshot().facts == ()
 

@@ -87,7 +87,7 @@ def test_an_engine_killed_during_a_spawn_is_reported_at_once_and_usable_after_a_
             engine.ping()
     with closing(engine), server_process(address.rpartition(":")[2].partition("/")[0]):
         eventually(lambda: answers(engine))
-        with pytest.raises(EngineUnavailableError, match="started anew since, and the world that it ran is gone"):
+        with pytest.raises(EngineUnavailableError, match="it was restarted, and its world is lost"):
             engine.snapshot()
         assert engine.spawn(room()).ok
         assert diff(room(), engine.snapshot()).identical(0.0)
@@ -162,7 +162,7 @@ def test_saved_states_are_lost_with_their_world() -> None:
         served.start()
         eventually(lambda: answers(engine))
         engine.clear()
-        with pytest.raises(EngineUnavailableError, match="the state went with its world"):
+        with pytest.raises(EngineUnavailableError, match="its saved states are lost"):
             engine.restore_state(state)
         engine.save_state()
         assert engine.spawn(room()).ok

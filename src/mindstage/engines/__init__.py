@@ -96,7 +96,7 @@ def make_engine(name: str, *, godot: str | os.PathLike[str] | None = None, timeo
 
             return connect(name, timeout_s=10.0 if timeout_s is None else timeout_s)
         case _:
-            raise EngineUnavailableError(name, cause="unknown engine name", remedy=_NAMES)
+            raise EngineUnavailableError(name, cause="there is no engine of that name", remedy=_NAMES)
 
 
 def is_remote(name: str) -> bool:

@@ -215,7 +215,7 @@ def _omission_notes(world: World) -> Iterator[SpawnNote]:
         yield SpawnNote(
             SpawnNoteKind.NOT_TRANSFERRED,
             tuple(omission.ids),
-            f"not sent to Unreal: its {omission.field}: {omission.text}",
+            f"{omission.field} not sent to Unreal: {omission.text}",
         )
 
 
