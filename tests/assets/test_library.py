@@ -232,11 +232,11 @@ def test_an_open_box_is_decomposed_into_convex_parts_with_space_inside(folder: P
         all(abs(center) < half for center, half in zip(shape.pose.position, np.array(shape.size) / 2, strict=True))
         for shape in geometry.collision_shapes
     ]
-    assert not any(inside), "something stands where the tray is empty"
+    assert not any(inside), "a part fills the space inside the tray"
     corners = np.array(
         [np.add(point, shape.pose.position) for shape in geometry.collision_shapes for point in shape.points]
     )
-    assert np.abs(corners).max(axis=0) == pytest.approx((0.2, 0.2, 0.1)), "no piece stands out of the tray"
+    assert np.abs(corners).max(axis=0) == pytest.approx((0.2, 0.2, 0.1)), "no part protrudes from the tray"
 
 
 def test_a_hull_has_the_extents_of_its_mesh(folder: Path, cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:

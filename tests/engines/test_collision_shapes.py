@@ -28,8 +28,8 @@ def make_shape(type: CollisionShapeType, size: tuple[float, float, float]) -> Co
     return CollisionShape(type=type, size=size, points=corners if type is CollisionShapeType.HULL else ())
 
 
-def depth(one: CompiledGeometry, other: CompiledGeometry, where: tuple[float, ...]) -> float:
-    poses = np.array([HERE, where])
+def depth(one: CompiledGeometry, other: CompiledGeometry, relative_pose: tuple[float, ...]) -> float:
+    poses = np.array([HERE, relative_pose])
     poses[:, 3:] = normalize(poses[:, 3:])
     return float(
         CollisionShapeBatch.from_compiled(poses, [one, other]).penetration_depths(
@@ -43,7 +43,7 @@ def at(x: float, y: float = 0.0, z: float = 0.0) -> tuple[float, ...]:
 
 
 @pytest.mark.parametrize(
-    ("one", "other", "where", "expected"),
+    ("one", "other", "relative_pose", "expected"),
     [
         (CollisionShapeType.BOX, CollisionShapeType.BOX, at(0.9), 0.1),
         (CollisionShapeType.SPHERE, CollisionShapeType.SPHERE, at(0.6, 0.6), 1.0 - 0.72**0.5),
@@ -55,10 +55,10 @@ def at(x: float, y: float = 0.0, z: float = 0.0) -> tuple[float, ...]:
     ],
 )
 def test_the_depth_is_that_of_the_actual_shapes(
-    one: CollisionShapeType, other: CollisionShapeType, where: tuple[float, ...], expected: float
+    one: CollisionShapeType, other: CollisionShapeType, relative_pose: tuple[float, ...], expected: float
 ) -> None:
     pair = compile_geometry((make_shape(one, (1, 1, 1)),)), compile_geometry((make_shape(other, (1, 1, 1)),))
-    assert depth(*pair, where) == pytest.approx(expected, abs=1e-9)
+    assert depth(*pair, relative_pose) == pytest.approx(expected, abs=1e-9)
 
 
 def test_round_shapes_in_the_corners_of_each_others_boxes_are_separate() -> None:
@@ -73,9 +73,9 @@ def test_shapes_with_a_common_point_are_never_separate(
     size: tuple[float, float, float],
     other: CollisionShapeType,
     other_size: tuple[float, float, float],
-    where: tuple[float, ...],
+    relative_pose: tuple[float, ...],
 ) -> None:
-    pose = np.array(where)
+    pose = np.array(relative_pose)
     pose[3:] = normalize(pose[3:])
     random = np.random.default_rng(1)
     points = inside(type, size, random.uniform(-0.5, 0.5, (2000, 3)) * size)
@@ -83,7 +83,9 @@ def test_shapes_with_a_common_point_are_never_separate(
     if len(inside(other, other_size, back)):
         assert (
             depth(
-                compile_geometry((make_shape(type, size),)), compile_geometry((make_shape(other, other_size),)), where
+                compile_geometry((make_shape(type, size),)),
+                compile_geometry((make_shape(other, other_size),)),
+                relative_pose,
             )
             >= 0.0
         )
@@ -107,9 +109,9 @@ def compose_points(pose: np.ndarray, points: np.ndarray) -> np.ndarray:
 
 @given(sizes, sizes, poses)
 def test_boxes_have_the_same_depth_as_in_the_box_test(
-    size: tuple[float, float, float], other: tuple[float, float, float], where: tuple[float, ...]
+    size: tuple[float, float, float], other: tuple[float, float, float], relative_pose: tuple[float, ...]
 ) -> None:
-    poses = np.array([HERE, where])
+    poses = np.array([HERE, relative_pose])
     poses[:, 3:] = normalize(poses[:, 3:])
     exact = penetration_depths(OrientedBoxes.from_poses(poses, np.array([size, other])), np.array([0]), np.array([1]))[
         0
@@ -117,7 +119,7 @@ def test_boxes_have_the_same_depth_as_in_the_box_test(
     found = depth(
         compile_geometry((make_shape(CollisionShapeType.BOX, size),)),
         compile_geometry((make_shape(CollisionShapeType.BOX, other),)),
-        where,
+        relative_pose,
     )
     assert found == pytest.approx(exact) if found > -np.inf else exact <= 0.0
 

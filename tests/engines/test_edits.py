@@ -84,7 +84,7 @@ def test_a_running_room_survives_any_edits(todo: list[tuple[object, ...]], pause
         if number % (pauses + 1) == 0:
             with contextlib.suppress(SimulationDivergedError):  # a body moved a kilometer into another may well diverge
                 engine.step(0.01)
-    log = engine.snapshot()
-    assert {body.id for body in log.bodies} == set(engine.poses()[0])
+    snapshot = engine.snapshot()
+    assert {body.id for body in snapshot.bodies} == set(engine.poses()[0])
     fixed = [body.id for body in room().bodies if body.id == "floor" and body.id in engine.poses()[0]]
     assert not fixed or np.isfinite(engine.poses()[1][engine.poses()[0].index(fixed[0])]).all()

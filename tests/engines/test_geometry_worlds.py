@@ -28,7 +28,7 @@ quaternions = st.tuples(*[st.floats(0.1, 1.0)] * 4).map(
 
 
 @st.composite
-def solids(draw: st.DrawFn) -> CollisionShape:
+def collision_shapes(draw: st.DrawFn) -> CollisionShape:
     """Collision shapes of all types, including flat, thin and rotated ones."""
     return CollisionShape(
         type=draw(st.sampled_from(CollisionShapeType)),
@@ -39,16 +39,16 @@ def solids(draw: st.DrawFn) -> CollisionShape:
 
 
 @st.composite
-def forms(draw: st.DrawFn) -> BodyGeometry:
+def geometries(draw: st.DrawFn) -> BodyGeometry:
     more = {
         name: draw(st.none() | st.floats(0.0, most))
         for name, most in (("friction", 2.0), ("restitution", 1.0), ("density", 8000.0))
     }
-    return geometry(*draw(st.lists(solids(), max_size=5)), **more)
+    return geometry(*draw(st.lists(collision_shapes(), max_size=5)), **more)
 
 
 @settings(max_examples=40, suppress_health_check=[HealthCheck.too_slow])
-@given(described=worlds(max_bodies=5), made=st.lists(forms(), min_size=5, max_size=5))
+@given(described=worlds(max_bodies=5), made=st.lists(geometries(), min_size=5, max_size=5))
 def test_any_world_with_any_geometry_is_returned_unchanged_and_runs(described: World, made: list[BodyGeometry]) -> None:
     used_geometry = {body.id: body_geometry for body, body_geometry in zip(described.bodies, made, strict=False)}
     engine = MujocoEngine()

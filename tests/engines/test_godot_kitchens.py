@@ -40,11 +40,11 @@ class Kitchen(NamedTuple):
     """A map with the geometry of its bodies."""
 
     world: World
-    forms: GeometryMap
+    geometry: GeometryMap
 
     def spawn(self, engine: Engine) -> SpawnReport:
         """Spawns it like a simulation."""
-        return engine.spawn(self.world, geometry=self.forms)
+        return engine.spawn(self.world, geometry=self.geometry)
 
 
 def read(path: Path) -> Kitchen:

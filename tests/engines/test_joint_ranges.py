@@ -26,9 +26,9 @@ def engine() -> Iterator[MujocoEngine]:
     made.close()
 
 
-def drawer(constraint: Joint) -> World:
+def drawer(joint: Joint) -> World:
     opening = LinearLimits(x=AxisMotion.LIMITED, limit=0.2, x_middle=0.2)
-    return world(FLOOR, CASE, DRAWER, replace(constraint, linear=opening))
+    return world(FLOOR, CASE, DRAWER, replace(joint, linear=opening))
 
 
 def final_position(engine: MujocoEngine, force: float) -> float:

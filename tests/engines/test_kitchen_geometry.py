@@ -24,13 +24,13 @@ class Kitchen(NamedTuple):
     """A map with the geometry of its bodies."""
 
     world: World
-    forms: GeometryMap
+    geometry: GeometryMap
     knowledge: KnowledgeBase
 
     def spawned(self, *more: Body) -> tuple[MujocoEngine, SpawnReport]:
         """An engine with the kitchen and additional bodies."""
         engine = MujocoEngine()
-        report = engine.spawn(self.world, geometry=self.forms)
+        report = engine.spawn(self.world, geometry=self.geometry)
         if more:
             extra = World(iri=Iri("http://example.org/more.owl#map"), bodies=more)
             assert engine.spawn(extra, geometry=fit_geometry(extra, self.knowledge).geometry).ok
@@ -82,7 +82,7 @@ def test_geometry_excludes_fewer_pairs_than_boxes(kitchen: Kitchen) -> None:
 
 
 def test_free_bodies_penetrate_nothing(bundled: Kitchen) -> None:
-    """So every body in the kitchen is supported by what it stands on or in."""
+    """So every body in the kitchen is supported by the body on or in which it is."""
     report = bundled.spawned()[1]
     assert [note.text for note in report.notes if note.kind is SpawnNoteKind.OVERLAP] == []
 
@@ -166,7 +166,7 @@ def test_milk_stays_in_the_fridge_with_the_door_closed_and_open(bundled: Kitchen
 
 def free_spot(kitchen: Kitchen, host: Body, size: tuple[float, float, float]) -> np.ndarray:
     """A position for a body of a size on a host, with no other body near."""
-    place = max(kitchen.forms[host.id].support_surfaces, key=lambda place: place.size[0] * place.size[1])
+    place = max(kitchen.geometry[host.id].support_surfaces, key=lambda place: place.size[0] * place.size[1])
     others = [body for body in kitchen.world.bodies if body.size and body is not host]
     poses = pose_array(body.pose for body in others)
     poses[:, 3:] = normalize(poses[:, 3:])

@@ -118,7 +118,7 @@ def test_sleeping_bodies_stay_asleep_through_an_edit_elsewhere() -> None:
     engine.step(3.0)
     asleep = int((engine._cache.model().data.tree_asleep >= 0).sum())
     assert asleep == 4
-    engine.spawn(world(body("far", (8, 8, 1), (0.1, 0.1, 0.1), "dynamic", 1.0)))
+    engine.spawn(world(body("distant", (8, 8, 1), (0.1, 0.1, 0.1), "dynamic", 1.0)))
     engine.step(0.004)
     assert int((engine._cache.model().data.tree_asleep >= 0).sum()) == asleep
 

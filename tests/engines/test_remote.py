@@ -208,7 +208,7 @@ def test_unreferenced_states_are_deleted_remotely(served: ServedSimulation, engi
 def test_a_state_of_another_engine_is_refused(served: ServedSimulation, engine: RemoteEngine) -> None:
     with closing(connect(served.address)) as other:
         for foreign in (other.save_state(), NullEngine().save_state(), None):
-            with pytest.raises(TypeError, match="this very engine"):
+            with pytest.raises(TypeError, match="this engine's save_state"):
                 engine.restore_state(foreign)  # type: ignore[arg-type]
 
 
@@ -234,7 +234,7 @@ def test_entities_that_json_cannot_express_fail_and_the_rest_is_spawned(engine: 
     assert "not finite" in reasons["nowhere"]
     assert "not all finite" in reasons["mad"]
     assert "materials" in reasons["painted"]
-    assert "'nowhere', which is not there" in reasons["loose"]
+    assert "'nowhere', which does not exist" in reasons["loose"]
     assert engine.poses()[0] == ("floor", "box")
 
 

@@ -55,10 +55,10 @@ def test_joint_positions_agree_with_mujoco(served: ServedSimulation) -> None:
         for engine in (remote, local):
             engine.spawn(room())
             apply_force_for(engine, "door_handle", (25.0, 0.0, 0.0), 0.6)
-        told, known = remote.joint_positions(), local.joint_positions()
-        assert told.keys() == known.keys()
-        for id, position in known.items():
-            np.testing.assert_allclose(told[id], position, atol=1e-9)
+        remote_positions, local_positions = remote.joint_positions(), local.joint_positions()
+        assert remote_positions.keys() == local_positions.keys()
+        for id, position in local_positions.items():
+            np.testing.assert_allclose(remote_positions[id], position, atol=1e-9)
 
 
 def test_the_sent_model_has_roots_and_excluded_pairs(served: ServedSimulation) -> None:

@@ -133,10 +133,10 @@ def test_the_thesis_map_is_spawned_completely_and_in_order(
         report = engine.spawn(kitchen)
         assert report.ok
         assert (report.bodies, report.joints, report.attachments) == (114, 22, len(kitchen.attachments))
-        bodies, constraints = [body.id for body in kitchen.bodies], [each.id for each in kitchen.joints]
+        bodies, joints = [body.id for body in kitchen.bodies], [each.id for each in kitchen.joints]
         relations = [f"{each.parent}<-{each.child}" for each in kitchen.attachments]
         assert plugin.order[:114] == bodies
-        assert plugin.order[114:136] == constraints
+        assert plugin.order[114:136] == joints
         assert sorted(plugin.order[136:]) == sorted(relations)
         assert plugin.calls.count("spawn_semantic_map") == 2
         not_transferred = {

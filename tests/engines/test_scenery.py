@@ -43,14 +43,14 @@ def unreached(position: World) -> set[str]:
     return set(cull_static_contacts(model_input, axes, scenery))
 
 
-@pytest.mark.parametrize(("x", "far"), [(2.0, True), (0.9, True), (0.79, False), (0.6, False), (-0.9, True)])
-def test_the_swept_box_of_a_drawer_extends_slightly_beyond_its_limit(x: float, *, far: bool) -> None:
-    assert ("drawer" in unreached(with_wall(x))) is far
+@pytest.mark.parametrize(("x", "is_unreached"), [(2.0, True), (0.9, True), (0.79, False), (0.6, False), (-0.9, True)])
+def test_the_swept_box_of_a_drawer_extends_slightly_beyond_its_limit(x: float, *, is_unreached: bool) -> None:
+    assert ("drawer" in unreached(with_wall(x))) is is_unreached
 
 
-@pytest.mark.parametrize(("x", "far"), [(2.0, True), (1.05, True), (0.9, False)])
-def test_a_door_is_assumed_to_turn_fully(x: float, *, far: bool) -> None:
-    assert ("door" in unreached(with_wall(x, y=2.3))) is far
+@pytest.mark.parametrize(("x", "is_unreached"), [(2.0, True), (1.05, True), (0.9, False)])
+def test_a_door_is_assumed_to_turn_fully(x: float, *, is_unreached: bool) -> None:
+    assert ("door" in unreached(with_wall(x, y=2.3))) is is_unreached
 
 
 def test_the_swept_box_of_an_open_drawer_includes_its_way_back() -> None:

@@ -32,7 +32,7 @@ from mindstage.scene import (
 )
 from mindstage.scene.transforms import Array, mesh_scale
 
-__all__ = ["SUFFIXES", "MeshGeometries", "MeshIndex", "MeshLibrary", "MeshMatch", "find_support_surfaces"]
+__all__ = ["SUFFIXES", "MeshIndex", "MeshLibrary", "MeshLibraryResult", "MeshMatch", "find_support_surfaces"]
 
 
 SUFFIXES = (".glb", ".gltf", ".obj", ".dae", ".stl")
@@ -205,7 +205,7 @@ _Z_UP_FROM_Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 _UNSPECIFIED_UP_AXIS = frozenset({".obj", ".stl"})
 
 
-class MeshGeometries(NamedTuple):
+class MeshLibraryResult(NamedTuple):
     """Geometry from mesh files."""
 
     geometry: dict[BodyId, BodyGeometry]
@@ -234,7 +234,7 @@ class MeshLibrary:
         self._cache = cache
         self._fit_cache: dict[tuple[str, Vector | None], tuple[BodyGeometry, str]] = {}
 
-    def geometry_for(self, bodies: Sequence[Body]) -> MeshGeometries:
+    def geometry_for(self, bodies: Sequence[Body]) -> MeshLibraryResult:
         """Geometry of the bodies with a readable mesh file; errors in files become notes."""
         found = {body.id: match for body in bodies if (match := self._index.find(body)) is not None}
         imported, rejected = import_meshes((match.path for match in found.values()), folder=self._cache)
@@ -250,7 +250,7 @@ class MeshLibrary:
         notes = [*self._index.notes]
         notes += [f"the mesh {path} is left out: {reason}" for path, reason in rejected.items()]
         notes += [f"{_join_ids(ids)}: {change}" for change, ids in changes.items()]
-        return MeshGeometries(geometry, tuple(notes))
+        return MeshLibraryResult(geometry, tuple(notes))
 
     def _fit(self, mesh: ImportedMesh, match: MeshMatch, size: Vector | None) -> tuple[BodyGeometry, str]:
         key = (mesh.digest, size)
