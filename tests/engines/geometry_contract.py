@@ -1,4 +1,4 @@
-"""What every engine must make of forms, as sentences; an engine adds a subclass and an `engine` fixture."""
+"""The contract of engines for body geometry; an engine adds a subclass with an `engine` fixture (see `contract.py`)."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from mindstage.engines import Capability, Engine, SpawnNoteKind, SpawnReport
 from mindstage.scene import BodyGeometry, BodyId, BodyPhysics, CollisionShape, CollisionShapeType, Mobility, Pose, diff
 from mindstage.scene.transforms import normalize, quat_angle, quat_rotate
 from tests.engines.contract import apply_force_for, current_pose, displacement
-from tests.engines.formed import (
+from tests.engines.geometries import (
     as_vector,
     bin_geometry,
     box_shape,
@@ -24,12 +24,12 @@ from tests.engines.scenes import FLOOR, LIMIT_M, body, prismatic_joint, room, wo
 CRATE = (0.4, 0.4, 0.3)
 
 
-def geometry_map(**made: BodyGeometry) -> dict[BodyId, BodyGeometry]:
-    return {BodyId(id): form for id, form in made.items()}
+def geometry_map(**geometries: BodyGeometry) -> dict[BodyId, BodyGeometry]:
+    return {BodyId(id): body_geometry for id, body_geometry in geometries.items()}
 
 
 def room_geometry() -> dict[BodyId, BodyGeometry]:
-    """Forms for the room of all engines' contract: a cabinet, a drawer for the mug, a fridge with a shelf."""
+    """Geometry for `scenes.room`: a cabinet, a drawer for the mug, and a fridge with a shelf."""
     return geometry_map(
         cabinet=cabinet_geometry((0.6, 0.6, 1.0)),
         drawer=bin_geometry((0.58, 0.55, 0.2)),
@@ -37,31 +37,31 @@ def room_geometry() -> dict[BodyId, BodyGeometry]:
     )
 
 
-def ids_of_notes(report: SpawnReport, kind: SpawnNoteKind) -> set[str]:
-    return {id for note in report.notes if note.kind is kind for id in note.ids}
+def ids_of_notes(report: SpawnReport, type: SpawnNoteKind) -> set[str]:
+    return {id for note in report.notes if note.kind is type for id in note.ids}
 
 
 class GeometryDescriptionContract:
-    """What holds for any engine, with physics or without."""
+    """The contract of all engines, with and without physics."""
 
-    def test_a_world_with_forms_comes_back_as_it_was_given(self, engine: Engine) -> None:
+    def test_a_snapshot_of_a_world_with_geometry_equals_the_spawned_world(self, engine: Engine) -> None:
         assert engine.spawn(room(), geometry=room_geometry()).ok
         assert diff(room(), engine.snapshot()).identical(0.0)
 
-    def test_a_form_of_a_body_that_is_not_there_does_no_harm(self, engine: Engine) -> None:
+    def test_geometry_of_a_missing_body_is_ignored(self, engine: Engine) -> None:
         assert engine.spawn(world(FLOOR), geometry=geometry_map(ghost=bin_geometry(CRATE))).ok
         assert engine.poses()[0] == ("floor",)
 
 
 class GeometryContract(GeometryDescriptionContract):
-    """What holds for any engine in which things fall."""
+    """The contract of engines that simulate physics."""
 
     rest_tolerance_m = 0.003
     limit_tolerance_m = 0.001
 
-    # -- what can be touched
+    # -- collision shapes
 
-    def test_what_is_dropped_into_an_open_box_lies_on_its_floor(self, engine: Engine) -> None:
+    def test_a_ball_dropped_into_an_open_box_rests_on_its_floor(self, engine: Engine) -> None:
         ball = body("ball", (0.05, 0.03, 0.6), (0.08, 0.08, 0.08), "dynamic", 0.2)
         engine.spawn(
             world(FLOOR, body("crate", (0, 0, 0.15), CRATE), ball),
@@ -72,7 +72,7 @@ class GeometryContract(GeometryDescriptionContract):
         engine.step(3.0)
         assert current_pose(engine, "ball")[2] == pytest.approx(0.02 + 0.04, abs=self.rest_tolerance_m)
 
-    def test_nobody_touches_the_free_room_under_a_table(self, engine: Engine) -> None:
+    def test_the_space_under_a_table_is_free(self, engine: Engine) -> None:
         report = engine.spawn(
             world(
                 FLOOR,
@@ -88,7 +88,7 @@ class GeometryContract(GeometryDescriptionContract):
         assert current_pose(engine, "mug")[2] == pytest.approx(0.75, abs=self.rest_tolerance_m)
 
     @pytest.mark.parametrize(
-        ("kind", "size", "turn", "height"),
+        ("type", "size", "rotation", "height"),
         [
             (CollisionShapeType.CYLINDER, (0.2, 0.2, 0.1), (1.0, 0, 0, 0), 0.05),
             (CollisionShapeType.CYLINDER, (0.2, 0.2, 0.3), (0.7071067811865476, 0.7071067811865476, 0, 0), 0.1),
@@ -96,33 +96,33 @@ class GeometryContract(GeometryDescriptionContract):
             (CollisionShapeType.BOX, (0.2, 0.2, 0.1), (0.7071067811865476, 0.7071067811865476, 0, 0), 0.1),
         ],
     )
-    def test_each_kind_of_solid_rests_as_high_as_it_is(
+    def test_each_type_of_collision_shape_rests_at_its_height(
         self,
         engine: Engine,
-        kind: CollisionShapeType,
+        type: CollisionShapeType,
         size: tuple[float, float, float],
-        turn: tuple[float, ...],
+        rotation: tuple[float, ...],
         height: float,
     ) -> None:
-        thing = body("thing", (0, 0, height + 0.05), size, "dynamic", 1.0, quaternion=turn)
-        engine.spawn(world(FLOOR, thing), geometry=geometry_map(thing=single_shape_geometry(kind, size)))
+        item = body("thing", (0, 0, height + 0.05), size, "dynamic", 1.0, quaternion=rotation)
+        engine.spawn(world(FLOOR, item), geometry=geometry_map(thing=single_shape_geometry(type, size)))
         engine.step(2.0)
         assert current_pose(engine, "thing")[2] == pytest.approx(height, abs=self.rest_tolerance_m)
 
     def test_a_hull_has_slopes(self, engine: Engine) -> None:
         size = (0.6, 0.4, 0.3)
-        thing = body("thing", (0.15, 0, 0.6), (0.1, 0.1, 0.1), "dynamic", 0.5)
+        item = body("thing", (0.15, 0, 0.6), (0.1, 0.1, 0.1), "dynamic", 0.5)
         report = engine.spawn(
-            world(FLOOR, body("ramp", (0, 0, 0.15), size), thing),
+            world(FLOOR, body("ramp", (0, 0, 0.15), size), item),
             geometry=geometry_map(
                 ramp=wedge_geometry(size), thing=single_shape_geometry(CollisionShapeType.SPHERE, (0.1, 0.1, 0.1))
             ),
         )
         assert report.ok
         engine.step(2.0)
-        assert current_pose(engine, "thing")[0] < -0.3, "it did not roll down"
+        assert current_pose(engine, "thing")[0] < -0.3, "the ball did not roll down"
 
-    def test_a_form_of_no_solids_can_be_walked_through(self, engine: Engine) -> None:
+    def test_geometry_without_collision_shapes_collides_with_nothing(self, engine: Engine) -> None:
         engine.spawn(
             world(FLOOR, body("light", (0, 0, 0.5), (1, 1, 0.1)), body("box", (0, 0, 1), (0.2,) * 3, "dynamic", 1.0)),
             geometry=geometry_map(light=geometry()),
@@ -130,7 +130,7 @@ class GeometryContract(GeometryDescriptionContract):
         engine.step(2.0)
         assert current_pose(engine, "box")[2] == pytest.approx(0.1, abs=self.rest_tolerance_m)
 
-    def test_solids_of_no_meaning_are_left_out_and_it_is_said(self, engine: Engine) -> None:
+    def test_invalid_collision_shapes_are_left_out_and_reported(self, engine: Engine) -> None:
         broken = geometry(
             CollisionShape(size=(float("nan"), 1.0, 1.0)),
             box_shape((-0.1, -0.1, -0.1), (0.1, 0.1, 0.1)),
@@ -143,10 +143,10 @@ class GeometryContract(GeometryDescriptionContract):
         engine.step(2.0)
         assert current_pose(engine, "box")[2] == pytest.approx(0.1, abs=self.rest_tolerance_m)
 
-    # -- who collides with whom
+    # -- collisions
 
     def test_boxes_that_overlap_only_as_boxes_still_collide(self, engine: Engine) -> None:
-        """One crate stands in the free half of another one: the two never let each other through."""
+        """A crate inside the free half of another one: neither passes through the other."""
         small, large = (0.2, 0.2, 0.3), (0.6, 0.4, 0.3)
         report = engine.spawn(
             world(
@@ -158,11 +158,11 @@ class GeometryContract(GeometryDescriptionContract):
         )
         assert not ids_of_notes(report, SpawnNoteKind.OVERLAP)
         apply_force_for(engine, "small", (15.0, 0.0, 0.0), 2.0)
-        place = current_pose(engine, "small")
-        assert 0.1 < place[0] < 0.22, "it tilts against the wall of the other one and goes no further"
-        assert place[2] > 0.1
+        pose = current_pose(engine, "small")
+        assert 0.1 < pose[0] < 0.22, "it tilts against the wall of the other crate and stops"
+        assert pose[2] > 0.1
 
-    def test_solids_that_stand_in_one_another_do_not_explode_and_it_is_said(self, engine: Engine) -> None:
+    def test_overlapping_collision_shapes_do_not_explode_and_are_reported(self, engine: Engine) -> None:
         report = engine.spawn(
             world(
                 body("one", (0, 0, 1), CRATE, "dynamic", 2.0, gravity=False),
@@ -174,8 +174,8 @@ class GeometryContract(GeometryDescriptionContract):
         engine.step(1.0)
         assert displacement(engine, "one", np.array([0, 0, 1.0])) < 1e-4
 
-    def test_what_is_sunk_in_what_it_stands_on_is_pushed_out_and_it_is_said(self, engine: Engine) -> None:
-        """A map puts things on the undersides of boxes; the floor of a form is thicker than nothing."""
+    def test_a_body_that_penetrates_its_support_is_pushed_out_and_reported(self, engine: Engine) -> None:
+        """Maps place objects at the lower sides of boxes, but the floor of a container has a thickness."""
         mug = body("mug", (0, 0, 0.015 + 0.05), (0.08, 0.08, 0.1), "dynamic", 0.3)
         report = engine.spawn(
             world(FLOOR, body("crate", (0, 0, 0.15), CRATE), mug), geometry=geometry_map(crate=bin_geometry(CRATE))
@@ -183,31 +183,31 @@ class GeometryContract(GeometryDescriptionContract):
         assert ids_of_notes(report, SpawnNoteKind.PENETRATION) == {"mug", "crate"}
         assert not ids_of_notes(report, SpawnNoteKind.OVERLAP)
         engine.step(2.0)
-        place = current_pose(engine, "mug")
-        assert place[2] == pytest.approx(0.02 + 0.05, abs=self.rest_tolerance_m)
-        assert abs(place[0]) < 0.002
-        assert abs(place[1]) < 0.002
+        pose = current_pose(engine, "mug")
+        assert pose[2] == pytest.approx(0.02 + 0.05, abs=self.rest_tolerance_m)
+        assert abs(pose[0]) < 0.002
+        assert abs(pose[1]) < 0.002
 
-    def test_a_form_is_not_made_hollow_again(self, engine: Engine) -> None:
+    def test_a_body_with_geometry_is_not_made_hollow(self, engine: Engine) -> None:
         report = engine.spawn(room(), geometry=room_geometry())
         assert not ids_of_notes(report, SpawnNoteKind.HOLLOW)
         assert "drawer" not in ids_of_notes(report, SpawnNoteKind.OVERLAP)
 
-    # -- what is inside stays inside
+    # -- contents
 
-    def test_a_mug_stays_in_its_drawer_through_opening_and_closing(self, engine: Engine) -> None:
+    def test_a_mug_stays_in_its_drawer_while_it_opens_and_closes(self, engine: Engine) -> None:
         engine.spawn(room(), geometry=room_geometry())
-        engine.step(1.0)  # it stands 2 cm over the drawer's floor
-        for force, place in ((15.0, LIMIT_M), (-15.0, -LIMIT_M)):
+        engine.step(1.0)  # the mug is 2 cm above the drawer's floor
+        for force, limit in ((15.0, LIMIT_M), (-15.0, -LIMIT_M)):
             apply_force_for(engine, "drawer_handle", (force, 0.0, 0.0), 4.0)
             engine.step(1.0)
             drawer, mug = current_pose(engine, "drawer"), current_pose(engine, "mug")
-            assert drawer[0] == pytest.approx(place, abs=self.limit_tolerance_m)
+            assert drawer[0] == pytest.approx(limit, abs=self.limit_tolerance_m)
             assert abs(mug[0] - drawer[0]) < 0.29
             assert abs(mug[1] - drawer[1]) < 0.275
             assert 0.2 + 0.02 < mug[2] < 0.3
 
-    def test_milk_stands_on_its_shelf_while_the_door_swings(self, engine: Engine) -> None:
+    def test_milk_stays_on_its_shelf_while_the_door_swings(self, engine: Engine) -> None:
         milk = body("milk", (0, 2, 1.1), (0.08, 0.08, 0.2), "dynamic", 1.0)
         described = world(*room().bodies, milk, *room().joints, *room().attachments)
         report = engine.spawn(described, geometry=room_geometry())
@@ -218,16 +218,18 @@ class GeometryContract(GeometryDescriptionContract):
 
     # -- mass
 
-    def test_the_mass_of_a_hollow_body_stays_the_maps(self, engine: Engine) -> None:
+    def test_a_given_mass_takes_precedence_over_density(self, engine: Engine) -> None:
         crate = body("crate", (0, 0, 0), CRATE, "dynamic", 2.5, gravity=False)
         engine.spawn(world(crate), geometry=geometry_map(crate=bin_geometry(CRATE, density=700.0)))
         for _ in range(50):
             engine.apply_force(BodyId("crate"), (5.0, 0.0, 0.0))
             engine.step(0.02)
         assert current_pose(engine, "crate")[0] == pytest.approx(0.5 * (5.0 / 2.5) * 1.0**2, rel=0.01)
-        assert quat_angle(current_pose(engine, "crate")[3:], [1, 0, 0, 0]) < 1e-3, "not pushed where its mass is"
+        assert quat_angle(current_pose(engine, "crate")[3:], [1, 0, 0, 0]) < 1e-3, (
+            "the force was not applied at the center of mass"
+        )
 
-    def test_without_a_mass_what_it_is_made_of_tells_it(self, engine: Engine) -> None:
+    def test_without_a_mass_density_determines_it(self, engine: Engine) -> None:
         crate = body("crate", (0, 0, 1), CRATE, "dynamic", None, gravity=False)
         report = engine.spawn(world(crate), geometry=geometry_map(crate=bin_geometry(CRATE, density=700.0)))
         note = next(note for note in report.notes if note.kind is SpawnNoteKind.MASS_ESTIMATED)
@@ -239,8 +241,8 @@ class GeometryContract(GeometryDescriptionContract):
             engine.step(0.02)
         assert current_pose(engine, "crate")[0] == pytest.approx(1.0, rel=0.01)
 
-    def test_a_body_tips_over_to_where_its_mass_is(self, engine: Engine) -> None:
-        """A foot with a heavy arm: its box would stand, the arm pulls it over."""
+    def test_a_body_tips_over_towards_its_center_of_mass(self, engine: Engine) -> None:
+        """A base with a heavy arm: its bounding box would be stable, but the arm tips it over."""
         size = (0.6, 0.1, 0.4)
         arm = geometry(
             box_shape((-0.3, -0.05, -0.2), (-0.2, 0.05, 0.2)),
@@ -253,22 +255,22 @@ class GeometryContract(GeometryDescriptionContract):
     # -- surfaces
 
     @pytest.mark.parametrize(("friction", "slides"), [(0.9, False), (0.2, True)])
-    def test_a_steep_ramp_holds_what_is_rough_and_not_what_is_smooth(
+    def test_a_box_slides_down_a_ramp_only_with_low_friction(
         self, engine: Engine, friction: float, slides: bool
     ) -> None:
-        turn = normalize([np.cos(np.radians(15)), 0.0, -np.sin(np.radians(15)), 0.0])  # 30 degrees
-        up = quat_rotate(turn, [0.0, 0.0, 0.02 + 0.05 + 0.0005])
+        rotation = normalize([np.cos(np.radians(15)), 0.0, -np.sin(np.radians(15)), 0.0])  # 30 degrees
+        up = quat_rotate(rotation, [0.0, 0.0, 0.02 + 0.05 + 0.0005])
         size = (2.0, 0.6, 0.04)
         engine.spawn(
             world(
-                body("ramp", (0, 0, 1), size, quaternion=tuple(turn.tolist())),
+                body("ramp", (0, 0, 1), size, quaternion=tuple(rotation.tolist())),
                 body(
                     "box",
                     as_vector(up + np.array([0.0, 0.0, 1.0])),
                     (0.2, 0.2, 0.1),
                     "dynamic",
                     1.0,
-                    quaternion=tuple(turn.tolist()),
+                    quaternion=tuple(rotation.tolist()),
                 ),
             ),
             geometry=geometry_map(
@@ -278,11 +280,11 @@ class GeometryContract(GeometryDescriptionContract):
         )
         before = current_pose(engine, "box")
         engine.step(0.5)
-        way = displacement(engine, "box", before)
+        distance = displacement(engine, "box", before)
         expected = 0.5 * 9.81 * (0.5 - friction * np.cos(np.radians(30))) * 0.5**2
-        assert way == pytest.approx(expected, rel=0.15) if slides else way < 0.01
+        assert distance == pytest.approx(expected, rel=0.15) if slides else distance < 0.01
 
-    def test_what_is_bouncy_jumps_and_what_is_not_lies_still(self, engine: Engine) -> None:
+    def test_a_ball_bounces_by_its_restitution(self, engine: Engine) -> None:
         size = (0.1, 0.1, 0.1)
         balls = [body(name, (x, 0, 1.0), size, "dynamic", 0.2) for name, x in (("rubber", 0.0), ("clay", 1.0))]
         engine.spawn(
@@ -293,7 +295,7 @@ class GeometryContract(GeometryDescriptionContract):
             ),
         )
         highest = dict.fromkeys(("rubber", "clay"), 0.0)
-        engine.step((2 * 0.95 / 9.81) ** 0.5 + 0.1)  # by now both have hit the floor
+        engine.step((2 * 0.95 / 9.81) ** 0.5 + 0.1)  # both have hit the floor by now
         for _ in range(60):
             engine.step(0.01)
             highest = {id: max(height, float(current_pose(engine, id)[2])) for id, height in highest.items()}
@@ -302,7 +304,7 @@ class GeometryContract(GeometryDescriptionContract):
 
     # -- edits
 
-    def test_a_form_goes_where_its_body_goes_and_stays_through_edits(self, engine: Engine) -> None:
+    def test_geometry_moves_with_its_body_and_survives_edits(self, engine: Engine) -> None:
         ball = body("ball", (0, 0, 0.8), (0.08, 0.08, 0.08), "dynamic", 0.2)
         engine.spawn(
             world(FLOOR, body("crate", (2, 0, 0.15), CRATE, "kinematic"), body("other", (5, 5, 1), (1, 1, 1)), ball),
@@ -319,9 +321,9 @@ class GeometryContract(GeometryDescriptionContract):
         engine.step(3.0)
         assert current_pose(engine, "ball")[2] == pytest.approx(0.06, abs=self.rest_tolerance_m)
 
-    def test_a_form_comes_back_with_a_saved_state(self, engine: Engine) -> None:
+    def test_restoring_a_state_restores_geometry(self, engine: Engine) -> None:
         if Capability.SAVE not in engine.capabilities:
-            pytest.skip("the engine has no SAVE ability")
+            pytest.skip("the engine has no SAVE capability")
         engine.spawn(room(), geometry=room_geometry())
         state = engine.save_state()
         engine.clear()
@@ -331,18 +333,18 @@ class GeometryContract(GeometryDescriptionContract):
         assert drawer[0] == pytest.approx(LIMIT_M, abs=self.limit_tolerance_m)
         assert abs(mug[0] - drawer[0]) < 0.29
 
-    def test_a_body_spawned_anew_has_its_new_form_or_none(self, engine: Engine) -> None:
+    def test_a_respawned_body_has_its_new_geometry_or_none(self, engine: Engine) -> None:
         mug = body("mug", (0, 0, 0.8), (0.08, 0.08, 0.1), "dynamic", 0.3)
         crate = world(body("crate", (0, 0, 0.15), CRATE))
         engine.spawn(world(FLOOR))
-        for made, height in ((geometry_map(crate=bin_geometry(CRATE)), 0.07), ({}, 0.35)):
-            engine.spawn(crate, geometry=made)
+        for geometries, height in ((geometry_map(crate=bin_geometry(CRATE)), 0.07), ({}, 0.35)):
+            engine.spawn(crate, geometry=geometries)
             engine.spawn(world(mug))
             engine.step(2.0)
             assert current_pose(engine, "mug")[2] == pytest.approx(height, abs=self.rest_tolerance_m)
             engine.delete([BodyId("crate"), BodyId("mug")])
 
-    def test_a_room_of_forms_left_alone_stays(self, engine: Engine) -> None:
+    def test_an_undisturbed_room_with_geometry_stays_at_rest(self, engine: Engine) -> None:
         described = room()
         resting = [b for b in described.bodies if b.id not in {"crate", "mug"}]
         mug = body("mug", (0.05, 0.1, 0.271), (0.08, 0.08, 0.1), "dynamic", 0.3)
@@ -352,25 +354,25 @@ class GeometryContract(GeometryDescriptionContract):
         worst = np.linalg.norm(engine.poses()[1][:, :3] - before[:, :3], axis=1)
         assert worst.max() < 0.01, ids[int(worst.argmax())]
 
-    # -- furniture that stands close
+    # -- adjacent furniture
 
     def test_drawers_without_a_gap_between_them_slide_past_each_other(self, engine: Engine) -> None:
         size = (0.55, 0.6, 0.2)
         case = body("case", (0, 0, 0.4), (0.57, 0.64, 0.64))
         drawers = [body(f"drawer{i}", (0.01, 0, 0.2 + 0.2 * i), size, "dynamic", 4.0) for i in range(3)]
         slides = [prismatic_joint(f"slide{i}", "case", f"drawer{i}", (0.0, 0, 0.2 + 0.2 * i)) for i in range(3)]
-        made = geometry_map(case=cabinet_geometry((0.57, 0.64, 0.64))) | {
+        geometries = geometry_map(case=cabinet_geometry((0.57, 0.64, 0.64))) | {
             BodyId(f"drawer{i}"): bin_geometry(size) for i in range(3)
         }
-        engine.spawn(world(FLOOR, case, *drawers, *slides), geometry=made)
+        engine.spawn(world(FLOOR, case, *drawers, *slides), geometry=geometries)
         for i in range(3):
             apply_force_for(engine, f"drawer{i}", (25.0, 0.0, 0.0), 2.0)
             assert current_pose(engine, f"drawer{i}")[0] == pytest.approx(0.01 + LIMIT_M, abs=self.limit_tolerance_m)
 
     def test_a_door_swings_although_its_neighbor_touches_it(self, engine: Engine) -> None:
-        """The edge of a door that is hinged at its front goes outwards a little when it turns."""
+        """The edge of a door with a hinge at its front moves outwards slightly when it turns."""
         panel = geometry(box_shape((-0.02, -0.3, -0.9), (0.02, 0.3, 0.9)))
-        neighbor = body("neighbour", (0.322, 1.4, 0.9), (0.04, 0.6, 1.8))
+        neighbor = body("neighbor", (0.322, 1.4, 0.9), (0.04, 0.6, 1.8))
         described = room()
         others = [b for b in described.bodies if b.id not in {"crate", "mug"}]
         parts = world(*others, neighbor, *described.joints, *described.attachments)

@@ -1,6 +1,6 @@
-"""A far side in a process of its own, that can be killed: `python slow_far_side.py [PORT] [--stuck]`.
+"""A Mindstage server in its own process, which tests can kill: `python -m tests.engines.stuck_server [PORT] [--stuck]`.
 
-It prints its address; with `--stuck` its engine begins to spawn, says so, and never ends.
+It prints its address. With `--stuck`, its engine prints "spawning" at the first spawn and never returns.
 """
 
 from __future__ import annotations
@@ -10,11 +10,11 @@ import threading
 
 from mindstage.engines import NullEngine, SpawnReport
 from mindstage.scene import NO_GEOMETRY, GeometryMap, World
-from tests.engines.far_side import ServedSimulation
+from tests.engines.served_simulation import ServedSimulation
 
 
 class StuckEngine(NullEngine):
-    """Does not get further than the beginning."""
+    """An engine whose `spawn` never returns."""
 
     def spawn(self, world: World, *, geometry: GeometryMap = NO_GEOMETRY) -> SpawnReport:
         print("spawning", flush=True)
@@ -25,9 +25,9 @@ class StuckEngine(NullEngine):
 def main() -> None:
     stuck = "--stuck" in sys.argv
     ports = [int(each) for each in sys.argv[1:] if each.isdigit()]
-    with ServedSimulation(StuckEngine if stuck else NullEngine, port=ports[0] if ports else 0) as far_side:
-        print(far_side.address, flush=True)
-        sys.stdin.read()  # until whoever started it is gone
+    with ServedSimulation(StuckEngine if stuck else NullEngine, port=ports[0] if ports else 0) as served:
+        print(served.address, flush=True)
+        sys.stdin.read()  # until the parent process has closed it
 
 
 if __name__ == "__main__":

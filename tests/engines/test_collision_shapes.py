@@ -1,4 +1,4 @@
-"""Solids in bulk: how deep they stand in one another, and how the mass lies in them."""
+"""Penetration depths and mass properties of collision shapes."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from mindstage.engines.collision_shapes import CollisionShapeBatch, CompiledGeom
 from mindstage.scene import CollisionShape, CollisionShapeType, Pose
 from mindstage.scene.bounding_boxes import OrientedBoxes, penetration_depths
 from mindstage.scene.transforms import normalize, pose_multiply, quat_rotate
-from tests.engines.formed import bin_geometry, box_shape, wedge_geometry
+from tests.engines.geometries import bin_geometry, box_shape, wedge_geometry
 
 HERE = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
 numbers = st.floats(-0.6, 0.6)
@@ -20,19 +20,19 @@ poses = st.tuples(numbers, numbers, numbers, *[st.floats(0.1, 1)] * 4)
 kinds = st.sampled_from(CollisionShapeType)
 
 
-def of(kind: CollisionShapeType, size: tuple[float, float, float]) -> CollisionShape:
-    """A solid of a size; as a hull it is the box's corners."""
+def make_shape(type: CollisionShapeType, size: tuple[float, float, float]) -> CollisionShape:
+    """A shape of a size; a hull has the corners of that box."""
     corners = tuple(
         (i * size[0] / 2, j * size[1] / 2, k * size[2] / 2) for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)
     )
-    return CollisionShape(type=kind, size=size, points=corners if kind is CollisionShapeType.HULL else ())
+    return CollisionShape(type=type, size=size, points=corners if type is CollisionShapeType.HULL else ())
 
 
-def depth(one: CompiledGeometry, other: CompiledGeometry, where: tuple[float, ...]) -> float:
-    placed = np.array([HERE, where])
-    placed[:, 3:] = normalize(placed[:, 3:])
+def depth(one: CompiledGeometry, other: CompiledGeometry, relative_pose: tuple[float, ...]) -> float:
+    poses = np.array([HERE, relative_pose])
+    poses[:, 3:] = normalize(poses[:, 3:])
     return float(
-        CollisionShapeBatch.from_compiled(placed, [one, other]).penetration_depths(
+        CollisionShapeBatch.from_compiled(poses, [one, other]).penetration_depths(
             np.array([0]), np.array([1]), np.array([9.0])
         )[0]
     )
@@ -43,7 +43,7 @@ def at(x: float, y: float = 0.0, z: float = 0.0) -> tuple[float, ...]:
 
 
 @pytest.mark.parametrize(
-    ("one", "other", "where", "expected"),
+    ("one", "other", "relative_pose", "expected"),
     [
         (CollisionShapeType.BOX, CollisionShapeType.BOX, at(0.9), 0.1),
         (CollisionShapeType.SPHERE, CollisionShapeType.SPHERE, at(0.6, 0.6), 1.0 - 0.72**0.5),
@@ -54,88 +54,95 @@ def at(x: float, y: float = 0.0, z: float = 0.0) -> tuple[float, ...]:
         (CollisionShapeType.HULL, CollisionShapeType.SPHERE, at(0.0, 0.97), 0.03),
     ],
 )
-def test_the_depth_is_that_of_the_real_shapes(
-    one: CollisionShapeType, other: CollisionShapeType, where: tuple[float, ...], expected: float
+def test_the_depth_is_that_of_the_actual_shapes(
+    one: CollisionShapeType, other: CollisionShapeType, relative_pose: tuple[float, ...], expected: float
 ) -> None:
-    pair = compile_geometry((of(one, (1, 1, 1)),)), compile_geometry((of(other, (1, 1, 1)),))
-    assert depth(*pair, where) == pytest.approx(expected, abs=1e-9)
+    pair = compile_geometry((make_shape(one, (1, 1, 1)),)), compile_geometry((make_shape(other, (1, 1, 1)),))
+    assert depth(*pair, relative_pose) == pytest.approx(expected, abs=1e-9)
 
 
-def test_round_things_in_the_corners_of_each_others_boxes_are_apart() -> None:
-    for kind in (CollisionShapeType.SPHERE, CollisionShapeType.CYLINDER):
-        ball = compile_geometry((of(kind, (1, 1, 1)),))
+def test_round_shapes_in_the_corners_of_each_others_boxes_are_separate() -> None:
+    for type in (CollisionShapeType.SPHERE, CollisionShapeType.CYLINDER):
+        ball = compile_geometry((make_shape(type, (1, 1, 1)),))
         assert depth(ball, ball, at(0.8, 0.8)) < 0.0
 
 
 @given(kinds, sizes, kinds, sizes, poses)
-def test_what_shares_a_point_is_never_told_to_be_apart(
-    kind: CollisionShapeType,
+def test_shapes_with_a_common_point_are_never_separate(
+    type: CollisionShapeType,
     size: tuple[float, float, float],
     other: CollisionShapeType,
     other_size: tuple[float, float, float],
-    where: tuple[float, ...],
+    relative_pose: tuple[float, ...],
 ) -> None:
-    place = np.array(where)
-    place[3:] = normalize(place[3:])
+    pose = np.array(relative_pose)
+    pose[3:] = normalize(pose[3:])
     random = np.random.default_rng(1)
-    points = inside(kind, size, random.uniform(-0.5, 0.5, (2000, 3)) * size)
-    back = compose_points(place, points)
+    points = inside(type, size, random.uniform(-0.5, 0.5, (2000, 3)) * size)
+    back = compose_points(pose, points)
     if len(inside(other, other_size, back)):
-        assert depth(compile_geometry((of(kind, size),)), compile_geometry((of(other, other_size),)), where) >= 0.0
+        assert (
+            depth(
+                compile_geometry((make_shape(type, size),)),
+                compile_geometry((make_shape(other, other_size),)),
+                relative_pose,
+            )
+            >= 0.0
+        )
 
 
-def inside(kind: CollisionShapeType, size: tuple[float, float, float], points: np.ndarray) -> np.ndarray:
-    """Those points that lie in a solid round the origin; cylinders count as round as their narrower side."""
+def inside(type: CollisionShapeType, size: tuple[float, float, float], points: np.ndarray) -> np.ndarray:
+    """The points inside a shape at the origin; cylinders are as wide as their narrower side."""
     part = points / np.array(size) * 2
     within = np.abs(part).max(axis=1, initial=0.0) <= 1.0
-    if kind is CollisionShapeType.SPHERE:
+    if type is CollisionShapeType.SPHERE:
         within = np.linalg.norm(part, axis=1) <= 1.0
-    if kind is CollisionShapeType.CYLINDER:
+    if type is CollisionShapeType.CYLINDER:
         within &= np.linalg.norm(part[:, :2], axis=1) <= 1.0
     return points[within]
 
 
-def compose_points(place: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Points as seen from a pose."""
-    return quat_rotate(place[3:] * (1, -1, -1, -1), points - place[:3])
+def compose_points(pose: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Points of a frame in its parent frame, given its pose."""
+    return quat_rotate(pose[3:] * (1, -1, -1, -1), points - pose[:3])
 
 
 @given(sizes, sizes, poses)
-def test_boxes_are_as_deep_in_one_another_as_boxes_alone(
-    size: tuple[float, float, float], other: tuple[float, float, float], where: tuple[float, ...]
+def test_boxes_have_the_same_depth_as_in_the_box_test(
+    size: tuple[float, float, float], other: tuple[float, float, float], relative_pose: tuple[float, ...]
 ) -> None:
-    placed = np.array([HERE, where])
-    placed[:, 3:] = normalize(placed[:, 3:])
-    exact = penetration_depths(OrientedBoxes.from_poses(placed, np.array([size, other])), np.array([0]), np.array([1]))[
+    poses = np.array([HERE, relative_pose])
+    poses[:, 3:] = normalize(poses[:, 3:])
+    exact = penetration_depths(OrientedBoxes.from_poses(poses, np.array([size, other])), np.array([0]), np.array([1]))[
         0
     ]
     found = depth(
-        compile_geometry((of(CollisionShapeType.BOX, size),)),
-        compile_geometry((of(CollisionShapeType.BOX, other),)),
-        where,
+        compile_geometry((make_shape(CollisionShapeType.BOX, size),)),
+        compile_geometry((make_shape(CollisionShapeType.BOX, other),)),
+        relative_pose,
     )
     assert found == pytest.approx(exact) if found > -np.inf else exact <= 0.0
 
 
-def test_something_in_a_bin_touches_its_floor_and_walls_only() -> None:
+def test_a_body_in_a_bin_touches_its_floor_and_walls_only() -> None:
     crate, mug = (
         compile_geometry(bin_geometry((0.5, 0.5, 0.3)).collision_shapes),
-        compile_geometry((of(CollisionShapeType.BOX, (0.1, 0.1, 0.1)),)),
+        compile_geometry((make_shape(CollisionShapeType.BOX, (0.1, 0.1, 0.1)),)),
     )
     assert depth(crate, mug, at(0.0, 0.0, 0.0)) < 0.0
     assert depth(crate, mug, at(0.0, 0.0, -0.085)) == pytest.approx(0.005)
     assert depth(crate, mug, at(0.23, 0.0, 0.0)) == pytest.approx(0.05, abs=1e-9)
 
 
-def test_pairs_of_too_many_solids_are_as_deep_as_was_said() -> None:
+def test_pairs_with_too_many_shapes_use_the_fallback() -> None:
     comb = compile_geometry(tuple(box_shape((0.01 * i, 0, 0), (0.01 * i + 0.005, 1, 1)) for i in range(600)))
     assert depth(comb, comb, at(0.0, 0.0, 5.0)) == 9.0
 
 
-def test_the_mass_of_a_compound_lies_where_its_parts_are() -> None:
+def test_the_center_of_mass_of_a_compound_is_that_of_its_parts() -> None:
     two = compile_geometry(
         (
-            of(CollisionShapeType.BOX, (1, 1, 1)),
+            make_shape(CollisionShapeType.BOX, (1, 1, 1)),
             CollisionShape(size=(1, 1, 1), pose=Pose((4.0, 0, 0))),
         )
     )
@@ -145,31 +152,31 @@ def test_the_mass_of_a_compound_lies_where_its_parts_are() -> None:
 
 
 @pytest.mark.parametrize("turn", [(1.0, 0, 0, 0), (0.6, 0.8, 0, 0), (0.5, 0.5, 0.5, 0.5)])
-def test_a_turned_solid_has_turned_moments(turn: tuple[float, float, float, float]) -> None:
+def test_a_rotated_shape_has_rotated_moments(turn: tuple[float, float, float, float]) -> None:
     size = (0.2, 0.3, 0.5)
-    ways = {}
-    for kind in (CollisionShapeType.BOX, CollisionShapeType.HULL):
-        ways[kind] = compile_geometry(
-            (CollisionShape(type=kind, size=size, pose=Pose((1, 2, 3), turn), points=of(kind, size).points),)
+    directions = {}
+    for type in (CollisionShapeType.BOX, CollisionShapeType.HULL):
+        directions[type] = compile_geometry(
+            (CollisionShape(type=type, size=size, pose=Pose((1, 2, 3), turn), points=make_shape(type, size).points),)
         )
-    box, hull = ways.values()
+    box, hull = directions.values()
     np.testing.assert_allclose(box.center_of_mass, (1, 2, 3))
     np.testing.assert_allclose(hull.center_of_mass, box.center_of_mass, atol=1e-9)
     np.testing.assert_allclose(hull.inertia, box.inertia, atol=1e-9)
     assert np.linalg.eigvalsh(box.inertia)[0] == pytest.approx((0.2**2 + 0.3**2) / 12)
 
 
-def test_what_is_too_thin_gets_thick_enough_and_a_flat_hull_is_a_box() -> None:
+def test_thin_shapes_are_enlarged_and_flat_hulls_become_boxes() -> None:
     flat = CollisionShape(
         type=CollisionShapeType.HULL, size=(1, 1, 0), points=((0, 0, 0), (1, 0, 0), (0, 1, 0), (1, 1, 0))
     )
     made = compile_geometry((flat, CollisionShape(size=(1, 0.0, 1))))
-    assert [solid.type for solid in made.shapes] == [CollisionShapeType.BOX, CollisionShapeType.BOX]
+    assert [shape.type for shape in made.shapes] == [CollisionShapeType.BOX, CollisionShapeType.BOX]
     assert made.sizes.min() == pytest.approx(0.001)
     np.testing.assert_allclose(made.poses[0, :3], (0.5, 0.5, 0.0))
 
 
-def test_a_hull_beside_its_origin_stands_where_its_points_are() -> None:
+def test_a_hull_away_from_its_origin_keeps_its_points() -> None:
     wedge = wedge_geometry((0.6, 0.4, 0.3)).collision_shapes[0]
     shifted = tuple((x + 5, y, z) for x, y, z in wedge.points)
     made = compile_geometry(
@@ -188,6 +195,6 @@ def test_a_hull_beside_its_origin_stands_where_its_points_are() -> None:
         CollisionShape(type=CollisionShapeType.HULL, size=(1, 1, 1), points=((0, 0, float("nan")),)),
     ],
 )
-def test_numbers_of_no_meaning_are_left_out_and_counted(broken: CollisionShape) -> None:
-    made = compile_geometry((broken, of(CollisionShapeType.BOX, (1, 1, 1))))
+def test_invalid_shapes_are_left_out_and_counted(broken: CollisionShape) -> None:
+    made = compile_geometry((broken, make_shape(CollisionShapeType.BOX, (1, 1, 1))))
     assert (len(made.shapes), made.invalid_count) == (1, 1)

@@ -1,4 +1,4 @@
-"""Whole kitchens of forms in MuJoCo: they look open, they are open, and nothing jams, falls through or creeps."""
+"""Whole kitchens with geometry in MuJoCo: furniture opens, and nothing jams, falls through or creeps."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ from tests.engines.test_kitchens import doors_and_drawers, opened
 
 
 class Kitchen(NamedTuple):
-    """A map, and what its bodies are made of."""
+    """A map with the geometry of its bodies."""
 
     world: World
-    forms: GeometryMap
+    geometry: GeometryMap
     knowledge: KnowledgeBase
 
     def spawned(self, *more: Body) -> tuple[MujocoEngine, SpawnReport]:
-        """An engine in which it stands, with something more."""
+        """An engine with the kitchen and additional bodies."""
         engine = MujocoEngine()
-        report = engine.spawn(self.world, geometry=self.forms)
+        report = engine.spawn(self.world, geometry=self.geometry)
         if more:
             extra = World(iri=Iri("http://example.org/more.owl#map"), bodies=more)
             assert engine.spawn(extra, geometry=fit_geometry(extra, self.knowledge).geometry).ok
@@ -60,11 +60,11 @@ def kitchen(request: pytest.FixtureRequest) -> Kitchen:
 
 
 def overlapping(report: SpawnReport) -> int:
-    """How many pairs stand in one another, told or not."""
+    """The number of overlapping pairs, reported or not."""
     return sum(len(note.ids) - 1 for note in report.notes if note.kind is SpawnNoteKind.OVERLAP)
 
 
-def test_a_kitchen_of_forms_left_alone_for_ten_seconds_stays_and_falls_asleep(kitchen: Kitchen) -> None:
+def test_an_undisturbed_kitchen_with_geometry_stays_at_rest_and_falls_asleep(kitchen: Kitchen) -> None:
     engine, report = kitchen.spawned()
     assert report.ok
     ids, before = engine.poses()
@@ -74,43 +74,43 @@ def test_a_kitchen_of_forms_left_alone_for_ten_seconds_stays_and_falls_asleep(ki
     assert (engine._cache.model().data.tree_asleep >= 0).all(), "something never comes to rest"
 
 
-def test_fewer_pairs_are_kept_apart_than_of_boxes(kitchen: Kitchen) -> None:
+def test_geometry_excludes_fewer_pairs_than_boxes(kitchen: Kitchen) -> None:
     boxes = MujocoEngine().spawn(kitchen.world)
-    formed = kitchen.spawned()[1]
-    assert overlapping(formed) < overlapping(boxes)
-    assert not [note for note in formed.notes if note.kind is SpawnNoteKind.HOLLOW]
+    with_geometry = kitchen.spawned()[1]
+    assert overlapping(with_geometry) < overlapping(boxes)
+    assert not [note for note in with_geometry.notes if note.kind is SpawnNoteKind.HOLLOW]
 
 
-def test_nothing_loose_stands_in_anything_solid(bundled: Kitchen) -> None:
-    """So everything in the kitchen is held up by what it stands on or in."""
+def test_free_bodies_penetrate_nothing(bundled: Kitchen) -> None:
+    """So every body in the kitchen is supported by the body on or in which it is."""
     report = bundled.spawned()[1]
     assert [note.text for note in report.notes if note.kind is SpawnNoteKind.OVERLAP] == []
 
 
-def test_every_door_and_drawer_of_forms_opens_to_its_limit_by_its_handle(kitchen: Kitchen) -> None:
+def test_every_door_and_drawer_with_geometry_opens_to_its_limit_by_its_handle(kitchen: Kitchen) -> None:
     engine, _ = kitchen.spawned()
     engine.step(1.0)
     closed = engine.save_state()
-    tried = 0
-    for constraint, handle in doors_and_drawers(kitchen.world, engine):
-        limit = max(reach or 0.0 for reach in joint_reach(constraint))
-        tolerance = 0.001 if constraint.linear.x is not AxisMotion.LOCKED else np.radians(0.5)
+    tested = 0
+    for joint, handle in doors_and_drawers(kitchen.world, engine):
+        limit = max(reach or 0.0 for reach in joint_reach(joint))
+        tolerance = 0.001 if joint.linear.x is not AxisMotion.LOCKED else np.radians(0.5)
         reached = []
-        for way in (1, -1):
+        for sign in (1, -1):
             engine.restore_state(closed)
-            reached.append(opened(engine, constraint, handle, way))
+            reached.append(opened(engine, joint, handle, sign))
             if abs(reached[-1] - limit) < tolerance:
                 break
         assert abs(max(reached) - limit) < tolerance, (handle, reached)
-        tried += 1
-    assert tried >= 16
+        tested += 1
+    assert tested >= 16
 
 
-# -- things that people do ---------------------------------------------------------------------------------------------
+# -- manipulation ------------------------------------------------------------------------------------------------------
 
 
-def thing(world: World, like: str, position: np.ndarray) -> Body:
-    """One more of something, upright."""
+def copy_of(world: World, like: str, position: np.ndarray) -> Body:
+    """A copy of a body at another position, upright."""
     model = world.body(like)
     x, y, z = position.tolist()
     physics = BodyPhysics(mobility=Mobility.DYNAMIC, mass_kg=0.4, gravity=True)
@@ -120,53 +120,53 @@ def thing(world: World, like: str, position: np.ndarray) -> Body:
     )  # fmt: skip
 
 
-def pulled(engine: MujocoEngine, constraint: Joint, handle: BodyId) -> Iterator[float]:
-    """Opens, then closes again by the same handle; tells how far it is open each time [m or rad]."""
+def pulled(engine: MujocoEngine, joint: Joint, handle: BodyId) -> Iterator[float]:
+    """Opens and closes a joint by its handle; returns both displacements [m or rad]."""
     closed = engine.save_state()
-    far = {}
-    for way in (1, -1):
+    displacement = {}
+    for sign in (1, -1):
         engine.restore_state(closed)
-        far[way] = opened(engine, constraint, handle, way)
+        displacement[sign] = opened(engine, joint, handle, sign)
     engine.restore_state(closed)
-    way = max(far, key=far.__getitem__)
-    yield opened(engine, constraint, handle, way)
-    opened(engine, constraint, handle, -way)
+    sign = max(displacement, key=displacement.__getitem__)
+    yield opened(engine, joint, handle, sign)
+    opened(engine, joint, handle, -sign)
     engine.step(1.0)
-    positions = engine.joint_positions()[constraint.id]
-    yield max(positions, key=abs) * np.sign(far[way])
+    positions = engine.joint_positions()[joint.id]
+    yield max(positions, key=abs) * np.sign(displacement[sign])
 
 
 def joint_of(kitchen: Kitchen, engine: MujocoEngine, name: str) -> tuple[Joint, BodyId]:
     return next((c, h) for c, h in doors_and_drawers(kitchen.world, engine) if name in (c.parent, c.child))
 
 
-def test_a_mug_put_into_a_drawer_stays_in_it_through_opening_and_closing(bundled: Kitchen) -> None:
+def test_a_mug_placed_in_a_drawer_stays_in_it_while_it_opens_and_closes(bundled: Kitchen) -> None:
     drawer = bundled.world.body("drawer_left_4")
     assert drawer.size is not None
-    mug = thing(bundled.world, "coffee_mug_1", np.add(drawer.pose.position, (0.0, 0.0, 0.02)))
+    mug = copy_of(bundled.world, "coffee_mug_1", np.add(drawer.pose.position, (0.0, 0.0, 0.02)))
     engine, _ = bundled.spawned(mug)
     engine.step(1.0)
-    constraint, handle = joint_of(bundled, engine, "drawer_left_4")
-    for _ in pulled(engine, constraint, handle):
-        away = current_pose(engine, "brought")[:3] - current_pose(engine, "drawer_left_4")[:3]
-        assert (np.abs(away) < np.array(drawer.size) / 2).all(), away
+    joint, handle = joint_of(bundled, engine, "drawer_left_4")
+    for _ in pulled(engine, joint, handle):
+        offset = current_pose(engine, "brought")[:3] - current_pose(engine, "drawer_left_4")[:3]
+        assert (np.abs(offset) < np.array(drawer.size) / 2).all(), offset
 
 
-def test_milk_stands_in_the_fridge_with_the_door_closed_and_open(bundled: Kitchen) -> None:
+def test_milk_stays_in_the_fridge_with_the_door_closed_and_open(bundled: Kitchen) -> None:
     engine, _ = bundled.spawned()
     milk = next(body.id for body in bundled.world.bodies if "milk" in body.id)
     before = current_pose(engine, milk)
     engine.step(2.0)
-    constraint, handle = joint_of(bundled, engine, "fridge_door")
-    assert next(pulled(engine, constraint, handle)) > 0.7
+    joint, handle = joint_of(bundled, engine, "fridge_door")
+    assert next(pulled(engine, joint, handle)) > 0.7
     after = current_pose(engine, milk)
     assert np.linalg.norm(after[:3] - before[:3]) < 0.01
     assert quat_angle(after[3:], before[3:]) < 0.05
 
 
 def free_spot(kitchen: Kitchen, host: Body, size: tuple[float, float, float]) -> np.ndarray:
-    """The middle of something of a size on a host, where nothing stands near."""
-    place = max(kitchen.forms[host.id].support_surfaces, key=lambda place: place.size[0] * place.size[1])
+    """A position for a body of a size on a host, with no other body near."""
+    place = max(kitchen.geometry[host.id].support_surfaces, key=lambda place: place.size[0] * place.size[1])
     others = [body for body in kitchen.world.bodies if body.size and body is not host]
     poses = pose_array(body.pose for body in others)
     poses[:, 3:] = normalize(poses[:, 3:])
@@ -174,21 +174,21 @@ def free_spot(kitchen: Kitchen, host: Body, size: tuple[float, float, float]) ->
     x, y = np.array(place.size) / 2 - np.array(size[:2])
     for dx, dy in np.stack(np.meshgrid(np.linspace(-x, x, 7), np.linspace(-y, y, 15)), axis=-1).reshape(-1, 2):
         local = np.add(place.center, (dx, dy, size[2] / 2 + 0.002))
-        spot = host.pose.position + quat_rotate(normalize(host.pose.quaternion), local)
+        position = host.pose.position + quat_rotate(normalize(host.pose.quaternion), local)
         reach = np.array(size) / 2 + (0.05, 0.05, 0.0)
-        if not ((low < spot + reach) & (high > spot - reach)).all(axis=1).any():
-            return np.asarray(spot)
+        if not ((low < position + reach) & (high > position - reach)).all(axis=1).any():
+            return np.asarray(position)
     pytest.fail(f"there is no free spot on {host.id}")
 
 
 @pytest.mark.parametrize("kind", ["plate_1", "coffee_mug_1", "cereal_bowl_1"])
-def test_what_is_put_on_the_counter_rests_there(bundled: Kitchen, kind: str) -> None:
+def test_objects_placed_on_the_counter_rest_there(bundled: Kitchen, kind: str) -> None:
     counter = bundled.world.body("counter_left")
     size = bundled.world.body(kind).size
     assert size is not None
-    spot = free_spot(bundled, counter, size)
-    engine, _ = bundled.spawned(thing(bundled.world, kind, spot))
+    position = free_spot(bundled, counter, size)
+    engine, _ = bundled.spawned(copy_of(bundled.world, kind, position))
     engine.step(3.0)
-    brought = current_pose(engine, "brought")
-    assert np.linalg.norm(brought[:3] - spot) < 0.01
-    assert quat_angle(brought[3:], [1, 0, 0, 0]) < 0.02
+    placed = current_pose(engine, "brought")
+    assert np.linalg.norm(placed[:3] - position) < 0.01
+    assert quat_angle(placed[3:], [1, 0, 0, 0]) < 0.02

@@ -1,4 +1,4 @@
-"""Forms made by hand, the simplest ones that show what a form is for."""
+"""Simple geometry for tests, made of a few collision shapes."""
 
 from __future__ import annotations
 
@@ -22,14 +22,16 @@ __all__ = [
 WALL_M = 0.02
 
 
-def geometry(*solids: CollisionShape, **more: Any) -> BodyGeometry:
-    """A form that is only there to be touched."""
-    told = repr((solids, sorted(more.items())))
-    return BodyGeometry(key=hashlib.sha256(told.encode()).hexdigest()[:16], visuals=(), collision_shapes=solids, **more)
+def geometry(*shapes: CollisionShape, **more: Any) -> BodyGeometry:
+    """Geometry with collision shapes and without visual meshes."""
+    key_text = repr((shapes, sorted(more.items())))
+    return BodyGeometry(
+        key=hashlib.sha256(key_text.encode()).hexdigest()[:16], visuals=(), collision_shapes=shapes, **more
+    )
 
 
 def box_shape(low: Vector, high: Vector) -> CollisionShape:
-    """A box from corner to corner."""
+    """A box between two corners."""
     (a, b, c), (d, e, f) = low, high
     return CollisionShape(size=(d - a, e - b, f - c), pose=Pose(((a + d) / 2, (b + e) / 2, (c + f) / 2)))
 
@@ -49,7 +51,7 @@ def bin_geometry(size: Vector, *, wall: float = WALL_M, **more: Any) -> BodyGeom
 def cabinet_geometry(
     size: Vector, *, shelves: tuple[float, ...] = (), wall: float = WALL_M, **more: Any
 ) -> BodyGeometry:
-    """A box that is open towards x, with the tops of its shelves at some heights over its middle."""
+    """A box that is open towards x, with upper sides of shelves at heights relative to its center."""
     x, y, z = (extent / 2 for extent in size)
     boards = [
         box_shape((-x, -y, -z), (x, y, -z + wall)),
@@ -63,7 +65,7 @@ def cabinet_geometry(
 
 
 def table_geometry(size: Vector, *, wall: float = 0.04, **more: Any) -> BodyGeometry:
-    """A top on four legs."""
+    """A table top on four legs."""
     x, y, z = (extent / 2 for extent in size)
     legs = [
         box_shape(
@@ -76,18 +78,18 @@ def table_geometry(size: Vector, *, wall: float = 0.04, **more: Any) -> BodyGeom
 
 
 def wedge_geometry(size: Vector, **more: Any) -> BodyGeometry:
-    """A ramp that goes up along x, one hull."""
+    """A ramp that ascends along x, as one hull."""
     x, y, z = (extent / 2 for extent in size)
     points = ((-x, -y, -z), (-x, y, -z), (x, -y, -z), (x, y, -z), (x, -y, z), (x, y, z))
     return geometry(CollisionShape(type=CollisionShapeType.HULL, size=size, points=points), **more)
 
 
 def single_shape_geometry(type: CollisionShapeType, size: Vector, **more: Any) -> BodyGeometry:
-    """One solid of some kind, upright in the middle."""
+    """One collision shape at the body's own pose."""
     return geometry(CollisionShape(type=type, size=size), **more)
 
 
 def as_vector(row: Array) -> Vector:
-    """Three numbers of an array."""
+    """Three numbers of an array as a tuple."""
     x, y, z = row.tolist()
     return x, y, z

@@ -1,7 +1,8 @@
-"""A stand-in for Unreal with its plugin, written from the reference of the services and not with our messages.
+"""A fake of Unreal's plugin UROSWorldControl, written from the service reference without Mindstage's message classes.
 
-It joins a rosbridge as the plugin does and answers there. Each field of a request is read; one that is missing, of
-another type or unknown is an error. Actors are kept as Unreal has them: left-handed centimetres in single precision.
+It connects to a rosbridge server as the plugin does and offers its services. Every field of a request is checked; a
+missing or unknown field, or one of another type, is an error. Actors have Unreal's conventions: left-handed,
+centimeters, single precision.
 """
 
 from __future__ import annotations
@@ -70,10 +71,10 @@ REQUESTS: dict[str, tuple[str, Json]] = {
 
 
 def check_fields(value: Any, schema: Any, path: str) -> None:
-    """Reads each field.
+    """Checks the fields of a request.
 
     Raises:
-        ValueError: one is missing, too many, or of another type.
+        ValueError: a field is missing, unknown, or of another type.
     """
     if isinstance(schema, dict):
         if not isinstance(value, dict) or value.keys() != schema.keys():
@@ -93,7 +94,7 @@ def check_fields(value: Any, schema: Any, path: str) -> None:
 
 
 class Actor:
-    """One static mesh actor."""
+    """A static mesh actor."""
 
     def __init__(self, model: Json) -> None:
         self.model = model
@@ -108,38 +109,38 @@ class Actor:
 
 
 class FakeUnrealPlugin:
-    """The plugin, from when it is made until `close`."""
+    """The plugin, from creation until `close`."""
 
     def __init__(self, url: str, *, namespace: str = "unreal") -> None:
         self.actors: dict[str, Actor] = {}
         self.joints: dict[str, Json] = {}
         self.order: list[str] = []
-        """What was spawned, in the order in which it was."""
+        """Ids in the order in which they were spawned."""
         self.obstructed: set[str] = set()
-        """Ids for which there is no room."""
+        """Ids of models whose place is obstructed."""
         self.without_mesh: set[str] = set()
-        """Names of meshes that are not among the content."""
+        """Names of meshes that the project does not contain."""
         self.unbreakable_failures: set[str] = set()
-        """Ids of constraints and children that something is wrong with."""
+        """Ids of joints and children that fail."""
         self.calls: list[str] = []
         self.stops_after = -1
-        """So many actors stand when it stops in the middle of a map."""
+        """Number of actors after which it stops in the middle of a map."""
         self.stopped = threading.Event()
         self._left = threading.Event()
         self._url, self._namespace = url, namespace
         self.connect()
 
     def connect(self) -> None:
-        """Comes to the rosbridge, with the actors that it has."""
+        """Connects to the server, with the actors that exist."""
         self.stops_after = -1
         self._left.clear()
         self._client = RosbridgeClient(self._url).wait_connected(20.0)
-        for name, (type, form) in REQUESTS.items():
-            service_type(f"world_control_msgs/{type}")  # so that a wrong name here is seen here
-            self._advertise(f"/{self._namespace}/{name}", type, form, getattr(self, name))
+        for name, (type, schema) in REQUESTS.items():
+            service_type(f"world_control_msgs/{type}")  # fails here for a wrong name
+            self._advertise(f"/{self._namespace}/{name}", type, schema, getattr(self, name))
 
     def close(self) -> None:
-        """Leaves, in the middle of whatever it does."""
+        """Disconnects at once."""
         self._client.close()
         self._left.set()
 
@@ -181,7 +182,7 @@ class FakeUnrealPlugin:
         return {"success": self._attach(args)}
 
     def _spawn(self, model: Json) -> str:
-        """Why it was not spawned; empty where it was."""
+        """The reason why a model was not spawned; empty on success."""
         id = model["id"]
         if len(self.actors) == self.stops_after:
             self.stopped.set()
@@ -214,33 +215,33 @@ class FakeUnrealPlugin:
         self.order.append(f"{parent}<-{child}")
         return True
 
-    # -- changing ------------------------------------------------------------------------------------------------------
+    # -- changes -------------------------------------------------------------------------------------------------------
 
     def delete_model(self, args: Json) -> Json:
-        gone = self.actors.pop(args["id"], None) or self.joints.pop(args["id"], None)
+        deleted = self.actors.pop(args["id"], None) or self.joints.pop(args["id"], None)
         for actor in self.actors.values():
             if actor.parent == args["id"]:
                 actor.parent = ""
-        return {"success": gone is not None}
+        return {"success": deleted is not None}
 
     def delete_all(self, args: Json) -> Json:
         value = None if args["ignore_value"] else args["value_to_delete"]
-        meant = [
+        selected = [
             id
             for id, actor in self.actors.items()
             if actor.has_tag(args["type_to_delete"], args["key_to_delete"], value)
         ]
-        for id in meant:
+        for id in selected:
             self.delete_model({"id": id})
-        return {"success": bool(meant)}
+        return {"success": bool(selected)}
 
     def set_model_pose(self, args: Json) -> Json:
         actor = self.actors.get(args["id"])
         if actor is None or args["id"] in self.obstructed:
             return {"success": False}
-        place = to_unreal(args["pose"])
-        change = pose_multiply(place, pose_inverse(actor.unreal_pose))
-        actor.unreal_pose = place
+        pose = to_unreal(args["pose"])
+        change = pose_multiply(pose, pose_inverse(actor.unreal_pose))
+        actor.unreal_pose = pose
         for child in self._descendants(args["id"]):
             self.actors[child].unreal_pose = pose_multiply(change, self.actors[child].unreal_pose).astype(np.float32)
         return {"success": True}
@@ -269,20 +270,20 @@ class FakeUnrealPlugin:
 
     def _descendants(self, id: str) -> list[str]:
         children = [child for child, actor in self.actors.items() if actor.parent == id]
-        return children + [deeper for child in children for deeper in self._descendants(child)]
+        return children + [grandchildren for child in children for grandchildren in self._descendants(child)]
 
 
 def to_unreal(pose: Json) -> np.ndarray:
-    """x y z [cm], then w x y z, left-handed: y and with it two of the rotations' signs are turned round."""
-    at, turn = pose["position"], pose["orientation"]
-    row = [100 * at["x"], -100 * at["y"], 100 * at["z"], turn["w"], -turn["x"], turn["y"], -turn["z"]]
-    place = np.array(row, dtype=np.float32)
-    place[3:] /= np.linalg.norm(place[3:])  # an FQuat that is no unit quaternion turns nothing
-    return place
+    """Converts to x y z [cm], then w x y z, left-handed: mirrored in y."""
+    at, rotation = pose["position"], pose["orientation"]
+    row = [100 * at["x"], -100 * at["y"], 100 * at["z"], rotation["w"], -rotation["x"], rotation["y"], -rotation["z"]]
+    pose = np.array(row, dtype=np.float32)
+    pose[3:] /= np.linalg.norm(pose[3:])  # Unreal ignores an FQuat that is not a unit quaternion
+    return pose
 
 
-def to_ros(place: np.ndarray) -> Json:
-    x, y, z, w, i, j, k = map(float, place)
+def to_ros(pose: np.ndarray) -> Json:
+    x, y, z, w, i, j, k = map(float, pose)
     return {
         "position": {"x": x / 100, "y": -y / 100, "z": z / 100},
         "orientation": {"x": -i, "y": j, "z": -k, "w": w},

@@ -1,4 +1,4 @@
-"""What MuJoCo need not look at: drawers that get to no wall, and kinematic bodies that nobody moves."""
+"""Scenery in MuJoCo: contacts excluded for bodies out of reach, and kinematic bodies that do not move."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from tests.engines.scenes import FLOOR, body, prismatic_joint, revolute_joint, w
 
 
 def with_wall(x: float, *, y: float = 0.0) -> World:
-    """A drawer that comes out by 0.45 m, to x = 0.75 m; a door that turns about (0, 2.3), and a wall."""
+    """A drawer that opens by 0.45 m, to x = 0.75 m; a door that turns about (0, 2.3); and a wall."""
     return world(
         FLOOR,
         body("wall", (x, y, 1.0), (0.1, 0.5, 2.0)),
@@ -30,46 +30,46 @@ def with_wall(x: float, *, y: float = 0.0) -> World:
     )
 
 
-def unreached(place: World) -> set[str]:
-    """The bodies that get to no scenery, asked of the very plan that a model is built from."""
-    keeper = ModelCache(0.002)
-    keeper.add(place)
-    plan = keeper.model_input()
-    fixed = [found for found in place.bodies if found.id in {"floor", "wall"}]
+def unreached(position: World) -> set[str]:
+    """The bodies that never reach the scenery, computed from the input of a model."""
+    cache = ModelCache(0.002)
+    cache.add(position)
+    model_input = cache.model_input()
+    fixed = [found for found in position.bodies if found.id in {"floor", "wall"}]
     scenery = OrientedBoxes.from_poses(
-        pose_array(found.pose for found in fixed), plan.sizes[[plan.rows[found.id] for found in fixed]]
+        pose_array(found.pose for found in fixed), model_input.sizes[[model_input.rows[found.id] for found in fixed]]
     )
-    axes = {constraint.id: movable_axes(constraint) for constraint in place.joints}
-    return set(cull_static_contacts(plan, axes, scenery))
+    axes = {joint.id: movable_axes(joint) for joint in position.joints}
+    return set(cull_static_contacts(model_input, axes, scenery))
 
 
-@pytest.mark.parametrize(("x", "far"), [(2.0, True), (0.9, True), (0.79, False), (0.6, False), (-0.9, True)])
-def test_a_drawer_gets_as_far_as_its_limit_and_a_little_farther(x: float, *, far: bool) -> None:
-    assert ("drawer" in unreached(with_wall(x))) is far
+@pytest.mark.parametrize(("x", "is_unreached"), [(2.0, True), (0.9, True), (0.79, False), (0.6, False), (-0.9, True)])
+def test_the_swept_box_of_a_drawer_extends_slightly_beyond_its_limit(x: float, *, is_unreached: bool) -> None:
+    assert ("drawer" in unreached(with_wall(x))) is is_unreached
 
 
-@pytest.mark.parametrize(("x", "far"), [(2.0, True), (1.05, True), (0.9, False)])
-def test_a_door_is_taken_to_turn_all_the_way_round(x: float, *, far: bool) -> None:
-    assert ("door" in unreached(with_wall(x, y=2.3))) is far
+@pytest.mark.parametrize(("x", "is_unreached"), [(2.0, True), (1.05, True), (0.9, False)])
+def test_a_door_is_assumed_to_turn_fully(x: float, *, is_unreached: bool) -> None:
+    assert ("door" in unreached(with_wall(x, y=2.3))) is is_unreached
 
 
-def test_a_drawer_that_is_open_has_all_of_its_way_back_before_it() -> None:
+def test_the_swept_box_of_an_open_drawer_includes_its_way_back() -> None:
     engine = MujocoEngine()
     engine.spawn(with_wall(-0.65))
     engine.set_pose(BodyId("drawer"), Pose((0.3, 0, 0.3)))
-    engine.spawn(world(body("lamp", (5, 5, 1), (0.1, 0.1, 0.1))))  # so that there is a new model
+    engine.spawn(world(body("lamp", (5, 5, 1), (0.1, 0.1, 0.1))))  # forces a new model
     apply_force_for(engine, "drawer", (-20.0, 0.0, 0.0), 2.0)
     assert current_pose(engine, "drawer")[0] == pytest.approx(-0.3, abs=0.005)
 
 
-def test_a_wall_in_the_way_still_stops_a_drawer() -> None:
+def test_a_wall_within_reach_stops_a_drawer() -> None:
     engine = MujocoEngine()
     engine.spawn(with_wall(0.6))
     apply_force_for(engine, "drawer", (20.0, 0.0, 0.0), 2.0)
     assert current_pose(engine, "drawer")[0] == pytest.approx(0.6 - 0.05 - 0.3, abs=0.005)
 
 
-def test_a_wall_that_is_put_in_the_way_later_stops_a_drawer() -> None:
+def test_a_wall_added_later_stops_a_drawer() -> None:
     engine = MujocoEngine()
     engine.spawn(with_wall(2.0))
     engine.step(0.01)
@@ -78,7 +78,7 @@ def test_a_wall_that_is_put_in_the_way_later_stops_a_drawer() -> None:
     assert current_pose(engine, "drawer")[0] == pytest.approx(0.25, abs=0.005)
 
 
-def test_a_kinematic_body_is_part_of_the_scenery_until_it_is_moved_and_then_moves_without_a_new_model() -> None:
+def test_a_kinematic_body_is_scenery_until_it_moves_and_then_needs_no_new_model() -> None:
     engine = MujocoEngine()
     engine.spawn(
         world(FLOOR, body("one", (0, 0, 1), (1, 1, 0.1), "kinematic"), body("two", (3, 0, 1), (1, 1, 1), "kinematic"))
@@ -94,7 +94,7 @@ def test_a_kinematic_body_is_part_of_the_scenery_until_it_is_moved_and_then_move
     assert [current_pose(engine, id)[2] for id in ("one", "two")] == [3.0, 2.0]
 
 
-def test_what_stands_on_a_kinematic_body_is_carried_off_by_its_first_move() -> None:
+def test_the_first_move_of_a_kinematic_body_carries_what_it_supports() -> None:
     engine = MujocoEngine()
     engine.spawn(
         world(
@@ -103,17 +103,17 @@ def test_what_stands_on_a_kinematic_body_is_carried_off_by_its_first_move() -> N
             body("cup", (0, 0, 1.1), (0.1,) * 3, "dynamic", 0.3),
         )
     )
-    engine.step(2.0)  # the cup sleeps
+    engine.step(2.0)  # the cup falls asleep
     engine.set_pose(BodyId("tray"), Pose((5, 0, 1)))
     engine.step(1.5)
     assert current_pose(engine, "cup")[2] == pytest.approx(0.05, abs=0.01)
 
 
-def test_scenery_beyond_reach_is_told_to_mujoco() -> None:
+def test_contacts_with_scenery_out_of_reach_are_excluded() -> None:
     engine = MujocoEngine()
     engine.spawn(with_wall(2.0))
-    live = engine._cache.model()
-    pairs = {(int(each) >> 16, int(each) & 0xFFFF) for each in live.model.exclude_signature}
-    assert (0, live.body_ids[BodyId("drawer")]) in pairs
-    mujoco.mj_forward(live.model, live.data)
-    assert live.data.ncon == 0
+    compiled = engine._cache.model()
+    pairs = {(int(each) >> 16, int(each) & 0xFFFF) for each in compiled.model.exclude_signature}
+    assert (0, compiled.body_ids[BodyId("drawer")]) in pairs
+    mujoco.mj_forward(compiled.model, compiled.data)
+    assert compiled.data.ncon == 0

@@ -1,4 +1,4 @@
-"""Six coordinates of a joint: what goes in comes out."""
+"""Joint coordinates and poses are converted without loss."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ lengths, wide, narrow = st.floats(-3, 3), st.floats(-3.1, 3.1), st.floats(-1.5, 
 
 
 @given(st.tuples(lengths, lengths, lengths, wide, narrow, wide))
-def test_coordinates_of_six_axes_come_back(place: tuple[float, ...]) -> None:
+def test_coordinates_of_six_axes_are_recovered_from_the_pose(place: tuple[float, ...]) -> None:
     np.testing.assert_allclose(joint_coordinates(pose_from_joint_coordinates(place), SIX), place, atol=1e-6)
 
 
 @pytest.mark.parametrize("index", [3, 4, 5])
 @given(angle=wide)
-def test_one_hinge_turns_all_the_way(index: int, angle: float) -> None:
+def test_a_single_hinge_turns_fully(index: int, angle: float) -> None:
     place = np.zeros(6)
     place[index] = angle
     np.testing.assert_allclose(

@@ -1,4 +1,4 @@
-"""Any world with any forms: MuJoCo takes it, gives it back, and runs it or says why it cannot."""
+"""Random worlds with random geometry in MuJoCo."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from mindstage.errors import SimulationDivergedError
 from mindstage.scene import BodyGeometry, BodyId, CollisionShape, CollisionShapeType, Pose, World, diff
 from mindstage.scene.transforms import quat_rotate
 from tests.engines.contract import apply_force_for, current_pose
-from tests.engines.formed import as_vector, bin_geometry, cabinet_geometry, geometry
+from tests.engines.geometries import as_vector, bin_geometry, cabinet_geometry, geometry
 from tests.engines.scenes import FLOOR, LIMIT_M, body, prismatic_joint, world
 from tests.worlds import worlds
 
@@ -28,8 +28,8 @@ quaternions = st.tuples(*[st.floats(0.1, 1.0)] * 4).map(
 
 
 @st.composite
-def solids(draw: st.DrawFn) -> CollisionShape:
-    """Solids of every kind, flat, thin and crooked ones among them."""
+def collision_shapes(draw: st.DrawFn) -> CollisionShape:
+    """Collision shapes of all types, including flat, thin and rotated ones."""
     return CollisionShape(
         type=draw(st.sampled_from(CollisionShapeType)),
         size=(draw(lengths), draw(lengths), draw(lengths)),
@@ -39,28 +39,28 @@ def solids(draw: st.DrawFn) -> CollisionShape:
 
 
 @st.composite
-def forms(draw: st.DrawFn) -> BodyGeometry:
+def geometries(draw: st.DrawFn) -> BodyGeometry:
     more = {
         name: draw(st.none() | st.floats(0.0, most))
         for name, most in (("friction", 2.0), ("restitution", 1.0), ("density", 8000.0))
     }
-    return geometry(*draw(st.lists(solids(), max_size=5)), **more)
+    return geometry(*draw(st.lists(collision_shapes(), max_size=5)), **more)
 
 
 @settings(max_examples=40, suppress_health_check=[HealthCheck.too_slow])
-@given(described=worlds(max_bodies=5), made=st.lists(forms(), min_size=5, max_size=5))
-def test_any_world_with_any_forms_comes_back_identical_and_runs(described: World, made: list[BodyGeometry]) -> None:
-    worn = {body.id: form for body, form in zip(described.bodies, made, strict=False)}
+@given(described=worlds(max_bodies=5), made=st.lists(geometries(), min_size=5, max_size=5))
+def test_any_world_with_any_geometry_is_returned_unchanged_and_runs(described: World, made: list[BodyGeometry]) -> None:
+    used_geometry = {body.id: body_geometry for body, body_geometry in zip(described.bodies, made, strict=False)}
     engine = MujocoEngine()
-    assert engine.spawn(described, geometry=worn).ok
+    assert engine.spawn(described, geometry=used_geometry).ok
     assert diff(described, engine.snapshot()).identical(0.0)
-    with contextlib.suppress(SimulationDivergedError):  # a body put a kilometre into another may well break
+    with contextlib.suppress(SimulationDivergedError):  # a body moved a kilometer into another may well diverge
         engine.step(0.02)
         assert np.isfinite(engine.poses()[1]).all()
-    mujoco.MjModel.from_xml_string(world_to_mjcf(described, geometry=worn).text)
+    mujoco.MjModel.from_xml_string(world_to_mjcf(described, geometry=used_geometry).text)
 
 
-def test_a_crowd_of_forms_in_one_place_is_spawned_and_does_not_explode() -> None:
+def test_a_crowd_of_geometries_in_one_place_does_not_explode() -> None:
     crate = bin_geometry((0.3, 0.3, 0.2))
     bodies = [body(f"b{i}", (0, 0, 1), (0.3, 0.3, 0.2), "dynamic", 1.0, gravity=False) for i in range(270)]
     engine = MujocoEngine()
@@ -80,10 +80,10 @@ gaps = st.floats(-0.003, 0.003)
     beside=gaps,
     turn=st.floats(0.0, 6.0),
 )
-def test_drawers_open_however_badly_the_map_was_measured(
+def test_drawers_open_in_an_inaccurate_map(
     wide: float, high: float, between: list[float], beside: float, turn: float
 ) -> None:
-    """Three drawers one over another and a cupboard beside them, a little apart or a little in one another."""
+    """Three drawers, one above the other, and a cupboard beside them, with small gaps or overlaps."""
     quaternion = (float(np.cos(turn / 2)), 0.0, 0.0, float(np.sin(turn / 2)))
 
     def at(x: float, y: float, z: float) -> tuple[float, float, float]:
@@ -98,13 +98,13 @@ def test_drawers_open_however_badly_the_map_was_measured(
         prismatic_joint(f"slide{i}", "case", f"drawer{i}", at(0, 0, z), quaternion=quaternion)
         for i, z in enumerate(heights)
     ]
-    middle = case[2] / 2 + 0.05
+    center = case[2] / 2 + 0.05
     engine = MujocoEngine()
     engine.spawn(
         world(
             FLOOR,
-            body("case", at(0, 0, middle), case, quaternion=quaternion),
-            body("cupboard", at(0.01, wide / 2 + 0.2 + beside, middle), cupboard, quaternion=quaternion),
+            body("case", at(0, 0, center), case, quaternion=quaternion),
+            body("cupboard", at(0.01, wide / 2 + 0.2 + beside, center), cupboard, quaternion=quaternion),
             *drawers,
             *slides,
         ),
@@ -117,5 +117,5 @@ def test_drawers_open_however_badly_the_map_was_measured(
     engine.step(0.5)
     for i in range(3):
         apply_force_for(engine, f"drawer{i}", at(20.0, 0, 0), 1.2)
-        way = quat_rotate((quaternion[0], 0, 0, -quaternion[3]), current_pose(engine, f"drawer{i}")[:3])
-        assert abs(way[0] - 0.01 - LIMIT_M) < 0.001, (i, way)
+        direction = quat_rotate((quaternion[0], 0, 0, -quaternion[3]), current_pose(engine, f"drawer{i}")[:3])
+        assert abs(direction[0] - 0.01 - LIMIT_M) < 0.001, (i, direction)

@@ -1,4 +1,4 @@
-"""A far side that answers as it is told to: properly, or not at all, or twice, or with nonsense."""
+"""A fake remote engine, whose responses can be set to valid, missing, duplicate or invalid ones."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ REPORT = dict.fromkeys(("bodies", "constraints", "attachments"), 0) | {
 
 
 def ok_response(**values: Any) -> Responder:
-    """Answers with these values, and says that all went well."""
-    told = {"success": True, "refusal": NO_REFUSAL, **values}
-    return lambda call: [response(call, told)]
+    """Responds with success and these values."""
+    values_sent = {"success": True, "refusal": NO_REFUSAL, **values}
+    return lambda call: [response(call, values_sent)]
 
 
 def failed(text: Any) -> Responder:
@@ -46,7 +46,7 @@ def response(call: dict[str, Any], values: Any, *, result: bool = True) -> str:
 
 
 class FakeRemote:
-    """Serves as a context; `respond` may be changed at any time."""
+    """A context manager; `respond` may be changed at any time."""
 
     def __init__(self) -> None:
         self.respond: dict[str, Responder] = {

@@ -1,4 +1,4 @@
-"""Another Mindstage, in this process and yet behind a real socket; it can be ended and started anew at its port."""
+"""A Mindstage server in this process, reached through a real socket; it can be restarted at the same port."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ __all__ = ["ServedSimulation"]
 
 
 class ServedSimulation:
-    """A stage that is served, as `mindstage serve` does it."""
+    """A simulation with a rosbridge server, like `mindstage serve`."""
 
     def __init__(self, make: Callable[[], Engine] = MujocoEngine, **server: Any) -> None:
-        """Nothing is served yet.
+        """Configures the server without starting it.
 
         Args:
-            make: the engine, anew at each start.
+            make: creates the engine at each start.
             server: options of `RosbridgeServer`.
         """
         self._make_engine = make
@@ -35,9 +35,9 @@ class ServedSimulation:
 
     def start(self) -> ServedSimulation:
         self.knowledge = self._open.enter_context(KnowledgeBase())
-        self.stage = self._open.enter_context(Simulation(self.knowledge, self._make_engine()))
+        self.simulation = self._open.enter_context(Simulation(self.knowledge, self._make_engine()))
         self.hub = self._open.enter_context(LocalNode())
-        self._open.enter_context(RosInterface(self.stage, self.hub))
+        self._open.enter_context(RosInterface(self.simulation, self.hub))
         self.server = self._open.enter_context(RosbridgeServer(self.hub, **self._options))
         self._options["port"] = self.server.port
         return self
