@@ -35,30 +35,30 @@ def kitchen_knowledge() -> KnowledgeBase:
 
 
 @pytest.fixture(scope="session")
-def kitchen_stage(kitchen_knowledge: KnowledgeBase) -> Iterator[Simulation]:
-    """A stage on which nobody spawns anything."""
-    with Simulation(kitchen_knowledge, NullEngine()) as stage:
-        yield stage
+def kitchen_simulation(kitchen_knowledge: KnowledgeBase) -> Iterator[Simulation]:
+    """A simulation on which nobody spawns anything."""
+    with Simulation(kitchen_knowledge, NullEngine()) as simulation:
+        yield simulation
 
 
 @pytest.fixture
-def kitchen(prolog: Path, kitchen_stage: Simulation) -> Iterator[PrologConsole]:
+def kitchen(prolog: Path, kitchen_simulation: Simulation) -> Iterator[PrologConsole]:
     """A console to ask about the bundled kitchen; it is not to be changed."""
-    with PrologConsole(kitchen_stage) as console:
+    with PrologConsole(kitchen_simulation) as console:
         yield console
 
 
 @pytest.fixture
-def stage() -> Iterator[Simulation]:
+def simulation() -> Iterator[Simulation]:
     """A kitchen to be changed."""
     knowledge = KnowledgeBase()
     knowledge.load(bundled_kitchen())
-    with Simulation(knowledge, NullEngine()) as stage:
-        yield stage
+    with Simulation(knowledge, NullEngine()) as simulation:
+        yield simulation
 
 
 @pytest.fixture
-def console(prolog: Path, stage: Simulation) -> Iterator[PrologConsole]:
+def console(prolog: Path, simulation: Simulation) -> Iterator[PrologConsole]:
     """A console whose knowledge and world may be changed."""
-    with PrologConsole(stage) as console:
+    with PrologConsole(simulation) as console:
         yield console

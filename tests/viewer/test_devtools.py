@@ -63,7 +63,7 @@ say(json.dumps({"id": asked["id"], "result": {"title": "né", "asked": asked}}),
     assert result["asked"] == {"id": 1, "method": "Page.title", "params": {"of": 1}, "sessionId": "S"}
 
 
-def test_events_and_late_replies_between_are_passed_over(start: Start) -> None:
+def test_events_and_late_replies_are_ignored(start: Start) -> None:
     devtools = start("""
 first = ask()
 say(json.dumps({"method": "Page.loaded", "params": {}}) + "\\0" + json.dumps({"id": first["id"], "result": {"n": 1}})

@@ -25,7 +25,7 @@ class PagePointer:
         raise NotImplementedError
 
     def point_at(self, point: Vector) -> None:
-        """Moves the mouse to a place, and waits until the page has seen what is there: it looks once a picture."""
+        """Moves the mouse to a place, and waits until the page has seen what is there: it appearances once a picture."""
         self.page.mouse.move(*self.to_window(point))
         self.page.evaluate(_TWO_PICTURES)
 

@@ -20,19 +20,19 @@ class FakeNode:
         vars(self).update({"visible": True, "scene": scene, "name": name} | properties)
 
     def __setattr__(self, attribute: str, value: Any) -> None:
-        self.scene.told.append((self.name, attribute))
+        self.scene.messages.append((self.name, attribute))
         vars(self)[attribute] = value
 
     def remove(self) -> None:
-        self.scene.told.append((self.name, "remove"))
+        self.scene.messages.append((self.name, "remove"))
         for name in [name for name in self.scene.nodes if f"{name}/".startswith(f"{self.name}/")]:
             del self.scene.nodes[name]
 
-    def on_click(self, react: Callable[[Any], None]) -> None:
-        vars(self)["click"] = react
+    def on_click(self, callback: Callable[[Any], None]) -> None:
+        vars(self)["click"] = callback
 
-    def on_update(self, react: Callable[[Any], None]) -> None:
-        vars(self)["update"] = react
+    def on_update(self, callback: Callable[[Any], None]) -> None:
+        vars(self)["update"] = callback
 
 
 class FakeScene:
@@ -69,10 +69,10 @@ class FakeScene:
     @contextmanager
     def recording(self) -> Iterator[SentMessages]:
         """What is sent in the meantime."""
-        heard: SentMessages = []
+        messages: SentMessages = []
         start = len(self.messages)
-        yield heard
-        heard += self.messages[start:]
+        yield messages
+        messages += self.messages[start:]
 
 
 class FakeClient:
@@ -94,17 +94,17 @@ class FakeServer:
         self.connect_callbacks: list[Callable[[Any], None]] = []
         self.disconnect_callbacks: list[Callable[[Any], None]] = []
 
-    def on_client_connect(self, react: Callable[[Any], None]) -> None:
-        self.connect_callbacks.append(react)
+    def on_client_connect(self, callback: Callable[[Any], None]) -> None:
+        self.connect_callbacks.append(callback)
 
-    def on_client_disconnect(self, react: Callable[[Any], None]) -> None:
-        self.disconnect_callbacks.append(react)
+    def on_client_disconnect(self, callback: Callable[[Any], None]) -> None:
+        self.disconnect_callbacks.append(callback)
 
     def connect(self, client: FakeClient) -> FakeClient:
-        for react in self.connect_callbacks:
-            react(client)
+        for callback in self.connect_callbacks:
+            callback(client)
         return client
 
     def disconnect(self, client: FakeClient) -> None:
-        for react in self.disconnect_callbacks:
-            react(client)
+        for callback in self.disconnect_callbacks:
+            callback(client)

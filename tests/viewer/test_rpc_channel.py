@@ -12,7 +12,7 @@ import pytest
 
 from mindstage.errors import BodyNotFoundError
 from mindstage.viewer.server import ClientSession, RpcChannel, RpcLimits, address, serve, shut_down
-from tests.viewer.guest import PageClient, RequestFailed, connect_page_client
+from tests.viewer.page_client import PageClient, RequestFailed, connect_page_client
 from tests.viewer.waiting import TIMEOUT_S, wait_until
 
 
@@ -38,69 +38,65 @@ def url(channel: RpcChannel) -> Iterator[str]:
 
 
 @pytest.fixture
-def guest(url: str) -> Iterator[PageClient]:
-    with connect_page_client(url) as guest:
-        yield guest
+def client(url: str) -> Iterator[PageClient]:
+    with connect_page_client(url) as client:
+        yield client
 
 
-def test_an_answer_can_be_a_refusal_of_the_world(channel: RpcChannel, guest: PageClient) -> None:
+def test_a_mindstage_error_is_an_error_response(channel: RpcChannel, client: PageClient) -> None:
     def refuse(_: ClientSession, __: Nothing) -> None:
         raise BodyNotFoundError("Cupp", known=["Cup"])
 
     channel.register("look", Nothing, refuse)
     with pytest.raises(RequestFailed, match="BodyUnknown: no body 'Cupp'; near: 'Cup'"):
-        guest.ask("look")
+        client.ask("look")
 
 
-def test_a_defect_of_ours_is_told_to_the_page_and_to_the_log(
-    channel: RpcChannel, guest: PageClient, caplog: pytest.LogCaptureFixture
+def test_an_unexpected_exception_is_sent_to_the_page_and_logged(
+    channel: RpcChannel, client: PageClient, caplog: pytest.LogCaptureFixture
 ) -> None:
     def fail(_: ClientSession, __: Nothing) -> None:
         raise KeyError("oops")
 
     channel.register("fail", Nothing, fail)
     with caplog.at_level(logging.ERROR), pytest.raises(RequestFailed, match="Defect: KeyError: 'oops'"):
-        guest.ask("fail")
+        client.ask("fail")
     assert [record.exc_info is not None for record in caplog.records] == [True]
 
 
-def test_a_name_is_offered_once(channel: RpcChannel) -> None:
+def test_a_method_is_registered_once(channel: RpcChannel) -> None:
     channel.register("look", Nothing, lambda *_: None)
-    with pytest.raises(ValueError, match="offered already"):
+    with pytest.raises(ValueError, match="registered already"):
         channel.register("look", Nothing, lambda *_: None)
 
 
-def test_what_is_published_reaches_all_and_those_who_come_later(
-    channel: RpcChannel, url: str, guest: PageClient
-) -> None:
+def test_published_values_reach_all_sessions_and_later_ones(channel: RpcChannel, url: str, client: PageClient) -> None:
     channel.publish("clock", {"time": 1})
-    wait_until(lambda: guest.latest_value("clock") == {"time": 1}, "who is there is told")
+    wait_until(lambda: client.latest_value("clock") == {"time": 1}, "who is there is told")
     channel.publish("clock", {"time": 2})
     with connect_page_client(url) as late:
         wait_until(lambda: late.latest_value("clock") == {"time": 2}, "who comes later is told how it is then")
         assert [value for topic, value in late.events if topic == "clock"] == [{"time": 2}]
 
 
-def test_what_has_not_changed_is_not_sent_again(channel: RpcChannel, guest: PageClient) -> None:
+def test_unchanged_values_are_not_sent_again(channel: RpcChannel, client: PageClient) -> None:
     for value in (1, 1, 1, 2, 2, 1):
         channel.publish("value", value)
-        wait_until(lambda value=value: guest.latest_value("value") == value, "it is told")
-    assert [value for topic, value in guest.events if topic == "value"] == [1, 2, 1]
+        wait_until(lambda value=value: client.latest_value("value") == value, "it is told")
+    assert [value for topic, value in client.events if topic == "value"] == [1, 2, 1]
 
 
-def test_what_happened_is_told_once_and_not_to_those_who_come_later(
-    channel: RpcChannel, url: str, guest: PageClient
-) -> None:
+def test_events_are_sent_once_and_not_to_later_sessions(channel: RpcChannel, url: str, client: PageClient) -> None:
     wait_until(lambda: channel.sessions, "somebody is there")
     channel.broadcast("toast", "bread")
-    wait_until(lambda: guest.latest_value("toast") == "bread", "who is there is told")
+    wait_until(lambda: client.latest_value("toast") == "bread", "who is there is told")
     channel.publish("after", True)
     with connect_page_client(url) as late:
-        wait_until(lambda: late.latest_value("after"), "the late one has heard all that there is")
+        wait_until(lambda: late.latest_value("after"), "the late one has messages all that there is")
         assert "toast" not in late.latest
 
 
-def test_one_visitor_is_told_what_others_are_not(channel: RpcChannel, url: str) -> None:
+def test_events_can_be_sent_to_one_session(channel: RpcChannel, url: str) -> None:
     with connect_page_client(url, key="a" * 8) as ann, connect_page_client(url, key="b" * 8) as bob:
         wait_until(lambda: len(channel.sessions) == 2, "both are there")
         visitor = channel.session("a" * 8)
@@ -114,7 +110,7 @@ def test_one_visitor_is_told_what_others_are_not(channel: RpcChannel, url: str) 
         assert not {"mine", "mine too"} & bob.latest.keys()
 
 
-def test_a_long_answer_stops_nothing_but_its_own_lane(channel: RpcChannel, guest: PageClient) -> None:
+def test_a_slow_request_blocks_only_its_own_queue(channel: RpcChannel, client: PageClient) -> None:
     let_go, done = threading.Event(), list[int]()
 
     def wait(_: ClientSession, wish: Number) -> None:
@@ -124,42 +120,42 @@ def test_a_long_answer_stops_nothing_but_its_own_lane(channel: RpcChannel, guest
     channel.register("slow", Number, wait, queue="slow")
     channel.register("quick", Number, lambda _, wish: wish.number)
     for number in (1, 2, 3):
-        guest.socket.send(json.dumps({"id": -number, "method": "slow", "params": {"number": number}}))
-    assert guest.ask("quick", number=7) == 7
+        client.socket.send(json.dumps({"id": -number, "method": "slow", "params": {"number": number}}))
+    assert client.ask("quick", number=7) == 7
     assert done == []
     let_go.set()
     wait_until(lambda: len(done) == 3, "the others are answered")
     assert done == [1, 2, 3], "in their order"
 
 
-def test_who_asks_too_much_at_once_is_told_so(channel: RpcChannel, guest: PageClient) -> None:
+def test_too_many_pending_requests_are_refused(channel: RpcChannel, client: PageClient) -> None:
     let_go = threading.Event()
     channel.register("wait", Nothing, lambda *_: let_go.wait(TIMEOUT_S))
     for number in range(-6, 0):
-        guest.socket.send(json.dumps({"id": number, "method": "wait"}))
-    refused = [json.loads(guest.socket.recv(timeout=TIMEOUT_S)) for _ in range(2)]
+        client.socket.send(json.dumps({"id": number, "method": "wait"}))
+    refused = [json.loads(client.socket.recv(timeout=TIMEOUT_S)) for _ in range(2)]
     assert [reply["error"]["type"] for reply in refused] == ["TooMany", "TooMany"]
     let_go.set()
-    answered = [json.loads(guest.socket.recv(timeout=TIMEOUT_S)) for _ in range(4)]
+    answered = [json.loads(client.socket.recv(timeout=TIMEOUT_S)) for _ in range(4)]
     assert all(reply["result"] is True for reply in answered)
 
 
-def test_requests_have_a_rate() -> None:
+def test_the_rate_of_requests_is_limited() -> None:
     slow = RpcChannel(RpcLimits(max_requests_per_second=0.001))
     slow.register("ask", Nothing, lambda *_: True)
     server = serve("127.0.0.1", 0, title="T", channel=slow)
     try:
-        with connect_page_client(address(server)) as guest:
+        with connect_page_client(address(server)) as client:
             for number in range(4):
-                guest.socket.send(json.dumps({"id": number, "method": "ask"}))
-            replies = [json.loads(guest.socket.recv(timeout=TIMEOUT_S)) for _ in range(4)]
+                client.socket.send(json.dumps({"id": number, "method": "ask"}))
+            replies = [json.loads(client.socket.recv(timeout=TIMEOUT_S)) for _ in range(4)]
             assert {reply["error"]["type"] for reply in replies} == {"TooMany"}
     finally:
         shut_down(server)
         slow.close()
 
 
-def test_whoever_comes_and_leaves_is_noticed(channel: RpcChannel, url: str) -> None:
+def test_callbacks_are_called_for_connects_and_disconnects(channel: RpcChannel, url: str) -> None:
     seen: list[tuple[str, str]] = []
     channel.on_connect(lambda visitor: seen.append(("came", visitor.key)))
     channel.on_disconnect(lambda visitor: seen.append(("left", visitor.key)))

@@ -1,4 +1,4 @@
-"""A guest: the page's side of the channel, with a real socket and without a browser."""
+"""A client: the page's side of the channel, with a real socket and without a browser."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ class PageClient:
 def connect_page_client(
     url: str, *, key: str | None = None, headers: dict[str, str] | None = None
 ) -> Iterator[PageClient]:
-    """A guest at the page of that address."""
+    """A client at the page of that address."""
     address = f"{url.replace('http', 'ws', 1)}/mindstage/channel?client={key or secrets.token_hex(8)}"
     with connect(address, additional_headers=headers, open_timeout=TIMEOUT_S, max_size=None) as socket:
         yield PageClient(socket)

@@ -1,4 +1,4 @@
-"""What a visitor does on the page: look, click on a thing, drag it, press a button, type a word."""
+"""What a tab does on the page: open_view, click on a thing, drag it, press a button, type a word."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from mindstage.scene import Vector
 from mindstage.viewer import Viewer
 from mindstage.viewer.camera import CameraPose
 from mindstage.viewer.server import session_key_of
-from tests.viewer.pointing import PagePointer
+from tests.viewer.pointer import PagePointer
 from tests.viewer.waiting import TIMEOUT_S, wait_until
 
 SIZE = (1280, 800)
@@ -37,17 +37,17 @@ def to_picture(view: CameraPose, point: Vector, box: dict[str, float]) -> tuple[
 
 
 class PageTab(PagePointer):
-    """One visitor's browser tab: our page, with the view in it or, for speed, without."""
+    """One tab's browser tab: our page, with the view in it or, for speed, without."""
 
-    def __init__(self, page: Any, viewport: Viewer, *, view: bool) -> None:
-        self.page, self.viewport = page, viewport
+    def __init__(self, page: Any, viewer: Viewer, *, view: bool) -> None:
+        self.page, self.viewer = page, viewer
         self.errors: list[str] = []
         page.on("pageerror", lambda error: self.errors.append(str(error)))
         page.on("console", lambda line: "Content Security" in line.text and self.errors.append(line.text))
         page.set_default_timeout(TIMEOUT_S * 1000)
         if not view:
             page.route("**/view/**", lambda route: route.fulfill(body="", content_type="text/html"))
-        page.goto(f"{viewport.url}/?fixedDpr=1")
+        page.goto(f"{viewer.url}/?fixedDpr=1")
         wait_until(lambda: page.evaluate("document.body.dataset.connected === 'true'"), "the page is connected")
         if view:
             wait_until(lambda: self.camera is not None, "the view is there")
@@ -60,7 +60,7 @@ class PageTab(PagePointer):
     @property
     def camera(self) -> CameraPose | None:
         """Where the view's camera is."""
-        server = self.viewport._server
+        server = self.viewer._server
         for client in server.get_clients().values():
             if session_key_of(client, server) == self.key:
                 camera = client.camera
@@ -84,7 +84,7 @@ class PageTab(PagePointer):
         plain = np.all(pixels == pixels[:, :1], axis=(1, 2))
         return len(np.unique(pixels[~plain].reshape(-1, 3), axis=0))
 
-    # -- the panels ------------------------------------------------------------------------------------------------
+    # -- the panels ----------------------------------------------------------------------------------------------------
 
     def click_button(self, label: str) -> None:
         """Presses the button that does something."""
@@ -121,7 +121,7 @@ class PageTab(PagePointer):
         """What of it changes all the time."""
         return self.page.evaluate("mindstage.detailsPanel.live")  # type: ignore[no-any-return]
 
-    # -- the mouse in the view -------------------------------------------------------------------------------------
+    # -- the mouse in the view -----------------------------------------------------------------------------------------
 
     def to_window(self, point: Vector) -> tuple[float, float]:
         """Where a place in the world [m] is in the window [px]."""
@@ -133,15 +133,15 @@ class PageTab(PagePointer):
 @contextmanager
 def open_tabs(browser: Any) -> Iterator[Callable[..., PageTab]]:
     """Opens tabs, and closes them in the end; a tab in which a script failed fails the test."""
-    visits: list[PageTab] = []
+    tabs: list[PageTab] = []
 
-    def visit(viewport: Viewer, *, view: bool = True, size: tuple[int, int] | None = None) -> PageTab:
+    def open_page(viewer: Viewer, *, view: bool = True, size: tuple[int, int] | None = None) -> PageTab:
         size = size or (SMALL if view else SIZE)
         page = browser.new_page(viewport={"width": size[0], "height": size[1]})
-        visits.append(PageTab(page, viewport, view=view))
-        return visits[-1]
+        tabs.append(PageTab(page, viewer, view=view))
+        return tabs[-1]
 
-    yield visit
-    for made in visits:
+    yield open_page
+    for made in tabs:
         made.page.close()
         assert made.errors == []

@@ -15,8 +15,8 @@ from mindstage import Simulation
 from mindstage.scene import Vector
 from mindstage.viewer import Viewer
 from mindstage.viewer.camera import CameraPose
-from tests.viewer.pointing import PagePointer
-from tests.viewer.visiting import to_picture
+from tests.viewer.page_tab import to_picture
+from tests.viewer.pointer import PagePointer
 from tests.viewer.waiting import becomes_true, wait_until
 
 __all__ = ["ViewTab", "open_views"]
@@ -28,21 +28,21 @@ _DRAWN = "name => (window.__viserMutable?.nodeRefFromName[name]?.children.length
 
 
 class ViewTab(PagePointer):
-    """One visitor's browser tab with nothing but the view."""
+    """One tab's browser tab with nothing but the view."""
 
-    def __init__(self, page: Any, viewport: Viewer) -> None:
-        self.page, self.viewport = page, viewport
+    def __init__(self, page: Any, viewer: Viewer) -> None:
+        self.page, self.viewer = page, viewer
         self.errors: list[str] = []
         page.on("pageerror", lambda error: self.errors.append(str(error)))
-        before = set(viewport.views.clients)
-        page.goto(f"{viewport.url}/view/{secrets.token_hex(8)}/?fixedDpr=1", timeout=1000 * _OPEN_TIMEOUT_S)
-        wait_until(lambda: set(viewport.views.clients) - before, "the visitor is known", timeout_s=_OPEN_TIMEOUT_S)
-        self.number = max(set(viewport.views.clients) - before)
+        before = set(viewer.views.clients)
+        page.goto(f"{viewer.url}/view/{secrets.token_hex(8)}/?fixedDpr=1", timeout=1000 * _OPEN_TIMEOUT_S)
+        wait_until(lambda: set(viewer.views.clients) - before, "the tab is known", timeout_s=_OPEN_TIMEOUT_S)
+        self.number = max(set(viewer.views.clients) - before)
 
     @property
     def camera_position(self) -> CameraPose:
         """Where the camera is."""
-        camera = self.viewport._server.get_clients()[self.number].camera
+        camera = self.viewer._server.get_clients()[self.number].camera
         position, look_at = (tuple(map(float, place)) for place in (camera.position, camera.look_at))
         return CameraPose(position, look_at, float(camera.fov))  # type: ignore[arg-type]
 
@@ -59,7 +59,7 @@ class ViewTab(PagePointer):
         wait_until(self._is_still, "the camera is where it begins")
 
     def _is_still(self) -> bool:
-        if self.number not in self.viewport._server.get_clients():
+        if self.number not in self.viewer._server.get_clients():
             return True  # who was cut off is somebody else when he is back
         before = self.camera_position
         self.page.wait_for_timeout(250)
@@ -74,11 +74,11 @@ class ViewTab(PagePointer):
         return np.asarray(Image.open(io.BytesIO(picture)).convert("RGB"))
 
     def drag_until(self, start: Vector, end: Vector, condition: Callable[[], object], label: str) -> None:
-        """Pulls what is at one place to another; again where a slow browser took it for a look round."""
+        """Pulls what is at one place to another; again where a slow browser took it for a open_view round."""
 
         def done() -> bool:
             self.press_and_move(start, end)
-            if becomes_true(lambda: self.viewport._drag_controller.drag_forces) and becomes_true(condition):
+            if becomes_true(lambda: self.viewer._drag_controller.drag_forces) and becomes_true(condition):
                 return True
             self.release()
             return False
@@ -91,16 +91,16 @@ def open_views(browser: Any) -> Iterator[Callable[[Viewer], ViewTab]]:
     """Opens views, and closes them in the end; one in which a script failed fails the test."""
     made: list[ViewTab] = []
 
-    def look(viewport: Viewer) -> ViewTab:
-        made.append(ViewTab(browser.new_page(viewport=SIZE), viewport))
+    def open_view(viewer: Viewer) -> ViewTab:
+        made.append(ViewTab(browser.new_page(viewer=SIZE), viewer))
         return made[-1]
 
-    yield look
+    yield open_view
     for onlooker in made:
         onlooker.page.close()
         assert onlooker.errors == []
 
 
-def position(stage: Simulation, id: str) -> np.ndarray:
+def position(simulation: Simulation, id: str) -> np.ndarray:
     """Where a body is now."""
-    return stage.state.poses[[str(each) for each in stage.state.ids].index(id)][:3]
+    return simulation.state.poses[[str(each) for each in simulation.state.ids].index(id)][:3]
