@@ -1,4 +1,4 @@
-"""`mindstage prolog`, typed."""
+"""The command `mindstage prolog`."""
 
 from __future__ import annotations
 
@@ -63,8 +63,8 @@ def test_the_exit_code_is_the_outcome_of_the_goal(goal: str, code: int, out: str
 def test_all_solutions_as_json(prolog: Path) -> None:
     done = run(KITCHEN, "--json", "-g", "storage_place('Bread', Place, _, Steps)")
     assert done.returncode == 0
-    told = json.loads(done.stdout)
-    assert told["solutions"] == [
+    printed = json.loads(done.stdout)
+    assert printed["solutions"] == [
         {"Place": "http://mindstage.org/ontology#Breadbasket", "Steps": 0},
         {"Place": "http://knowrob.org/kb/knowrob.owl#Refrigerator", "Steps": 3},
     ]
@@ -172,7 +172,7 @@ def test_ctrl_c_ends_a_goal(prolog: Path, tmp_path: Path) -> None:
 
 
 def test_the_simulation_can_be_viewed(prolog: Path) -> None:
-    done = run(KITCHEN, "--viewer", "--port", 0, typed="spawn_semantic_map(_), highlight(fridge).\nhalt.\n")
+    done = run(KITCHEN, "--viewport", "--port", 0, typed="spawn_semantic_map(_), highlight(fridge).\nhalt.\n")
     assert done.returncode == 0
     assert "The world is open at http://127.0.0.1:" in done.stderr
     assert "true." in done.stdout

@@ -1,4 +1,4 @@
-"""Prolog from Python: goals that end, each in one of three ways."""
+"""The Prolog console from Python: solutions, errors, time limits, threads and files."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def test_solutions_come_in_prolog_s_order(kitchen: PrologConsole) -> None:
 def test_values_are_plain(value: str, expected: Any, kitchen: PrologConsole) -> None:
     (row,) = kitchen.solutions(f"X = {value}")
     if isinstance(row["X"], str) and row["X"].startswith("[a|_"):
-        row["X"] = "[a|_]"  # the rest has a number of its own
+        row["X"] = "[a|_]"  # the name of the variable differs
     assert row == {"X": expected}
 
 

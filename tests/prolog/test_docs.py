@@ -1,4 +1,4 @@
-"""The sessions in docs/how-to/prolog.md print what the console prints."""
+"""The examples in docs/how-to/prolog.md."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ def test_sessions_in_the_documentation_print_what_they_show(page: str, least: in
     asked = re.findall(r"^\?- (.*)$", "".join(sessions), re.MULTILINE)
     assert len(asked) >= least
     promised = re.sub(r"^\?- .*\n", "", "\n".join(sessions), flags=re.MULTILINE)
-    told = run("bundled:kitchen", typed="\n".join(asked) + "\n").stdout
-    assert told.strip() == promised.strip()
+    printed = run("bundled:kitchen", typed="\n".join(asked) + "\n").stdout
+    assert printed.strip() == promised.strip()
 
 
 def test_python_examples_in_the_documentation_run(

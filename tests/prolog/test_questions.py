@@ -1,4 +1,4 @@
-"""Every declared question is a predicate, and it is real Prolog that asks them."""
+"""Every declared question is a predicate, with the semantics of Prolog."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Triples under the names that users of SWI-Prolog's semweb library and of KnowRob know."""
+"""RDF predicates, named as in SWI-Prolog's semweb library and KnowRob."""
 
 from __future__ import annotations
 
@@ -106,7 +106,7 @@ def test_class_properties_are_inherited(kitchen: PrologConsole) -> None:
     assert f"{KNOWROB}deviceUsed" in values(kitchen, "owl_class_properties(knowrob:'BakingFood', X, _)")
 
 
-# -- telling -----------------------------------------------------------------------------------------------------------
+# -- assertions --------------------------------------------------------------------------------------------------------
 
 
 def test_an_asserted_triple_is_found_at_once_and_can_be_retracted(console: PrologConsole) -> None:
@@ -119,7 +119,7 @@ def test_an_asserted_triple_is_found_at_once_and_can_be_retracted(console: Prolo
 
 
 @pytest.mark.parametrize(
-    ("told", "shown"),
+    ("value", "shown"),
     [
         ("literal('a b')", f"literal(type('{XSD}string','a b'))"),
         ("literal(3)", f"literal(type('{XSD}integer','3'))"),
@@ -129,12 +129,12 @@ def test_an_asserted_triple_is_found_at_once_and_can_be_retracted(console: Prolo
         ("kitchen:oven", f"'{KITCHEN}oven'"),
     ],
 )
-def test_literals_are_asserted_with_their_datatypes(told: str, shown: str, console: PrologConsole) -> None:
-    console.holds(f"rdf_assert(kitchen:fridge, knowrob:note, {told})")
+def test_literals_are_asserted_with_their_datatypes(value: str, shown: str, console: PrologConsole) -> None:
+    console.holds(f"rdf_assert(kitchen:fridge, knowrob:note, {value})")
     goal = "rdf(kitchen:fridge, knowrob:note, V), format(atom(X), '~q', [V])"
     assert values(console, goal) == [shown]
-    if told.startswith("literal"):
-        assert console.holds(f"rdf_retractall(kitchen:fridge, knowrob:note, {told})")
+    if value.startswith("literal"):
+        assert console.holds(f"rdf_retractall(kitchen:fridge, knowrob:note, {value})")
         assert not console.holds("rdf(kitchen:fridge, knowrob:note, _)")
 
 

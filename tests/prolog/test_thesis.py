@@ -22,8 +22,8 @@ def short(console: PrologConsole, goal: str, variable: str = "X") -> list[str]:
 
 def classes_of(console: PrologConsole, goal: str) -> list[str]:
     """The classes of the individuals that X stands for."""
-    told = f"{goal}, rdf(X, rdf:type, Class), \\+ rdf_global_id(owl:_, Class)"
-    return sorted(short(console, told, "Class"))
+    typed_goal = f"{goal}, rdf(X, rdf:type, Class), \\+ rdf_global_id(owl:_, Class)"
+    return sorted(short(console, typed_goal, "Class"))
 
 
 @pytest.fixture(scope="module")

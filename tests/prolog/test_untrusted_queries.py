@@ -1,4 +1,4 @@
-"""Lines that strangers ask: the questions and what joins them, and nothing that could run, change or read anything."""
+"""Untrusted queries: questions and their combinations are allowed, everything else is refused."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What Prolog does to the running world."""
+"""Predicates that spawn, attach and highlight bodies."""
 
 from __future__ import annotations
 
@@ -63,11 +63,11 @@ def test_models_are_attached_to_one_another(console: PrologConsole, simulation: 
     assert refused.value.error_type == "attachment_refused"
 
 
-# -- lights ------------------------------------------------------------------------------------------------------------
+# -- highlights --------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
-    ("goal", "lit"),
+    ("goal", "highlighted"),
     [
         ("highlight_everything_that_is(Map, knowrob:'Refrigerator')", {"fridge"}),
         ("highlight_likely_storage_place(Map, knowrob:'CowsMilk')", {"fridge"}),
@@ -78,9 +78,11 @@ def test_models_are_attached_to_one_another(console: PrologConsole, simulation: 
         ("highlight([fridge, kitchen:oven])", {"fridge", "oven"}),
     ],
 )
-def test_answers_are_highlighted(goal: str, lit: set[str], console: PrologConsole, simulation: Simulation) -> None:
+def test_answers_are_highlighted(
+    goal: str, highlighted: set[str], console: PrologConsole, simulation: Simulation
+) -> None:
     assert console.holds(f"spawn_semantic_map(Map), {goal}")
-    assert dict(simulation.state.highlights) == dict.fromkeys(lit, COLORS["green"])
+    assert dict(simulation.state.highlights) == dict.fromkeys(highlighted, COLORS["green"])
 
 
 def test_each_device_is_an_answer_while_all_are_highlighted(console: PrologConsole) -> None:
@@ -127,7 +129,7 @@ def test_bodies_that_do_not_exist_cannot_be_highlighted(
     assert refused.value.error_type == "colour_unknown"
 
 
-# -- the place as it is now --------------------------------------------------------------------------------------------
+# -- the current state -------------------------------------------------------------------------------------------------
 
 
 def test_questions_use_the_current_state_of_the_simulation(console: PrologConsole, simulation: Simulation) -> None:

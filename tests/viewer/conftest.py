@@ -1,4 +1,4 @@
-"""A simulation without physics, a page on it, and a browser to open_view at it."""
+"""Fixtures: a simulation without physics, a viewer of it, and a browser."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from tests.viewer.page_tab import PageTab, open_tabs
 
 @pytest.fixture
 def simulation() -> Iterator[Simulation]:
-    """The small kitchen, standing still."""
+    """The small kitchen, paused."""
     with Simulation(KnowledgeBase(), NullEngine()) as simulation:
         simulation.spawn(kitchenette())
         yield simulation
@@ -24,7 +24,7 @@ def simulation() -> Iterator[Simulation]:
 
 @pytest.fixture
 def viewer(simulation: Simulation) -> Iterator[Viewer]:
-    """A page on it, at a port that nobody else has."""
+    """A viewer of it, at a free port."""
     with Viewer(simulation, port=0) as viewer:
         yield viewer
 
@@ -43,6 +43,6 @@ def browser(chromium: Path) -> Iterator[Any]:
 
 @pytest.fixture
 def open_page(browser: Any) -> Iterator[Callable[[Viewer], PageTab]]:
-    """Opens a page in the browser, and closes it in the end."""
+    """Opens pages in the browser, and closes them after the test."""
     with open_tabs(browser) as open_page:
         yield open_page

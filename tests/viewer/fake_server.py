@@ -1,4 +1,4 @@
-"""A server and its visitors' browsers, played by lists: what they would have been sent, and what is there."""
+"""A fake of viser's server and clients that records messages and nodes."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ SentMessages = list[tuple[str, str]]
 
 
 class FakeNode:
-    """A node that tells what becomes of it."""
+    """A node that records changes."""
 
     def __init__(self, scene: FakeScene, name: str, **properties: Any) -> None:
         vars(self).update({"visible": True, "scene": scene, "name": name} | properties)
@@ -36,7 +36,7 @@ class FakeNode:
 
 
 class FakeScene:
-    """Nodes by name."""
+    """A scene: nodes by name, and the messages that were sent."""
 
     def __init__(self) -> None:
         self.messages: SentMessages = []
@@ -51,13 +51,13 @@ class FakeScene:
     add_frame = add_glb = add_mesh_simple = add_line_segments = add_grid = add_label = add_transform_controls = add
     add_light_hemisphere = add_light_directional = add_light_point = add
 
-    def add_batched_glb(self, name: str, data: bytes, turns: Any, places: Any, **properties: Any) -> FakeNode:
-        return self.add(name, data, batched_wxyzs=turns, batched_positions=places, **properties)
+    def add_batched_glb(self, name: str, data: bytes, wxyzs: Any, positions: Any, **properties: Any) -> FakeNode:
+        return self.add(name, data, batched_wxyzs=wxyzs, batched_positions=positions, **properties)
 
     def add_batched_meshes_simple(
-        self, name: str, vertices: Any, faces: Any, turns: Any, places: Any, **properties: Any
+        self, name: str, vertices: Any, faces: Any, wxyzs: Any, positions: Any, **properties: Any
     ) -> FakeNode:
-        return self.add(name, vertices, faces, batched_wxyzs=turns, batched_positions=places, **properties)
+        return self.add(name, vertices, faces, batched_wxyzs=wxyzs, batched_positions=positions, **properties)
 
     def get_handle_by_name(self, name: str) -> FakeNode | None:
         return self.nodes.get(name)
@@ -68,7 +68,7 @@ class FakeScene:
 
     @contextmanager
     def recording(self) -> Iterator[SentMessages]:
-        """What is sent in the meantime."""
+        """The messages sent within the context."""
         messages: SentMessages = []
         start = len(self.messages)
         yield messages
@@ -76,7 +76,7 @@ class FakeScene:
 
 
 class FakeClient:
-    """A visitor's browser."""
+    """A connected client."""
 
     def __init__(self, number: int, *, aspect: float = 1.5) -> None:
         self.client_id, self.scene, self.atomic = number, FakeScene(), nullcontext
@@ -86,7 +86,7 @@ class FakeClient:
 
 
 class FakeServer:
-    """A server whose visitors come and go by hand."""
+    """A server whose clients are connected and disconnected by calls."""
 
     def __init__(self) -> None:
         self.scene, self.atomic = FakeScene(), nullcontext

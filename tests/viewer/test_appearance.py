@@ -1,4 +1,4 @@
-"""How bodies are drawn: as their geometry, and so that nothing hides the room."""
+"""The appearance of bodies: visual meshes, colors, and the parts that would hide the room."""
 
 from __future__ import annotations
 
@@ -102,14 +102,14 @@ def extents(appearance: BodyAppearance) -> np.ndarray:
 
 
 def sides(appearance: BodyAppearance) -> set[tuple[float, ...]]:
-    """Where the triangles appearance to."""
+    """The normals of the triangles."""
     mesh = merge_visuals(appearance.visuals)
     a, b, c = (mesh.points[mesh.faces[:, corner]] for corner in range(3))
     normals = np.cross(b - a, c - a)
     return {tuple(row) for row in np.round(normals / np.linalg.norm(normals, axis=1, keepdims=True)).tolist()}
 
 
-# -- geometry -------------------------------------------------------------------------------------------------------------
+# -- geometry ----------------------------------------------------------------------------------------------------------
 
 
 def test_a_body_has_the_visuals_and_lights_of_its_geometry() -> None:
@@ -167,14 +167,14 @@ def test_without_geometry_the_primitive_shape_is_drawn(shape: PrimitiveType | No
     appearance = appearance_of(body("it", "Cup", (0.0, 0.0, 0.0), (0.1, 0.2, 0.3), shape=shape))
     assert extents(appearance) == pytest.approx([0.1, 0.2, 0.3], rel=0.02)
     ceramic = KNOWLEDGE.shape_rule(Iri(KNOWROB + "Cup")).default_material.pbr_material
-    assert appearance.visuals[0].material == ceramic, "what it is made of is known all the same"
+    assert appearance.visuals[0].material == ceramic, "the material is that of the class"
 
 
 def test_a_body_without_a_size_is_drawn_small() -> None:
     assert appearance_of(body("it", "Thing", (0.0, 0.0, 0.0), None)).size == ASSUMED_SIZE_M
 
 
-# -- what would stand in the way ---------------------------------------------------------------------------------------
+# -- bodies that would block the view ----------------------------------------------------------------------------------
 
 
 def test_only_the_floor_is_the_building() -> None:
@@ -223,7 +223,7 @@ def test_a_door_in_a_wall_is_drawn_like_the_wall_unlike_other_doors() -> None:
         True,
     )
     assert (appearance_of(door).part, appearance_of(door).is_building) == (VisiblePart.WHOLE, False)
-    assert appearances[BodyId("latch")].part is VisiblePart.WHOLE, "by its handle it can be opened from outside, too"
+    assert appearances[BodyId("latch")].part is VisiblePart.WHOLE, "the handle is visible from outside, too"
 
 
 def test_enclosures_reported_by_the_engine_are_outlines() -> None:

@@ -1,4 +1,4 @@
-"""What visitors ask on the page: forms from declarations, tables, lights, reasons, and what they tell."""
+"""The Ask panel without a browser: forms, tables, explanations, highlights and assertions."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ needs_prolog = pytest.mark.skipif(not is_installed() and not os.environ.get("CI"
 
 @pytest.fixture(scope="module")
 def knowledge() -> KnowledgeBase:
-    """The bundled kitchen; what a test tells it, it takes back."""
+    """The bundled kitchen; tests retract what they assert."""
     knowledge = KnowledgeBase()
     knowledge.load(bundled_kitchen())
     return knowledge
@@ -95,7 +95,7 @@ def test_prefixed_names_are_completed(page: FakePage) -> None:
 def test_the_number_of_completions_is_limited(page: FakePage) -> None:
     assert len(page.ask("ask.complete", prefix="", kind="CLASS", limit=3)) == 3
     assert len(page.ask("ask.complete", prefix="", kind="CLASS", limit=100_000)) == 50
-    with pytest.raises(RequestFailed, match="no kind of entity; there is CLASS"):
+    with pytest.raises(RequestFailed, match="not a kind of entity; the kinds are CLASS"):
         page.ask("ask.complete", prefix="x", kind="SECRET")
 
 
@@ -151,7 +151,7 @@ def test_sessions_cannot_use_the_answers_of_one_another(page: FakePage, channel:
         FakePage(channel).ask("ask.highlight", key=table["key"], color="blue")
 
 
-# -- lights ------------------------------------------------------------------------------------------------------------
+# -- highlights --------------------------------------------------------------------------------------------------------
 
 
 def test_highlighting_answers_replaces_other_highlights_and_publishes_the_group(
@@ -230,7 +230,7 @@ def test_a_query_does_not_read_files(page: FakePage) -> None:
         page.ask("ask.sparql", query="#" * 20_001)
 
 
-# -- lines in Prolog ---------------------------------------------------------------------------------------------------
+# -- Prolog queries ----------------------------------------------------------------------------------------------------
 
 
 @needs_prolog
@@ -254,7 +254,7 @@ def test_a_prolog_query_cannot_call_other_predicates(page: FakePage, tmp_path: P
     assert not mark.exists()
 
 
-# -- telling -----------------------------------------------------------------------------------------------------------
+# -- assertions --------------------------------------------------------------------------------------------------------
 
 
 def test_a_missing_fact_can_be_asserted_and_retracted(page: FakePage) -> None:
@@ -282,7 +282,7 @@ def test_an_assertion_about_an_unknown_name_is_refused(page: FakePage) -> None:
         page.ask("ask.tell", subject="Mug")
 
 
-# -- patience ----------------------------------------------------------------------------------------------------------
+# -- time limits -------------------------------------------------------------------------------------------------------
 
 
 def test_a_question_has_a_timeout_and_other_requests_are_answered(

@@ -1,4 +1,4 @@
-"""The Ask and Status panels in a real browser, by what a person does there; the 3D view is left out for speed."""
+"""The Ask and Status panels in a real browser; the 3D view is left out for speed."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def test_a_question_is_asked_by_keyboard_explained_and_highlighted(page: Any, si
     assert set(simulation.state.highlights) == {"fridge"}
     assert "item=CowsMilk" in page.locator("#legend").inner_text()
     page.locator("#legend button").first.click()
-    wait_until(lambda: not simulation.state.highlights, "nothing is lit any more")
+    wait_until(lambda: not simulation.state.highlights, "nothing is highlighted")
     page.locator("#legend").wait_for(state="hidden")
 
 
@@ -110,7 +110,7 @@ def test_the_status_is_shown_searched_and_a_failure_is_announced(
     before = entries.count()
     assert before >= 3
     page.get_by_role("searchbox", name="Search the report").fill("quaternion wxyz")
-    wait_until(lambda: entries.count() == 1, "one remark is about that")
+    wait_until(lambda: entries.count() == 1, "one entry matches")
     now = FakePage(viewer.channel).latest_value("status")
     viewer.channel.publish("status", now | {"fault": "the physics blew up"})
     page.locator("[data-toast=error]", has_text="The simulation has stopped: the physics blew up").wait_for()

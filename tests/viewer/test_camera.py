@@ -1,4 +1,4 @@
-"""Where a visitor stands at first."""
+"""The initial camera: what it frames, and from which direction."""
 
 from __future__ import annotations
 
@@ -42,14 +42,14 @@ def body(id: str, cls: str, at: Vector, size: Vector, mobility: Mobility = Mobil
 
 
 def in_picture(view: CameraPose, points: np.ndarray, aspect: float) -> np.ndarray:
-    """Where points are, from -1 to 1 across the picture and upwards."""
+    """Positions of points in the picture, from -1 to 1 to the right and up."""
     box = {"x": -aspect, "y": -1.0, "width": 2 * aspect, "height": 2.0}
     return np.array([to_picture(view, tuple(point), box) for point in points.tolist()]) / (aspect, 1.0)
 
 
 def furniture() -> np.ndarray:
-    things = [thing for thing in kitchenette().bodies if thing.id != "Floor"]
-    return corners(pose_array(thing.pose for thing in things), np.array([thing.size for thing in things]))
+    bodies = [body_ for body_ in kitchenette().bodies if body_.id != "Floor"]
+    return corners(pose_array(body_.pose for body_ in bodies), np.array([body_.size for body_ in bodies]))
 
 
 @pytest.mark.parametrize("aspect", [0.46, 0.75, 1.0, 1.33, 1.78, 2.4])
@@ -57,7 +57,7 @@ def test_the_furniture_fills_windows_of_any_aspect_ratio(aspect: float) -> None:
     seen = in_picture(view_of(kitchenette(), aspect), furniture(), aspect)
     assert np.abs(seen).max() < 1.0
     assert np.max(np.ptp(seen, axis=0)) > 1.5
-    assert np.abs(seen.max(axis=0) + seen.min(axis=0)).min() < 0.02, "what it fills is in the middle"
+    assert np.abs(seen.max(axis=0) + seen.min(axis=0)).min() < 0.02, "the furniture is centered"
 
 
 def test_the_top_view_looks_straight_down() -> None:
@@ -90,9 +90,9 @@ def test_focusing_works_from_inside_the_focused_body() -> None:
 
 def test_fronts_face_the_camera() -> None:
     view = view_of(kitchenette())
-    assert view.position[0] < view.look_at[0], "the fronts appearance along -x"
+    assert view.position[0] < view.look_at[0], "the fronts face -x"
     mirrored = [
-        replace(thing, pose=Pose((-thing.pose.position[0], *thing.pose.position[1:]))) for thing in kitchenette().bodies
+        replace(body_, pose=Pose((-body_.pose.position[0], *body_.pose.position[1:]))) for body_ in kitchenette().bodies
     ]
     other = view_of(replace(kitchenette(), bodies=tuple(mirrored)))
     assert other.position[0] > other.look_at[0]
@@ -130,15 +130,15 @@ def test_outliers_do_not_change_the_initial_camera() -> None:
 
 
 def test_a_static_world_is_shown_completely() -> None:
-    still = World(
+    world = World(
         iri=Iri("http://x.org#m"),
         bodies=(
             body("a", "Table", (5.0, 5.0, 0.5), (1.0, 1.0, 1.0)),
             body("b", "Table", (9.0, 5.0, 0.5), (1.0, 1.0, 1.0)),
         ),
     )
-    points = corners(pose_array(thing.pose for thing in still.bodies), np.ones((2, 3)))
-    seen = in_picture(view_of(still), points, 1.2)
+    points = corners(pose_array(body_.pose for body_ in world.bodies), np.ones((2, 3)))
+    seen = in_picture(view_of(world), points, 1.2)
     assert np.abs(seen).max() < 1.0
     assert np.ptp(seen[:, 0]) > 1.5
 
@@ -157,7 +157,7 @@ def test_the_ground_is_below_all_bodies_unless_there_is_a_floor() -> None:
     def ground(world: World) -> float | None:
         return ground_height(world, appearances_of(world))
 
-    bare = replace(kitchenette(), bodies=tuple(thing for thing in kitchenette().bodies if thing.id != "Floor"))
+    bare = replace(kitchenette(), bodies=tuple(body_ for body_ in kitchenette().bodies if body_.id != "Floor"))
     assert ground(kitchenette()) is None
     assert ground(bare) == pytest.approx(0.0)
     assert ground(more(bare, body("Pit", "Panorama", (0.0, 0.0, 0.0), (99.0, 99.0, 99.0)))) == pytest.approx(0.0)

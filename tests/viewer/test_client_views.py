@@ -1,4 +1,4 @@
-"""What each client sees for himself: visitors and their browsers are played by lists."""
+"""The views of clients, with a fake server that records messages."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ AFAR = CameraPose((9.0, 9.0, 9.0), (0.0, 0.0, 0.0), 0.5)
 
 
 class RecordedMoves:
-    """Remembers who put what where."""
+    """Records the bodies that clients have moved."""
 
     def __init__(self) -> None:
         self.moves: list[tuple[int, BodyId, Pose]] = []
@@ -82,7 +82,7 @@ def state(client: FakeClient, name: str) -> dict[str, Any]:
     return vars(client.scene.nodes[name])
 
 
-# -- who selects what --------------------------------------------------------------------------------------------------
+# -- selection ---------------------------------------------------------------------------------------------------------
 
 
 def test_each_client_has_its_own_selection(server: FakeServer, views: ClientViews, ann: FakeClient) -> None:
@@ -92,7 +92,7 @@ def test_each_client_has_its_own_selection(server: FakeServer, views: ClientView
     assert (views.selected(1), views.selected(2), views.selected(3)) == (MUG, None, None)
     assert "/selected" in ann.scene.nodes
     assert "/selected" not in bob.scene.nodes
-    assert server.scene.messages == [], "nothing of it is sent to all"
+    assert server.scene.messages == [], "nothing is sent to all clients"
 
 
 def test_actions_wait_for_the_drawing_thread(views: ClientViews, ann: FakeClient) -> None:
@@ -111,14 +111,14 @@ def test_a_selection_for_all_applies_to_later_clients(server: FakeServer, views:
 
 
 def test_a_changed_selection_is_notified_once(views: ClientViews, ann: FakeClient) -> None:
-    messages: list[int] = []
-    views.on_change(messages.append)
+    notified: list[int] = []
+    views.on_change(notified.append)
     for _ in range(2):
         views.select(MUG, client=1)
     views.process_queue()
-    assert messages == [1]
+    assert notified == [1]
     set_world(views, replace(WORLD, bodies=tuple(body for body in WORLD.bodies if body.id != MUG)))
-    assert messages == [1, 1]
+    assert notified == [1, 1]
     assert views.selected(1) is None
     assert "/selected" not in ann.scene.nodes
 
@@ -126,17 +126,17 @@ def test_a_changed_selection_is_notified_once(views: ClientViews, ann: FakeClien
 def test_a_failing_callback_does_not_affect_others(
     views: ClientViews, ann: FakeClient, caplog: pytest.LogCaptureFixture
 ) -> None:
-    messages: list[int] = []
+    notified: list[int] = []
 
-    def break_down(client: int) -> None:
+    def fail(client: int) -> None:
         raise KeyError(client)
 
-    views.on_change(break_down)
-    views.on_change(messages.append)
+    views.on_change(fail)
+    views.on_change(notified.append)
     views.select(MUG)
     views.process_queue()
-    assert messages == [1]
-    assert "nobody could be told" in caplog.text
+    assert notified == [1]
+    assert "a selection callback failed" in caplog.text
 
 
 def test_unknown_bodies_are_refused_at_once(views: ClientViews) -> None:
@@ -158,7 +158,7 @@ def test_requests_for_disconnected_clients_are_ignored(server: FakeServer, views
     assert views.clients == ()
 
 
-# -- marks -------------------------------------------------------------------------------------------------------------
+# -- nodes of one client -----------------------------------------------------------------------------------------------
 
 
 def test_selection_box_and_label_move_with_the_body(views: ClientViews, ann: FakeClient) -> None:
@@ -174,23 +174,23 @@ def test_selection_box_and_label_move_with_the_body(views: ClientViews, ann: Fak
 
 
 def test_labels_follow_the_label_mode(views: ClientViews, ann: FakeClient) -> None:
-    def written(mode: LabelMode) -> set[str]:
+    def labels_in(mode: LabelMode) -> set[str]:
         views.set_labels(mode)
         views.process_queue()
         return labels(ann)
 
-    assert written(LabelMode.ALL) == set(IDS)
-    assert written(LabelMode.CLASS) == set()
+    assert labels_in(LabelMode.ALL) == set(IDS)
+    assert labels_in(LabelMode.CLASS) == set()
     views.select(BodyId("DrawerHandle"))
-    assert written(LabelMode.CLASS) == {"DrawerHandle", "FridgeHandle"}
-    assert written(LabelMode.SELECTED) == {"DrawerHandle"}
-    assert written(LabelMode.NONE) == set()
+    assert labels_in(LabelMode.CLASS) == {"DrawerHandle", "FridgeHandle"}
+    assert labels_in(LabelMode.SELECTED) == {"DrawerHandle"}
+    assert labels_in(LabelMode.NONE) == set()
 
 
 def test_of_many_bodies_the_largest_are_labeled(views: ClientViews, ann: FakeClient) -> None:
     mug = WORLD.body("Mug")
-    crowd = [replace(mug, id=BodyId(f"Mug{n}")) for n in range(400)]
-    set_world(views, replace(WORLD, bodies=(*crowd, *WORLD.bodies)))
+    mugs = [replace(mug, id=BodyId(f"Mug{n}")) for n in range(400)]
+    set_world(views, replace(WORLD, bodies=(*mugs, *WORLD.bodies)))
     views.set_labels(LabelMode.ALL)
     views.process_queue()
     assert len(labels(ann)) == 300
@@ -220,8 +220,8 @@ def test_a_gizmo_shows_a_preview_and_moves_the_body_when_released(
     handles = ann.scene.nodes["/gizmo"]
     assert (vars(handles)["disable_rotations"], vars(handles)["disable_axes"]) == (True, False)
 
-    def drag(phase: str, *on_place: float) -> None:
-        vars(handles).update(position=np.array(on_place), wxyz=np.array([1.0, 0.0, 0.0, 0.0]))
+    def drag(phase: str, *position: float) -> None:
+        vars(handles).update(position=np.array(position), wxyz=np.array([1.0, 0.0, 0.0, 0.0]))
         vars(handles)["update"](SimpleNamespace(phase=phase, target=handles))
         views.process_queue()
 
@@ -229,7 +229,7 @@ def test_a_gizmo_shows_a_preview_and_moves_the_body_when_released(
     drag("update", 2.0, 0.0, 1.5)
     assert state(ann, "/previews/Mug")["position"] == pytest.approx([2.0, 0.0, 1.5])
     views.update_poses(POSES)
-    assert vars(handles)["position"] == pytest.approx([2.0, 0.0, 1.5]), "whoever drags is not disturbed"
+    assert vars(handles)["position"] == pytest.approx([2.0, 0.0, 1.5]), "updates do not interrupt a drag"
     assert on_place.moves == []
     drag("end", 2.0, 0.0, 1.5)
     assert on_place.moves == [(1, MUG, Pose((2.0, 0.0, 1.5)))]
@@ -265,7 +265,7 @@ def eye(client: FakeClient) -> np.ndarray:
 
 
 def finish_camera_move(views: ClientViews, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Lets the time of a flight pass."""
+    """Advances the clock to the end of the animation."""
     now = time.monotonic()
     monkeypatch.setattr(camera_module.time, "monotonic", lambda: now + 60.0)
     views.process_queue()
@@ -275,9 +275,9 @@ def finish_camera_move(views: ClientViews, monkeypatch: pytest.MonkeyPatch) -> N
 def test_the_home_view_depends_on_the_aspect_ratio(server: FakeServer, views: ClientViews) -> None:
     target = initial_target(WORLD, compute_appearance(WORLD, KNOWLEDGE.shape_rule, KNOWLEDGE.ancestors))
     views.set_target(target)
-    phone, handler = (connect(server, views, FakeClient(n, aspect=aspect)) for n, aspect in enumerate([0.5, 1.6]))
+    phone, desktop = (connect(server, views, FakeClient(n, aspect=aspect)) for n, aspect in enumerate([0.5, 1.6]))
     assert eye(phone) == pytest.approx(target.camera(0.5).position)
-    assert eye(handler) == pytest.approx(target.camera(1.6).position)
+    assert eye(desktop) == pytest.approx(target.camera(1.6).position)
 
 
 def test_the_camera_is_animated(views: ClientViews, ann: FakeClient, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -285,7 +285,7 @@ def test_the_camera_is_animated(views: ClientViews, ann: FakeClient, monkeypatch
     views.process_queue()
     views.focus([MUG], client=1)
     views.process_queue()
-    assert np.linalg.norm(eye(ann) - AFAR.position) < 2.0, "it has only set off"
+    assert np.linalg.norm(eye(ann) - AFAR.position) < 2.0, "the animation has only begun"
     finish_camera_move(views, monkeypatch)
     assert vars(ann.camera)["look_at"] == pytest.approx([2.0, 0.0, 0.85], abs=0.05)
     assert 0.3 < np.linalg.norm(eye(ann) - (2.0, 0.0, 0.85)) < 2.0

@@ -1,4 +1,4 @@
-"""What the page shows of one body."""
+"""The details of one body."""
 
 from __future__ import annotations
 
@@ -59,20 +59,20 @@ def test_facts_have_local_names_and_refer_to_bodies() -> None:
         PropertyAssertion(Iri("http://x#has"), BlankNode((PropertyAssertion(Iri("http://x#part"), Literal("1")),))),
         PropertyAssertion(Iri("http://x#is"), BlankNode()),
     )
-    told = details("Mug", replace(kitchenette().body("Mug"), facts=facts)).facts
-    assert told == (
+    shown = details("Mug", replace(kitchenette().body("Mug"), facts=facts)).facts
+    assert shown == (
         FactRow(property="near", value="Fridge", id=BodyId("Fridge")),
         FactRow(property="madeOf", value="China"),
         FactRow(property="said", value="<b>hot</b>"),
         FactRow(property="has", value="part"),
-        FactRow(property="is", value="something"),
+        FactRow(property="is", value="a blank node"),
     )
 
 
 def test_colors_of_materials_are_hexadecimal() -> None:
     materials = (Material(name="gold", color=(1.0, 0.8, 0.0)), Material(name="none"))
-    told = details("Mug", replace(kitchenette().body("Mug"), materials=materials)).materials
-    assert told == (MaterialDetails(name="gold", color="#ffcc00"), MaterialDetails(name="none", color=None))
+    shown = details("Mug", replace(kitchenette().body("Mug"), materials=materials)).materials
+    assert shown == (MaterialDetails(name="gold", color="#ffcc00"), MaterialDetails(name="none", color=None))
 
 
 def test_joints_have_the_other_body_and_their_limits() -> None:

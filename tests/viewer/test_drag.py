@@ -1,4 +1,4 @@
-"""Hands: what the mouse says, as a grip on the simulation."""
+"""Dragging bodies with the mouse: targets of pointer rays, and forces in the simulation."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ EYE: Vector = (-2.0, -1.0, 2.0)
 
 
 class RecordingSimulation(Simulation):
-    """A simulation that remembers what controller tell it."""
+    """A simulation that records pulls and releases."""
 
     def pull(self, id: BodyId, *, point: Vector, target: Vector) -> None:
         self.pulls[id] = (point, target)
@@ -48,70 +48,70 @@ def controller(simulation: RecordingSimulation) -> DragController:
 
 
 def ray(eye: Vector, through: Vector, distance: float) -> Vector:
-    """A place on the ray from the eye through a point, at some distance."""
+    """The point at a distance on the ray from the eye through a point."""
     step = np.subtract(through, eye)
     x, y, z = (np.asarray(eye) + distance * step / np.linalg.norm(step)).tolist()
     return x, y, z
 
 
-# -- where a ray meets what the thing can do ---------------------------------------------------------------------------
+# -- targets of pointer rays -------------------------------------------------------------------------------------------
 
 points = st.tuples(*[st.floats(-1.0, 1.0)] * 3)
 
 
 @given(travel=st.floats(-1.0, 1.0), distance=st.floats(0.5, 9.0))
 def test_a_pointer_on_the_axis_of_a_drawer_is_the_target(travel: float, distance: float) -> None:
-    axis, held = np.array([1.0, 0.0, 0.0]), np.array([1.7, 0.0, 0.65])
-    there = held + travel * axis
+    axis, point = np.array([1.0, 0.0, 0.0]), np.array([1.7, 0.0, 0.65])
+    there = point + travel * axis
     pointer = ray(EYE, tuple(there), distance)
-    assert drag_target(DragMode.PRISMATIC, axis, held, np.array(pointer), np.array(EYE)) == pytest.approx(tuple(there))
+    assert drag_target(DragMode.PRISMATIC, axis, point, np.array(pointer), np.array(EYE)) == pytest.approx(tuple(there))
 
 
 @given(pointer=points)
 def test_the_target_of_a_drawer_is_always_on_its_axis(pointer: Vector) -> None:
-    axis, held = np.array([1.0, 0.0, 0.0]), np.array([1.7, 0.0, 0.65])
-    _, y, z = drag_target(DragMode.PRISMATIC, axis, held, np.array(pointer), np.array(EYE))
+    axis, point = np.array([1.0, 0.0, 0.0]), np.array([1.7, 0.0, 0.65])
+    _, y, z = drag_target(DragMode.PRISMATIC, axis, point, np.array(pointer), np.array(EYE))
     assert (y, z) == pytest.approx((0.0, 0.65))
 
 
 @given(x=st.floats(-1.0, 2.0), y=st.floats(-1.0, 2.0), distance=st.floats(0.5, 9.0))
 def test_the_target_of_a_door_is_in_its_plane(x: float, y: float, distance: float) -> None:
-    axis, held = np.array([0.0, 0.0, 1.0]), np.array([1.6, 0.8, 1.0])
+    axis, point = np.array([0.0, 0.0, 1.0]), np.array([1.6, 0.8, 1.0])
     pointer = ray(EYE, (x, y, 1.0), distance)
-    target = drag_target(DragMode.REVOLUTE, axis, held, np.array(pointer), np.array(EYE))
-    length = np.linalg.norm(np.subtract((x, y, 1.0), held))
+    target = drag_target(DragMode.REVOLUTE, axis, point, np.array(pointer), np.array(EYE))
+    length = np.linalg.norm(np.subtract((x, y, 1.0), point))
     if length <= 3.0:
         assert target == pytest.approx((x, y, 1.0))
     assert target[2] == pytest.approx(1.0)
 
 
 def test_the_target_of_a_free_body_is_the_pointer() -> None:
-    held, pointer = np.array([2.0, 0.0, 0.85]), np.array([1.8, 0.3, 1.2])
-    assert drag_target(DragMode.FREE, np.array([0.0, 0.0, 1.0]), held, pointer, np.array(EYE)) == pytest.approx(
+    point, pointer = np.array([2.0, 0.0, 0.85]), np.array([1.8, 0.3, 1.2])
+    assert drag_target(DragMode.FREE, np.array([0.0, 0.0, 1.0]), point, pointer, np.array(EYE)) == pytest.approx(
         tuple(pointer)
     )
 
 
 @pytest.mark.parametrize("mode", list(DragMode))
 def test_for_a_parallel_ray_the_target_is_the_pointer(mode: DragMode) -> None:
-    held, pointer = np.array([0.0, 0.0, 1.0]), np.array([0.1, 0.0, 1.0])
+    point, pointer = np.array([0.0, 0.0, 1.0]), np.array([0.1, 0.0, 1.0])
     level_eye = np.array([-3.0, 0.0, 1.0])
     axis = np.array([1.0, 0.0, 0.0]) if mode is DragMode.PRISMATIC else np.array([0.0, 0.0, 1.0])
-    assert drag_target(mode, axis, held, pointer, level_eye) == pytest.approx(tuple(pointer))
+    assert drag_target(mode, axis, point, pointer, level_eye) == pytest.approx(tuple(pointer))
 
 
-@given(mode=st.sampled_from(DragMode), pointer=points, eye=points, held=points, axis=points)
+@given(mode=st.sampled_from(DragMode), pointer=points, eye=points, point=points, axis=points)
 def test_the_distance_of_the_target_is_limited(
-    mode: DragMode, pointer: Vector, eye: Vector, held: Vector, axis: Vector
+    mode: DragMode, pointer: Vector, eye: Vector, point: Vector, axis: Vector
 ) -> None:
     length = np.linalg.norm(axis)
     direction = np.array(axis) / length if length > 1e-3 else np.array([0.0, 0.0, 1.0])
-    target = drag_target(mode, direction, np.array(held), np.array(pointer), np.array(eye))
+    target = drag_target(mode, direction, np.array(point), np.array(pointer), np.array(eye))
     assert np.isfinite(target).all()
-    assert np.linalg.norm(np.subtract(target, held)) <= 3.0 + 1e-9
+    assert np.linalg.norm(np.subtract(target, point)) <= 3.0 + 1e-9
 
 
-# -- what is simulation to the simulation -----------------------------------------------------------------------------------------
+# -- calls into the simulation -----------------------------------------------------------------------------------------
 
 
 def test_only_bodies_that_can_move_are_draggable(controller: DragController) -> None:
@@ -139,7 +139,7 @@ def test_moving_the_pointer_moves_the_target_along_the_axis(
     controller.move("ann", ray(EYE, (1.4, 0.0, 0.65), 1.0), EYE)
     point, target = simulation.pulls[HANDLE]
     assert target == pytest.approx((1.4, 0.0, 0.65))
-    assert point == pytest.approx((-0.02, 0.0, 0.0)), "the hand does not slip"
+    assert point == pytest.approx((-0.02, 0.0, 0.0)), "the point of application is unchanged"
 
 
 def test_the_axis_of_a_drawer_moves_with_its_cupboard(simulation: RecordingSimulation) -> None:
@@ -226,7 +226,7 @@ def test_a_cycle_of_attachments_is_not_draggable(simulation: RecordingSimulation
     assert not {DRAWER, HANDLE} & controller.draggable
 
 
-# -- the whole mode -----------------------------------------------------------------------------------------------------
+# -- with physics ------------------------------------------------------------------------------------------------------
 
 
 def position(simulation: Simulation, id: BodyId) -> np.ndarray:
@@ -241,7 +241,7 @@ def physics_simulation() -> Iterator[Simulation]:
 
 
 def drag(simulation: Simulation, world: World, id: BodyId, start: Vector, end: Vector) -> None:
-    """What the page does when somebody drags: attachment, move in small steps, let go."""
+    """Starts a drag, moves the pointer in small steps, and releases."""
     controller = DragController(simulation)
     controller.set_world(world)
     assert controller.start("ann", id, start)

@@ -1,4 +1,4 @@
-"""Forms as files for the browser, read back by another library."""
+"""Visual meshes as glTF, read back by trimesh."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def test_materials_keep_their_pbr_factors() -> None:
     (mesh,) = read(wedge(replace(STEEL, opacity=0.5, emission=2.0)))
     material = mesh.visual.material
     assert (material.roughnessFactor, material.alphaMode) == (0.3, "BLEND")
-    assert 0.1 < material.metallicFactor < 0.5, "in an empty place pure metal would be black"
+    assert 0.1 < material.metallicFactor < 0.5, "pure metal would be black without an environment map"
     assert material.baseColorFactor / 255 == pytest.approx([0.604, 0.604, 0.604, 0.5], abs=0.005)
     assert material.emissiveFactor == pytest.approx([0.604] * 3, abs=0.001)
 
@@ -60,12 +60,12 @@ def test_materials_keep_their_pbr_factors() -> None:
 def test_a_texture_is_on_the_mesh_that_has_it() -> None:
     image = np.zeros((2, 3, 4), np.uint8)
     image[..., 0], image[..., 3] = 200, 255
-    pictured, plain = read(wedge(uv=UV, image=image), wedge(STEEL))
-    texture = pictured.visual.material.baseColorTexture
+    textured, plain = read(wedge(uv=UV, image=image), wedge(STEEL))
+    texture = textured.visual.material.baseColorTexture
     assert texture.size == (3, 2)
     assert np.array_equal(np.asarray(texture.convert("RGBA")), image)
     assert plain.visual.material.baseColorTexture is None
-    assert pictured.visual.uv == pytest.approx(UV[FACES].reshape(-1, 2)), "the picture is upside down"
+    assert textured.visual.uv == pytest.approx(UV[FACES].reshape(-1, 2)), "glTF flips v"
 
 
 def test_no_meshes_give_a_valid_file() -> None:

@@ -1,4 +1,4 @@
-"""The browser that takes pictures: what becomes of it where none is installed, or it breaks."""
+"""The headless browser: commands, and errors if it is missing or crashes."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from tests.viewer.waiting import wait_until
 
 
 def program(folder: Path, *lines: str) -> Path:
-    """An executable that is no browser."""
+    """An executable that is not a browser."""
     path = folder / "no-browser"
     path.write_text("\n".join(["#!/bin/sh", *lines, ""]))
     path.chmod(0o755)
@@ -24,7 +24,7 @@ def program(folder: Path, *lines: str) -> Path:
 def test_a_page_is_opened_evaluated_and_captured(chromium: Path) -> None:
     with HeadlessBrowser(chromium, size=(200, 100), timeout_s=120.0) as browser:
         browser.navigate("data:text/html,<title>Here</title><body style='background:red'>")
-        wait_until(lambda: browser.evaluate("document.title") == "Here", "the page is there")
+        wait_until(lambda: browser.evaluate("document.title") == "Here", "the page is loaded")
         assert browser.evaluate("[innerWidth, innerHeight]") == [200, 100]
         picture = browser.screenshot()
         assert picture.startswith(b"\x89PNG")
@@ -66,7 +66,7 @@ def test_a_program_that_never_answers_is_killed(tmp_path: Path) -> None:
     pid = int((tmp_path / "pid").read_text())
     end = time.monotonic() + 20.0
     while is_running(pid):
-        assert time.monotonic() < end, "it still runs"
+        assert time.monotonic() < end, "the process is still running"
         time.sleep(0.05)
 
 

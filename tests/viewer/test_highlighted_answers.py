@@ -1,4 +1,4 @@
-"""Answers that light up, by what a tab sees in a real browser."""
+"""Highlighted answers in a real browser, tested by the pixels of the view."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ LABEL = "handle_of individual=FridgeDoor"
 
 @pytest.fixture
 def simulation(tmp_path: Path) -> Iterator[Simulation]:
-    """The small kitchen as a map that is known, standing still."""
+    """The small kitchen, loaded from a map, paused."""
     save_map(kitchenette(), tmp_path / "kitchenette.owl")
     knowledge = KnowledgeBase()
     knowledge.load(tmp_path / "kitchenette.owl")
@@ -33,7 +33,7 @@ def simulation(tmp_path: Path) -> Iterator[Simulation]:
 
 
 def count_pixels(tab: PageTab, color: Color) -> int:
-    """How many pixels of the picture are of about that hue, lit or in the shade; grays are of none."""
+    """The number of pixels of about that hue, in light or shade."""
     pixels = tab.pixels().astype(float)
     strength = np.linalg.norm(pixels, axis=2)
     wanted = np.array(color) / np.linalg.norm(color)
@@ -50,14 +50,14 @@ def test_answers_are_highlighted_with_a_legend_until_cleared(
     assert simulation.highlight(simulation.ask("handle_of", individual="FridgeDoor"), COLORS["red"]).highlighted == (
         "FridgeHandle",
     )
-    wait_until(lambda: tab.shows_text(LABEL), "the legend says what is lit and why")
+    wait_until(lambda: tab.shows_text(LABEL), "the legend shows the highlight")
     wait_until(lambda: count_pixels(tab, COLORS["red"]) > 50, "the handle is red")
     simulation.highlight(simulation.ask("where_is", relation="on", other="Cupboard"), COLORS["blue"])
-    wait_until(lambda: count_pixels(tab, COLORS["blue"]) > 50, "the mug is blue, and the handle still red")
+    wait_until(lambda: count_pixels(tab, COLORS["blue"]) > 50, "the mug is blue and the handle red")
     assert count_pixels(tab, COLORS["red"]) > 50
     tab.page.get_by_role("button", name="Clear all").click()
-    wait_until(lambda: simulation.state.highlight_groups == (), "nothing is lit any more")
-    wait_until(lambda: not tab.shows_text(LABEL), "the legend is gone")
+    wait_until(lambda: simulation.state.highlight_groups == (), "nothing is highlighted")
+    wait_until(lambda: not tab.shows_text(LABEL), "the legend is hidden")
     wait_until(lambda: count_pixels(tab, COLORS["red"]) == 0, "nothing is red")
 
 
@@ -66,7 +66,7 @@ def test_a_later_client_sees_highlighted_bodies_inside_others(
 ) -> None:
     simulation.highlight(["Drawer"], COLORS["red"], label="behind its front")
     late = open_page(viewer)
-    wait_until(lambda: late.shows_text("behind its front"), "the legend says what is lit")
-    wait_until(lambda: count_pixels(late, COLORS["red"]) > 50, "the drawer is count_pixels through its cupboard")
+    wait_until(lambda: late.shows_text("behind its front"), "the legend shows the highlight")
+    wait_until(lambda: count_pixels(late, COLORS["red"]) > 50, "the drawer is visible through its cupboard")
     simulation.clear()
-    wait_until(lambda: not late.shows_text("behind its front"), "an empty world has no lights")
+    wait_until(lambda: not late.shows_text("behind its front"), "an empty world has no highlights")

@@ -1,4 +1,4 @@
-"""Who may come to the page, judged by the path and the headers alone."""
+"""The request filter: hosts, origins and tokens."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Markers on the page, by what a tab sees in a real browser."""
+"""Markers in a real browser, tested by the pixels of the view."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def open_view(browser: Any) -> Iterator[OpenView]:
 
 
 def count_pixels(tab: ViewTab, color: Color) -> int:
-    """How many pixels are of about that hue, in whatever light."""
+    """The number of pixels of about that hue, in light or shade."""
     pixels = tab.pixels().astype(float)
     strength = np.linalg.norm(pixels, axis=2)
     likeness = (pixels @ (np.array(color) / np.linalg.norm(color))) / np.maximum(strength, 1.0)
@@ -51,15 +51,15 @@ def test_markers_are_drawn_changed_moved_and_removed(
         )
     tab = open_view(viewer)
     viewer.views.set_camera(BEFORE_THEM)
-    wait_until(lambda: count_pixels(tab, RED) > 100, "who comes late sees them")
+    wait_until(lambda: count_pixels(tab, RED) > 100, "a later client sees them")
     assert set(viewer._markers._nodes) == {f"a/{form.value}" for form in MarkerType}
     line = Marker(id="line", type=MarkerType.LINE_STRIP, pose=IN_FRONT, size=(0.1, 0.1, 0.1), color=BLUE, points=points)
     simulation.add_markers([line])
-    wait_until(lambda: count_pixels(tab, BLUE) > 100, "a line has the colour that was asked for")
+    wait_until(lambda: count_pixels(tab, BLUE) > 100, "the line has its color")
     simulation.add_markers([replace(line, pose=Pose((1.2, 0.3, 100.0)))])
-    wait_until(lambda: count_pixels(tab, BLUE) == 0, "it is far away")
+    wait_until(lambda: count_pixels(tab, BLUE) == 0, "the line is out of view")
     simulation.remove_markers([marker.id for marker in simulation.state.markers])
-    wait_until(lambda: count_pixels(tab, RED) == 0, "all are gone")
+    wait_until(lambda: count_pixels(tab, RED) == 0, "all markers are removed")
 
 
 def test_invisible_markers_are_no_error(simulation: Simulation, viewer: Viewer) -> None:
@@ -68,8 +68,10 @@ def test_invisible_markers_are_no_error(simulation: Simulation, viewer: Viewer) 
         simulation.add_markers([Marker(id=f"{form.value} of glass", type=form, opacity=0.0, points=((0.0, 0.0, 0.0),))])
     simulation.add_markers([Marker(id="turned by nothing", type=MarkerType.CUBE, pose=Pose((0, 0, 0), (0, 0, 0, 0)))])
     frame = simulation.state
-    wait_until(lambda: viewer._snapshot is not None and viewer._snapshot.markers is frame.markers, "the page follows")
-    assert not viewer._last_error
+    wait_until(
+        lambda: viewer._snapshot is not None and viewer._snapshot.markers is frame.markers, "the page is updated"
+    )
+    assert not viewer._logged_errors
 
 
 def test_a_body_copy_looks_like_its_body_while_that_exists(simulation: Simulation, viewer: Viewer) -> None:
@@ -80,9 +82,9 @@ def test_a_body_copy_looks_like_its_body_while_that_exists(simulation: Simulatio
     simulation.add_markers(
         [Marker(id="soon", type=MarkerType.BODY_COPY, body="Mug", pose=IN_FRONT, color=BLUE, opacity=0.4)]
     )
-    wait_until(vertices, "the ghost is shown")
+    wait_until(vertices, "the copy is shown")
     assert vertices() == len(merge_visuals(simulation.geometry[BodyId("Mug")].visuals).points)
     simulation.run_on_engine(lambda engine: engine.delete([BodyId("Mug")]), edits=True)
-    wait_until(lambda: not vertices(), "it goes with its body")
+    wait_until(lambda: not vertices(), "the copy is removed with its body")
     simulation.spawn(replace(kitchenette(), bodies=(kitchenette().body("Mug"),), joints=(), attachments=()))
-    wait_until(vertices, "and comes back with it")
+    wait_until(vertices, "the copy is shown again")

@@ -1,4 +1,4 @@
-"""What stands before what is lit."""
+"""Occluders of highlighted bodies."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ LIT = np.array([0])
 
 
 @pytest.mark.parametrize(
-    ("place", "size", "hides"),
+    ("position", "size", "hides"),
     [
         pytest.param((2.0, 0.0, 1.0), (0.1, 1.0, 1.0), True, id="before it"),
         pytest.param((4.0, 0.0, 1.0), (1.0, 1.0, 1.0), True, id="round it"),
@@ -25,9 +25,9 @@ LIT = np.array([0])
     ],
 )
 def test_bodies_in_front_of_or_around_a_body_occlude_it(
-    place: tuple[float, float, float], size: tuple[float, float, float], hides: bool
+    position: tuple[float, float, float], size: tuple[float, float, float], hides: bool
 ) -> None:
-    poses = pose_array([Pose((4.0, 0.0, 1.0)), Pose(place)])
+    poses = pose_array([Pose((4.0, 0.0, 1.0)), Pose(position)])
     sizes = np.array([(0.4, 0.4, 0.4), size])
     assert find_occluders(EYE, poses, sizes, LIT).tolist() == ([1] if hides else [])
 

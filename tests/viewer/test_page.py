@@ -1,4 +1,4 @@
-"""The page in a real browser, by what a person does there. Where the picture does not matter it is left out."""
+"""The page in a real browser, operated by mouse and keyboard; without the 3D view where it does not matter."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def physics_simulation() -> Iterator[Simulation]:
 
 @pytest.fixture
 def open_page(open_page: OpenPage) -> OpenPage:
-    """Without the picture, unless it is wanted."""
+    """Opens pages without the 3D view by default, for speed."""
     return lambda viewer, *, view=False, **more: open_page(viewer, view=view, **more)
 
 
@@ -38,34 +38,36 @@ def position(simulation: Simulation, id: str) -> np.ndarray:
     return simulation.state.poses[simulation.state.ids.index(BodyId(id))][:3]
 
 
-# -- the bar -----------------------------------------------------------------------------------------------------------
+# -- toolbar -----------------------------------------------------------------------------------------------------------
 
 
 def test_the_buttons_play_pause_step_and_reset(simulation: Simulation, viewer: Viewer, open_page: OpenPage) -> None:
     tab = open_page(viewer)
-    wait_until(lambda: tab.shows_text("8 bodies") and tab.shows_text("2 joints · null"), "the page says what is there")
+    wait_until(lambda: tab.shows_text("8 bodies") and tab.shows_text("2 joints · null"), "the toolbar shows the world")
     start = simulation.state.time_s
     tab.click_button("step")
-    wait_until(lambda: simulation.state.time_s == pytest.approx(start + 0.1), "a tenth of a second has passed")
+    wait_until(lambda: simulation.state.time_s == pytest.approx(start + 0.1), "0.1 s have passed")
     tab.page.locator("[data-action=speed]").select_option("2")
     tab.click_button("play")
-    wait_until(lambda: simulation.state.playing and simulation.state.speed == 2.0, "time passes twice as fast")
-    wait_until(lambda: tab.shows_text("playing"), "the page says that it plays")
+    wait_until(
+        lambda: simulation.state.playing and simulation.state.speed == 2.0, "the simulation runs at double speed"
+    )
+    wait_until(lambda: tab.shows_text("playing"), "the toolbar shows the state")
     simulation.play(speed=0.5)
     speed = tab.page.locator("[data-action=speed]")
-    wait_until(lambda: speed.input_value() == "0.5", "the page follows the simulation")
+    wait_until(lambda: speed.input_value() == "0.5", "the speed on the page is updated")
     tab.click_button("play")
-    wait_until(lambda: not simulation.state.playing and tab.shows_text("paused"), "time stands still")
+    wait_until(lambda: not simulation.state.playing and tab.shows_text("paused"), "the simulation is paused")
     simulation.run_on_engine(lambda engine: engine.set_pose(BodyId("Mug"), kitchenette().body("Fridge").pose))
     tab.click_button("reset")
-    wait_until(lambda: np.allclose(position(simulation, "Mug"), (2.0, 0.0, 0.85)), "the mug is back in its place")
+    wait_until(lambda: np.allclose(position(simulation, "Mug"), (2.0, 0.0, 0.85)), "the mug is at its initial pose")
 
 
 def test_an_error_of_the_simulation_is_shown(simulation: Simulation, viewer: Viewer, open_page: OpenPage) -> None:
     tab = open_page(viewer)
     simulation.close()
     tab.click_button("step")
-    wait_until(lambda: tab.shows_text("the simulation is closed"), "the page says why nothing happens")
+    wait_until(lambda: tab.shows_text("the simulation is closed"), "the error is shown")
 
 
 def test_a_lost_connection_is_shown_and_reconnects(simulation: Simulation, viewer: Viewer, open_page: OpenPage) -> None:
@@ -73,48 +75,51 @@ def test_a_lost_connection_is_shown_and_reconnects(simulation: Simulation, viewe
     tab.select_in_tree("Mug")
     port = int(viewer.url.rsplit(":", 1)[1])
     viewer.close()
-    wait_until(lambda: tab.page.locator("#disconnected").is_visible(), "the page says that the connection is lost")
+    wait_until(lambda: tab.page.locator("#disconnected").is_visible(), "the page shows that the connection is lost")
     with Viewer(simulation, port=port) as again:
         assert again.url == viewer.url
-        wait_until(lambda: not tab.page.locator("#disconnected").is_visible(), "it is there again")
+        wait_until(lambda: not tab.page.locator("#disconnected").is_visible(), "the page is connected again")
         simulation.editing.move(BodyId("Mug"), Pose((1.0, 0.0, 0.85)))
-        wait_until(lambda: (tab.live() or {"pose": {"position": []}})["pose"]["position"][:1] == [1.0], "and tells")
+        wait_until(
+            lambda: (tab.live() or {"pose": {"position": []}})["pose"]["position"][:1] == [1.0],
+            "live details are received",
+        )
 
 
-# -- the outline and the details ---------------------------------------------------------------------------------------
+# -- scene tree and details --------------------------------------------------------------------------------------------
 
 
 def test_a_body_is_found_selected_and_described(simulation: Simulation, viewer: Viewer, open_page: OpenPage) -> None:
     tab = open_page(viewer)
-    wait_until(lambda: tab.tree_rows() == ["Cupboard", "Floor", "Fridge", "Mug"], "only what is above is open")
+    wait_until(lambda: tab.tree_rows() == ["Cupboard", "Floor", "Fridge", "Mug"], "only top-level rows are shown")
     tab.page.locator(".tree-row[data-id=Cupboard] .caret").click()
     assert tab.tree_rows() == ["Cupboard", "Drawer", "Floor", "Fridge", "Mug"]
     tab.page.locator("[data-role=find-body]").fill("door handle")
-    wait_until(lambda: tab.shows_text("0 of 8 found"), "no door is a handle")
+    wait_until(lambda: tab.shows_text("0 of 8 found"), "no body matches both words")
     tab.page.locator("[data-role=find-body]").fill("refrigerator")
-    wait_until(lambda: tab.tree_rows() == ["Fridge"], "it is found by its class")
+    wait_until(lambda: tab.tree_rows() == ["Fridge"], "the body is found by its class")
     tab.page.locator("[data-role=find-body]").fill("handle")
-    wait_until(lambda: tab.shows_text("2 of 8 found"), "two handles, with what they hang on")
+    wait_until(lambda: tab.shows_text("2 of 8 found"), "two handles, with their parents")
     assert tab.tree_rows() == ["Cupboard", "Drawer", "DrawerHandle", "Fridge", "FridgeDoor", "FridgeHandle"]
     tab.select_in_tree("FridgeHandle")
     assert tab.shows_text("attached to")
     assert tab.shows_text("0.04 \N{MULTIPLICATION SIGN} 0.02 \N{MULTIPLICATION SIGN} 0.3 m")
     tab.page.locator("[data-body-link=FridgeDoor]").first.click()
-    wait_until(lambda: tab.selected == "FridgeDoor" and tab.shows_text("FridgeHinge"), "a link leads on")
+    wait_until(lambda: tab.selected == "FridgeDoor" and tab.shows_text("FridgeHinge"), "a link selects its body")
 
 
 def test_the_scene_tree_is_navigated_by_keyboard(viewer: Viewer, open_page: OpenPage) -> None:
     tab = open_page(viewer)
-    wait_until(lambda: len(tab.tree_rows()) == 4, "the tree is there")
+    wait_until(lambda: len(tab.tree_rows()) == 4, "the tree is shown")
     tab.page.locator("[data-role=find-body]").press("ArrowDown")
-    wait_until(lambda: tab.selected == "Cupboard", "the first row")
+    wait_until(lambda: tab.selected == "Cupboard", "the first row is selected")
     keys = {"ArrowRight": "Cupboard", "ArrowDown": "Drawer", "End": "Mug", "Home": "Cupboard"}
     for key, expected in keys.items():
         tab.page.keyboard.press(key)
         wait_until(lambda expected=expected: tab.selected == expected, f"{key} leads to {expected}")
     assert "Drawer" in tab.tree_rows()
     tab.page.keyboard.press("ArrowLeft")
-    wait_until(lambda: "Drawer" not in tab.tree_rows(), "it is shut again")
+    wait_until(lambda: "Drawer" not in tab.tree_rows(), "the row is collapsed")
 
 
 def test_five_thousand_bodies_are_a_few_rows(open_page: OpenPage) -> None:
@@ -128,7 +133,7 @@ def test_five_thousand_bodies_are_a_few_rows(open_page: OpenPage) -> None:
         with Viewer(simulation, port=0) as viewer:
             tab = open_page(viewer)
             state = "mindstage.outliner.state"
-            wait_until(lambda: tab.page.evaluate(f"{state}.bodies") == 5000, "all are known")
+            wait_until(lambda: tab.page.evaluate(f"{state}.bodies") == 5000, "all rows are received")
             assert tab.page.evaluate(f"{state}.rendered") < 80
             tab.select_in_tree("Mug4321")
             assert tab.page.evaluate(f"{state}.rendered") == 1
@@ -136,13 +141,13 @@ def test_five_thousand_bodies_are_a_few_rows(open_page: OpenPage) -> None:
 
 def test_hidden_bodies_are_hidden_for_all_clients(viewer: Viewer, open_page: OpenPage) -> None:
     tab, other = open_page(viewer), open_page(viewer)
-    wait_until(tab.tree_rows, "the tree is there")
+    wait_until(tab.tree_rows, "the tree is shown")
     tab.page.locator(".tree-row[data-id=Fridge]").hover()
     tab.page.locator(".tree-row[data-id=Fridge] [data-action=toggle-visibility]").click()
     hidden = {"Fridge", "FridgeDoor", "FridgeHandle"}
-    wait_until(lambda: viewer.views.hidden == hidden, "the fridge is hidden with all that belongs to it")
+    wait_until(lambda: viewer.views.hidden == hidden, "the fridge is hidden with its children")
     wait_until(
-        lambda: other.page.locator(".tree-row.hidden-body[data-id=Fridge]").count() == 1, "the other one sees it"
+        lambda: other.page.locator(".tree-row.hidden-body[data-id=Fridge]").count() == 1, "the other page is updated"
     )
 
 
@@ -152,23 +157,25 @@ def test_properties_are_edited_and_undone(simulation: Simulation, viewer: Viewer
     tab.select_in_tree("Mug")
     page.locator("[data-field=mass]").fill("2.5")
     page.keyboard.press("Enter")
-    wait_until(lambda: simulation.snapshot().body("Mug").physics.mass_kg == 2.5, "the mug has another mass")
-    wait_until(lambda: page.locator("[data-pose=x]").input_value() == "2", "where it is stands in the fields")
+    wait_until(lambda: simulation.snapshot().body("Mug").physics.mass_kg == 2.5, "the mass is changed")
+    wait_until(lambda: page.locator("[data-pose=x]").input_value() == "2", "the fields show the pose")
     page.locator("[data-pose=x]").fill("1.25")
     page.keyboard.press("Enter")
-    wait_until(lambda: position(simulation, "Mug")[0] == pytest.approx(1.25), "the mug is somewhere else")
+    wait_until(lambda: position(simulation, "Mug")[0] == pytest.approx(1.25), "the mug is moved")
     page.locator("[data-pose=yaw]").fill("90")
     page.keyboard.press("Enter")
     turned = (0.5**0.5, 0.0, 0.0, 0.5**0.5)
-    wait_until(lambda: simulation.snapshot().body("Mug").pose.quaternion == pytest.approx(turned), "and turned")
+    wait_until(lambda: simulation.snapshot().body("Mug").pose.quaternion == pytest.approx(turned), "the mug is rotated")
     page.locator("[data-field=mobility]").select_option("static")
-    wait_until(lambda: simulation.snapshot().body("Mug").physics.mobility.value == "static", "and static")
+    wait_until(lambda: simulation.snapshot().body("Mug").physics.mobility.value == "static", "the mug is static")
     page.locator("[data-field=mass]").fill("-1")
     page.keyboard.press("Enter")
-    wait_until(lambda: tab.shows_text("The mass must be greater than 0 kg."), "nonsense is refused in words")
+    wait_until(
+        lambda: tab.shows_text("The mass must be greater than 0 kg."), "an invalid value is refused with a message"
+    )
     for _ in range(4):
         tab.click_button("undo")
-    wait_until(lambda: not simulation.editing.history.undo, "all is undone")
+    wait_until(lambda: not simulation.editing.history.undo, "everything is undone")
     assert simulation.snapshot().body("Mug") == kitchenette().body("Mug")
 
 
@@ -180,11 +187,12 @@ def test_a_body_is_attached_by_choosing_its_parent(simulation: Simulation, viewe
     wait_until(lambda: "Drawer" in tab.tree_rows(), "the drawer is found")
     tab.page.locator(".tree-row[data-id=Drawer] .tree-name").click()
     wait_until(
-        lambda: any(hold.child == "Mug" for hold in simulation.snapshot().attachments), "the mug hangs on the drawer"
+        lambda: any(each.child == "Mug" for each in simulation.snapshot().attachments),
+        "the mug is attached to the drawer",
     )
-    wait_until(lambda: tab.selected == "Mug" and tab.details()["attached_to"] == "Drawer", "and the page says so")
+    wait_until(lambda: tab.selected == "Mug" and tab.details()["attached_to"] == "Drawer", "the page shows it")
     tab.click_button("detach")
-    wait_until(lambda: all(hold.child != "Mug" for hold in simulation.snapshot().attachments), "it is loose again")
+    wait_until(lambda: all(each.child != "Mug" for each in simulation.snapshot().attachments), "the mug is detached")
 
 
 def test_deleting_by_key_is_seen_by_other_clients_and_undone_by_key(
@@ -195,9 +203,9 @@ def test_deleting_by_key_is_seen_by_other_clients_and_undone_by_key(
     tab.select_in_tree("Mug")
     tab.page.keyboard.press("Delete")
     wait_until(lambda: "Mug" not in simulation.state.ids, "the mug is gone")
-    wait_until(lambda: other.selected is None and other.shows_text("No body is selected"), "the other one sees it")
+    wait_until(lambda: other.selected is None and other.shows_text("No body is selected"), "the other page is updated")
     other.page.locator("[data-role=tree]").press("Control+z")
-    wait_until(lambda: "Mug" in simulation.state.ids, "the other one brings it back")
+    wait_until(lambda: "Mug" in simulation.state.ids, "the other page has undone it")
 
 
 def test_a_slider_opens_the_drawer_and_follows_it(physics_simulation: Simulation, open_page: OpenPage) -> None:
@@ -208,11 +216,11 @@ def test_a_slider_opens_the_drawer_and_follows_it(physics_simulation: Simulation
         slider = tab.page.locator("[data-joint=DrawerSlide]")
         slider.fill("-0.3")
         wait_until(
-            lambda: position(physics_simulation, "Drawer")[0] == pytest.approx(1.65, abs=0.02), "the drawer comes out"
+            lambda: position(physics_simulation, "Drawer")[0] == pytest.approx(1.65, abs=0.02), "the drawer opens"
         )
-        wait_until(lambda: tab.shows_text("-0.30") or tab.shows_text("-0.29"), "and the page says how far")
+        wait_until(lambda: tab.shows_text("-0.30") or tab.shows_text("-0.29"), "the page shows the position")
         physics_simulation.reset()
-        wait_until(lambda: float(slider.input_value()) == pytest.approx(0.0, abs=0.02), "the slider follows")
+        wait_until(lambda: float(slider.input_value()) == pytest.approx(0.0, abs=0.02), "the slider is updated")
 
 
 # -- adding, saving, loading -------------------------------------------------------------------------------------------
@@ -227,10 +235,10 @@ def test_a_body_is_added_from_the_list(physics_simulation: Simulation, open_page
         tab.page.locator("[data-class=DinnerPlate]").click()
         assert tab.page.locator("[data-role=placement]").input_value() == "on"
         tab.click_button("add")
-        wait_until(lambda: len(physics_simulation.state.ids) == 9, "there is a plate")
+        wait_until(lambda: len(physics_simulation.state.ids) == 9, "the plate is added")
         new = next(id for id in physics_simulation.state.ids if "DinnerPlate" in id)
         wait_until(lambda: tab.selected == new, "the plate is selected")
-        assert position(physics_simulation, new)[2] == pytest.approx(0.81, abs=0.03), "it lies on the cupboard"
+        assert position(physics_simulation, new)[2] == pytest.approx(0.81, abs=0.03), "the plate is on the cupboard"
 
 
 def test_the_map_is_saved_and_loaded_by_file_and_by_drop(
@@ -244,8 +252,8 @@ def test_the_map_is_saved_and_loaded_by_file_and_by_drop(
     assert saved.name == "map.ttl"
     simulation.editing.delete([BodyId("Mug"), BodyId("Fridge")])
     tab.page.locator("[data-role=upload]").set_input_files(saved)
-    wait_until(lambda: len(simulation.state.ids) == 8, "all is back")
-    wait_until(lambda: tab.shows_text("map: 8 bodies, 2 joints"), "and the page says so")
+    wait_until(lambda: len(simulation.state.ids) == 8, "all bodies are restored")
+    wait_until(lambda: tab.shows_text("map: 8 bodies, 2 joints"), "the page shows it")
     simulation.editing.delete([BodyId("Mug")])
     drop = """text => {
         const transfer = new DataTransfer();
@@ -255,9 +263,9 @@ def test_the_map_is_saved_and_loaded_by_file_and_by_drop(
         document.getElementById("drop-target").dispatchEvent(event("drop"));
     }"""
     tab.page.evaluate(drop, saved.read_text(encoding="utf-8"))
-    wait_until(lambda: "Mug" in simulation.state.ids, "a dropped map is loaded too")
+    wait_until(lambda: "Mug" in simulation.state.ids, "the dropped map is loaded")
     tab.page.evaluate(drop, "this is no map")
-    wait_until(lambda: tab.shows_text("dropped.ttl"), "what is no map is said")
+    wait_until(lambda: tab.shows_text("dropped.ttl"), "the invalid file is reported")
     assert len(simulation.state.ids) == 8
 
 
@@ -282,7 +290,7 @@ def test_on_a_phone_panels_are_sheets_over_the_view(viewer: Viewer, open_page: O
     assert page.evaluate("document.documentElement.scrollWidth") <= 390
 
 
-# -- the picture in the page -------------------------------------------------------------------------------------------
+# -- 3D view in the page -----------------------------------------------------------------------------------------------
 
 
 def test_a_click_in_the_view_selects_in_this_page_only(
@@ -291,9 +299,9 @@ def test_a_click_in_the_view_selects_in_this_page_only(
     tab, other = open_page(viewer, view=True), open_page(viewer)
     tab.click_until(ON_THE_HANDLE, lambda: tab.selected == "DrawerHandle", "the handle is selected")
     row = tab.page.locator(".tree-row[aria-selected=true]")
-    wait_until(lambda: row.get_attribute("data-id") == "DrawerHandle", "the outline has opened there")
-    wait_until(lambda: tab.shows_text("kinematic"), "the details name it")
+    wait_until(lambda: row.get_attribute("data-id") == "DrawerHandle", "the tree shows the row")
+    wait_until(lambda: tab.shows_text("kinematic"), "the details are shown")
     assert other.selected is None
     tab.select_in_tree("Fridge")
     (number,) = viewer.views.clients
-    wait_until(lambda: viewer.views.selected(number) == "Fridge", "and the view follows the outline")
+    wait_until(lambda: viewer.views.selected(number) == "Fridge", "the view selects it, too")

@@ -1,4 +1,4 @@
-"""How a color changes when something is lit."""
+"""Paints of highlighted and dimmed bodies."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ def test_dimmed_bodies_are_paler_and_occluders_transparent() -> None:
     assert 0.0 < green < red
     assert dimmed(Paint(RED)).opacity == 1.0
     assert dimmed(Paint(RED), as_occluder=True).opacity == OCCLUDER_OPACITY
-    assert dimmed(Paint(RED, 0.1), as_occluder=True).opacity == 0.1, "what is clearer already stays so"
+    assert dimmed(Paint(RED, 0.1), as_occluder=True).opacity == 0.1, "a lower opacity is kept"
 
 
 def test_srgb_is_converted_to_linear() -> None:
-    light = srgb_to_linear(np.array([0.0, 0.04045, 0.5, 1.0, 7.0]))
-    assert light == pytest.approx([0.0, 0.0031308, 0.2140411, 1.0, 1.0], abs=1e-6)
+    linear = srgb_to_linear(np.array([0.0, 0.04045, 0.5, 1.0, 7.0]))
+    assert linear == pytest.approx([0.0, 0.0031308, 0.2140411, 1.0, 1.0], abs=1e-6)

@@ -1,4 +1,4 @@
-"""What the page asks and is told, over a real socket at a server without a world."""
+"""The RPC channel with real websockets, without a simulation."""
 
 from __future__ import annotations
 
@@ -72,70 +72,70 @@ def test_a_method_is_registered_once(channel: RpcChannel) -> None:
 
 def test_published_values_reach_all_sessions_and_later_ones(channel: RpcChannel, url: str, client: PageClient) -> None:
     channel.publish("clock", {"time": 1})
-    wait_until(lambda: client.latest_value("clock") == {"time": 1}, "who is there is told")
+    wait_until(lambda: client.latest_value("clock") == {"time": 1}, "open sessions receive it")
     channel.publish("clock", {"time": 2})
     with connect_page_client(url) as late:
-        wait_until(lambda: late.latest_value("clock") == {"time": 2}, "who comes later is told how it is then")
+        wait_until(lambda: late.latest_value("clock") == {"time": 2}, "later sessions receive the latest value")
         assert [value for topic, value in late.events if topic == "clock"] == [{"time": 2}]
 
 
 def test_unchanged_values_are_not_sent_again(channel: RpcChannel, client: PageClient) -> None:
     for value in (1, 1, 1, 2, 2, 1):
         channel.publish("value", value)
-        wait_until(lambda value=value: client.latest_value("value") == value, "it is told")
+        wait_until(lambda value=value: client.latest_value("value") == value, "the value is received")
     assert [value for topic, value in client.events if topic == "value"] == [1, 2, 1]
 
 
 def test_events_are_sent_once_and_not_to_later_sessions(channel: RpcChannel, url: str, client: PageClient) -> None:
-    wait_until(lambda: channel.sessions, "somebody is there")
+    wait_until(lambda: channel.sessions, "the session is open")
     channel.broadcast("toast", "bread")
-    wait_until(lambda: client.latest_value("toast") == "bread", "who is there is told")
+    wait_until(lambda: client.latest_value("toast") == "bread", "open sessions receive it")
     channel.publish("after", True)
     with connect_page_client(url) as late:
-        wait_until(lambda: late.latest_value("after"), "the late one has messages all that there is")
+        wait_until(lambda: late.latest_value("after"), "the later session has received everything")
         assert "toast" not in late.latest
 
 
 def test_events_can_be_sent_to_one_session(channel: RpcChannel, url: str) -> None:
     with connect_page_client(url, key="a" * 8) as ann, connect_page_client(url, key="b" * 8) as bob:
-        wait_until(lambda: len(channel.sessions) == 2, "both are there")
-        visitor = channel.session("a" * 8)
-        assert visitor is not None
+        wait_until(lambda: len(channel.sessions) == 2, "both sessions are open")
+        session = channel.session("a" * 8)
+        assert session is not None
         for value in (1, 1, 2):
-            visitor.publish_to("mine", value)
-        visitor.send_event("mine too", 3)
+            session.publish_to("mine", value)
+        session.send_event("mine too", 3)
         channel.publish("end", True)
-        wait_until(lambda: ann.latest_value("end") and bob.latest_value("end"), "all is told")
+        wait_until(lambda: ann.latest_value("end") and bob.latest_value("end"), "everything is received")
         assert (ann.latest["mine"], ann.latest["mine too"]) == (2, 3)
         assert not {"mine", "mine too"} & bob.latest.keys()
 
 
 def test_a_slow_request_blocks_only_its_own_queue(channel: RpcChannel, client: PageClient) -> None:
-    let_go, done = threading.Event(), list[int]()
+    released, done = threading.Event(), list[int]()
 
-    def wait(_: ClientSession, wish: Number) -> None:
-        let_go.wait(TIMEOUT_S)
-        done.append(wish.number)
+    def wait(_: ClientSession, request: Number) -> None:
+        released.wait(TIMEOUT_S)
+        done.append(request.number)
 
     channel.register("slow", Number, wait, queue="slow")
-    channel.register("quick", Number, lambda _, wish: wish.number)
+    channel.register("quick", Number, lambda _, request: request.number)
     for number in (1, 2, 3):
         client.socket.send(json.dumps({"id": -number, "method": "slow", "params": {"number": number}}))
     assert client.ask("quick", number=7) == 7
     assert done == []
-    let_go.set()
-    wait_until(lambda: len(done) == 3, "the others are answered")
-    assert done == [1, 2, 3], "in their order"
+    released.set()
+    wait_until(lambda: len(done) == 3, "the slow requests are answered")
+    assert done == [1, 2, 3], "they are handled in order"
 
 
 def test_too_many_pending_requests_are_refused(channel: RpcChannel, client: PageClient) -> None:
-    let_go = threading.Event()
-    channel.register("wait", Nothing, lambda *_: let_go.wait(TIMEOUT_S))
+    released = threading.Event()
+    channel.register("wait", Nothing, lambda *_: released.wait(TIMEOUT_S))
     for number in range(-6, 0):
         client.socket.send(json.dumps({"id": number, "method": "wait"}))
     refused = [json.loads(client.socket.recv(timeout=TIMEOUT_S)) for _ in range(2)]
     assert [reply["error"]["type"] for reply in refused] == ["TooMany", "TooMany"]
-    let_go.set()
+    released.set()
     answered = [json.loads(client.socket.recv(timeout=TIMEOUT_S)) for _ in range(4)]
     assert all(reply["result"] is True for reply in answered)
 
@@ -156,9 +156,9 @@ def test_the_rate_of_requests_is_limited() -> None:
 
 
 def test_callbacks_are_called_for_connects_and_disconnects(channel: RpcChannel, url: str) -> None:
-    seen: list[tuple[str, str]] = []
-    channel.on_connect(lambda visitor: seen.append(("came", visitor.key)))
-    channel.on_disconnect(lambda visitor: seen.append(("left", visitor.key)))
+    events: list[tuple[str, str]] = []
+    channel.on_connect(lambda session: events.append(("connected", session.key)))
+    channel.on_disconnect(lambda session: events.append(("disconnected", session.key)))
     with connect_page_client(url, key="c" * 8):
-        wait_until(lambda: seen == [("came", "c" * 8)], "it came")
-    wait_until(lambda: seen == [("came", "c" * 8), ("left", "c" * 8)], "it left")
+        wait_until(lambda: events == [("connected", "c" * 8)], "the session is connected")
+    wait_until(lambda: events == [("connected", "c" * 8), ("disconnected", "c" * 8)], "the session is disconnected")

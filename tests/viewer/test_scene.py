@@ -1,4 +1,4 @@
-"""What is sent to all visitors, and what is not: the server is played by lists."""
+"""The 3D scene, with a fake server that records messages."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def show(scene: ViewerScene, world: World = WORLD, appearances: dict[BodyId, Bod
 
 
 def many_mugs(count: int = BATCH_SIZE) -> World:
-    """So many mugs in a row, in a kitchen."""
+    """The kitchen with a row of mugs."""
     mug = WORLD.body("Mug")
     mugs = [replace(mug, id=BodyId(f"Mug{n}"), pose=Pose((n, 0.0, 5.0))) for n in range(count)]
     return replace(WORLD, bodies=(*WORLD.bodies, *mugs))
@@ -73,7 +73,7 @@ def state(server: FakeServer, name: str) -> dict[str, Any]:
 
 
 def variant(server: FakeServer, id: str) -> str:
-    """In which variant a body is seen."""
+    """The visible variant of a body's node."""
     (shown,) = (
         kind
         for kind in ("textured", "plain")
@@ -194,11 +194,11 @@ def test_occluders_of_highlighted_bodies_are_transparent(server: FakeServer, sce
     x, y, z = WORLD.body("Drawer").pose.position
     scene.set_initial_camera(CameraPose((x - 4.0, y, z), (x, y, z), 0.6))
     scene.set_highlights({BodyId("Drawer"): GREEN})
-    assert state(server, "/bodies/Cupboard/plain")["opacity"] == OCCLUDER_OPACITY, "it is in there"
-    assert state(server, "/bodies/DrawerHandle/plain")["opacity"] == OCCLUDER_OPACITY, "it is behind that"
+    assert state(server, "/bodies/Cupboard/plain")["opacity"] == OCCLUDER_OPACITY, "it contains the drawer"
+    assert state(server, "/bodies/DrawerHandle/plain")["opacity"] == OCCLUDER_OPACITY, "it is in front of the drawer"
     assert state(server, "/bodies/Fridge/plain")["opacity"] is None
     scene.set_highlights({FRIDGE: GREEN})
-    assert state(server, "/bodies/Cupboard/plain")["opacity"] is None, "nothing is in there any more"
+    assert state(server, "/bodies/Cupboard/plain")["opacity"] is None, "it occludes nothing"
 
 
 def test_a_redrawn_body_keeps_its_highlight(server: FakeServer, scene: ViewerScene) -> None:
@@ -213,7 +213,7 @@ def test_the_node_of_a_highlighted_body_is_clickable(scene: ViewerScene, clickab
     assert "/bodies/Mug/plain" in [node.name for node, _, _ in clickable]
 
 
-# -- crowds ------------------------------------------------------------------------------------------------------------
+# -- batches -----------------------------------------------------------------------------------------------------------
 
 
 def test_many_bodies_of_equal_appearance_share_a_batch(
@@ -224,7 +224,7 @@ def test_many_bodies_of_equal_appearance_share_a_batch(
         show(scene, many_mugs())
     assert [name for name, what in messages if what == "add"].count("/batches/1/textured") == 1
     assert not any("Mug1" in name for name in server.scene.nodes)
-    # The one that can be held is no member: a crowd either can be held or it cannot.
+    # The draggable mug is no member: all members of a batch are draggable, or none.
     assert len(state(server, "/batches/1/textured")["batched_positions"]) == BATCH_SIZE - 1
     (node, pick, draggable), *_ = clickable
     assert (node.name, draggable) == ("/batches/1/textured", False)
@@ -282,7 +282,7 @@ def test_removing_a_member_keeps_the_rest_of_the_batch(
     assert not any(name.startswith("/batches/") for name in server.scene.nodes)
 
 
-# -- what is not to be seen --------------------------------------------------------------------------------------------
+# -- hidden bodies -----------------------------------------------------------------------------------------------------
 
 
 def test_hidden_bodies_stay_hidden_until_they_are_shown(server: FakeServer, scene: ViewerScene) -> None:
@@ -295,7 +295,7 @@ def test_hidden_bodies_stay_hidden_until_they_are_shown(server: FakeServer, scen
         many_mugs(),
         appearances=appearances_of(many_mugs()) | {MUG: replace_appearance(APPEARANCES[MUG], key="other")},
     )
-    assert state(server, "/bodies/Mug")["visible"] is False, "it is drawn anew, and hidden as before"
+    assert state(server, "/bodies/Mug")["visible"] is False, "a redrawn body stays hidden"
     scene.hide(frozenset())
     assert state(server, "/bodies/Mug")["visible"] is True
     assert len(state(server, "/batches/1/textured")["batched_positions"]) == BATCH_SIZE - 1
@@ -312,7 +312,7 @@ def test_enclosures_are_lines_that_can_be_hidden(server: FakeServer, scene: View
     assert state(server, "/bodies/Hall")["visible"] is True
 
 
-# -- the place ---------------------------------------------------------------------------------------------------------
+# -- surroundings ------------------------------------------------------------------------------------------------------
 
 
 def test_the_ground_is_shown_and_removed(server: FakeServer, scene: ViewerScene) -> None:
@@ -336,13 +336,13 @@ def test_an_attached_light_moves_with_its_body(server: FakeServer, scene: Viewer
         "glowing", visuals, (), lights=(AttachedLight(pose=Pose((0.0, 0.0, -0.1)), color=(1.0, 0.5, 0.0)),)
     )
     show(scene, appearances=appearances_of(WORLD, {MUG: glowing}))
-    lamp = state(server, "/lights/Mug")
-    assert lamp["color"] == (255, 128, 0)
-    assert lamp["position"] == pytest.approx([2.0, 0.0, 0.75])
+    light = state(server, "/lights/Mug")
+    assert light["color"] == (255, 128, 0)
+    assert light["position"] == pytest.approx([2.0, 0.0, 0.75])
     poses = POSES.copy()
     poses[IDS.index(MUG), 2] += 1.0
     scene.move(poses)
-    assert lamp["position"] == pytest.approx([2.0, 0.0, 1.75])
+    assert light["position"] == pytest.approx([2.0, 0.0, 1.75])
     show(scene)
     assert "/lights/Mug" not in server.scene.nodes
 
@@ -355,5 +355,5 @@ def test_only_the_brightest_lights_are_created(server: FakeServer, scene: Viewer
         for n in range(BATCH_SIZE)
     }
     show(scene, world, appearances=appearances_of(world, geometry))
-    lamps = [name for name in server.scene.nodes if name.startswith("/lights/")]
-    assert sorted(lamps) == sorted(f"/lights/Mug{n}" for n in range(BATCH_SIZE - 3, BATCH_SIZE))
+    lights = [name for name in server.scene.nodes if name.startswith("/lights/")]
+    assert sorted(lights) == sorted(f"/lights/Mug{n}" for n in range(BATCH_SIZE - 3, BATCH_SIZE))

@@ -1,4 +1,4 @@
-"""The tree that the page shows."""
+"""The scene tree of the page."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def test_cycles_of_joints_are_broken() -> None:
             steps = 0
             while row.parent >= 0:
                 row, steps = outline.rows[row.parent], steps + 1
-                assert steps < len(outline.rows), "the way up ends"
+                assert steps < len(outline.rows), "there is no cycle"
 
 
 def test_links_to_missing_bodies_are_ignored() -> None:

@@ -1,4 +1,4 @@
-"""Pictures of the page and of the world alone, taken in a real browser; the world they show stands still."""
+"""Screenshots of the page and of the 3D view, with a real browser and a paused simulation."""
 
 from __future__ import annotations
 
@@ -36,11 +36,11 @@ def test_highlights_and_the_clipping_plane_are_in_the_picture(
     assert whole.shape == cut.shape == (200, 320, 3)
     assert blue(whole) > 300
     assert blue(cut) < blue(whole) / 2
-    wait_until(lambda: not viewer.views.clients, "the browsers are gone")
+    wait_until(lambda: not viewer.views.clients, "the browsers are disconnected")
 
 
 def blue(picture: np.ndarray) -> int:
-    """How many pixels are plainly blue."""
+    """The number of blue pixels."""
     red, green, blue = np.moveaxis(picture, -1, 0)
     return int(np.count_nonzero((blue > red + 60) & (blue > green + 40)))
 
@@ -54,7 +54,7 @@ def test_a_screenshot_of_the_whole_page_has_its_panels(viewer: Viewer, chromium:
 
 
 def plainest(colors: np.ndarray) -> float:
-    """How much of it has the same color."""
+    """The share of the most frequent color."""
     _, counts = np.unique(colors, axis=0, return_counts=True)
     return float(counts.max() / len(colors))
 
@@ -67,7 +67,7 @@ def test_an_empty_page_that_needs_a_token_is_captured(chromium: Path) -> None:
         shot = Screenshot(size=(160, 100), position=(0.0, 0.0, 3.0), browser=str(chromium), timeout_s=PATIENCE_S)
         picture = pixels(viewer.screenshot(shot))
         assert picture.shape == (100, 160, 3)
-        assert len(np.unique(picture.reshape(-1, 3), axis=0)) > 20, "the sky runs from light to dark"
+        assert len(np.unique(picture.reshape(-1, 3), axis=0)) > 20, "the background is a gradient"
 
 
 def test_invalid_screenshots_are_refused(viewer: Viewer, chromium: Path) -> None:

@@ -1,4 +1,4 @@
-"""The port that our page and viser's view share, with real sockets."""
+"""The web server: routes of the page and of viser at one port, with real sockets."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Echo(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 @pytest.fixture
 def channel() -> RpcChannel:
     channel = RpcChannel(RpcLimits(message_bytes=10_000, max_sessions=2))
-    channel.register("echo", Echo, lambda _, wish: wish.text)
+    channel.register("echo", Echo, lambda _, request: request.text)
     return channel
 
 
@@ -87,8 +87,8 @@ def test_every_file_that_the_page_refers_to_exists(server: viser.ViserServer) ->
 
 def test_paths_outside_the_page_are_not_served(server: viser.ViserServer) -> None:
     for path in (
-        "/mindstage/../gate.py",
-        "/mindstage/%2e%2e/gate.py",
+        "/mindstage/../http.py",
+        "/mindstage/%2e%2e/http.py",
         "/view/../../../etc/passwd",
         "/client/index.html",
     ):
@@ -109,18 +109,18 @@ def test_foreign_hosts_origins_and_malformed_requests_are_refused(server: viser.
     with socket.create_connection(("127.0.0.1", server.get_port()), timeout=TIMEOUT_S) as raw:
         raw.sendall(b"\x16\x03\x01 this is no request\r\n\r\n")
         assert b"200" not in raw.recv(1000)
-    assert get(server, "/")[0] == 200, "the server lives on"
+    assert get(server, "/")[0] == 200, "the server still answers"
 
 
 def test_the_request_filter_applies_to_files_of_viser(server: viser.ViserServer) -> None:
-    assert _infra.websockets.asyncio.server.serve is sockets._serve, "viser's module is as it was"
+    assert _infra.websockets.asyncio.server.serve is sockets._serve, "the patch of viser is undone"
     for path in ("/", "/index.html"):
         assert b"Viser client" not in get(server, path)[2]
 
 
 def test_a_viser_that_cannot_be_patched_is_not_served(channel: RpcChannel, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sockets, "_infra", type("Elsewhere", (), {"websockets": _infra.websockets}))
-    with pytest.raises(ViewerUnavailableError, match="gate"):
+    with pytest.raises(ViewerUnavailableError, match="request filter"):
         serve("127.0.0.1", 0, title="T", channel=channel)
 
 
@@ -192,31 +192,31 @@ def test_the_size_of_messages_is_limited(server: viser.ViserServer) -> None:
 
 def test_the_number_of_sessions_is_limited(server: viser.ViserServer, channel: RpcChannel) -> None:
     with connect_page_client(address(server)), connect_page_client(address(server)):
-        wait_until(lambda: len(channel.sessions) == 2, "two are there")
+        wait_until(lambda: len(channel.sessions) == 2, "two sessions are open")
         with connect_page_client(address(server)) as third, pytest.raises(ConnectionClosed) as closed:
             third.socket.recv(timeout=TIMEOUT_S)
         assert closed.value.rcvd is not None
         assert "too many" in closed.value.rcvd.reason
-    wait_until(lambda: not channel.sessions, "they have left")
+    wait_until(lambda: not channel.sessions, "both sessions are closed")
 
 
 def test_a_reconnecting_page_replaces_its_session(server: viser.ViserServer, channel: RpcChannel) -> None:
     left: list[ClientSession] = []
     channel.on_disconnect(left.append)
     with connect_page_client(address(server), key=KEY):
-        wait_until(lambda: channel.session(KEY), "it is there")
+        wait_until(lambda: channel.session(KEY), "the session is open")
         first = channel.session(KEY)
         with connect_page_client(address(server), key=KEY) as again:
-            wait_until(lambda: channel.session(KEY) is not first, "the new socket counts")
+            wait_until(lambda: channel.session(KEY) is not first, "the new session replaces the old one")
             assert again.ask("echo", text="hi") == "hi"
-    wait_until(lambda: len(left) == 2 and not channel.sessions, "both sockets are gone")
+    wait_until(lambda: len(left) == 2 and not channel.sessions, "both websockets are closed")
 
 
 def test_a_view_belongs_to_the_session_with_its_key(server: viser.ViserServer) -> None:
     connections = server._websock_server._live_connections
     protocol = f"viser-v{viser.__version__}"
     with connect(f"ws://127.0.0.1:{server.get_port()}/view/{KEY}", subprotocols=[protocol]):  # type: ignore[list-item]
-        wait_until(lambda: connections, "viser has taken it in")
+        wait_until(lambda: connections, "viser has accepted the connection")
         client = type("Client", (), {"client_id": next(iter(connections))})
         assert session_key_of(client, server) == KEY  # type: ignore[arg-type]
     assert session_key_of(type("Client", (), {"client_id": 99}), server) is None  # type: ignore[arg-type]

@@ -1,4 +1,4 @@
-"""What the page says about the engine, its guests, and what was found and assumed about the map."""
+"""The Status panel: engine statistics, connected clients, and the report about the map."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from tests.viewer.fake_page import FakePage
 
 
 class BusyEngine(NullEngine):
-    """Nothing moves, and it says otherwise; one body it does not take."""
+    """Reports made-up statistics, and a body that could not be spawned."""
 
     busy = EngineStats(movable=7, awake=3, contacts=12, timestep_s=0.002)
 

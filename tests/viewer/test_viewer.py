@@ -1,4 +1,4 @@
-"""The page's life: its address, its thread, what it does when something goes wrong. No browser is needed."""
+"""The viewer without a browser: address, closing, updates, errors."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ MUG = BodyId("Mug")
 
 
 def shown(viewer: Viewer, id: str) -> bool:
-    """Whether a body is drawn, and visitors can ask for it."""
+    """Whether a body is drawn, and clients can select it."""
     drawn = viewer._server.scene.get_handle_by_name(f"/bodies/{id}") is not None
     return drawn and id in viewer.views._appearances
 
 
 def shown_plain(viewer: Viewer, id: str) -> viser.MeshHandle | None:
-    """A body's variant in one color, where that is shown."""
+    """The plain variant of a body's node, if it is visible."""
     plain = viewer._server.scene.get_handle_by_name(f"/bodies/{id}/plain")
     return plain if plain is not None and plain.visible else None
 
@@ -42,7 +42,7 @@ def port_taken() -> Iterator[int]:
         yield taken.getsockname()[1]
 
 
-# -- its address -------------------------------------------------------------------------------------------------------
+# -- address -----------------------------------------------------------------------------------------------------------
 
 
 def test_the_page_is_served_at_its_url(viewer: Viewer) -> None:
@@ -80,7 +80,7 @@ def test_viser_share_urls_are_disabled(viewer: Viewer) -> None:
     assert viewer._server.request_share_url() is None
 
 
-# -- its end -----------------------------------------------------------------------------------------------------------
+# -- closing -----------------------------------------------------------------------------------------------------------
 
 
 def test_closing_twice_is_harmless_and_the_simulation_stays_open(simulation: Simulation) -> None:
@@ -93,18 +93,18 @@ def test_closing_twice_is_harmless_and_the_simulation_stays_open(simulation: Sim
 
 def test_closing_ends_all_drags(simulation: Simulation) -> None:
     with Viewer(simulation, port=0) as viewer:
-        wait_until(lambda: viewer._drag_controller.draggable, "the page knows what can be held")
+        wait_until(lambda: viewer._drag_controller.draggable, "draggable bodies are known")
         viewer._drag_controller.start("ann", MUG, (2.0, 0.0, 0.85))
     assert viewer._drag_controller.drag_forces == ()
     assert simulation._perturbations == {}
 
 
-# -- following the world -----------------------------------------------------------------------------------------------
+# -- updates -----------------------------------------------------------------------------------------------------------
 
 
 def test_a_world_spawned_later_is_shown() -> None:
     with Simulation(KnowledgeBase(), NullEngine()) as simulation, Viewer(simulation, port=0) as viewer:
-        wait_until(lambda: viewer._snapshot is not None, "the page follows the empty simulation")
+        wait_until(lambda: viewer._snapshot is not None, "the viewer has read the empty simulation")
         assert not shown(viewer, "Mug")
         simulation.spawn(kitchenette())
         wait_until(lambda: shown(viewer, "Mug"), "the mug is shown")
@@ -118,7 +118,7 @@ def test_added_and_removed_bodies_are_shown_on_the_page(simulation: Simulation, 
     simulation.run_on_engine(
         lambda engine: engine.spawn(replace(kitchenette(), bodies=(other,), joints=(), attachments=()))
     )
-    wait_until(lambda: shown(viewer, "Other"), "an edit that nobody announced is seen too")
+    wait_until(lambda: shown(viewer, "Other"), "an unannounced edit is shown, too")
 
 
 def test_moving_bodies_move_on_the_page(simulation: Simulation, viewer: Viewer) -> None:
@@ -136,25 +136,25 @@ def test_a_highlight_is_shown_and_cleared(simulation: Simulation, viewer: Viewer
     wait_until(lambda: shown_plain(viewer, "Mug"), "the mug is in one color")
     assert shown_plain(viewer, "Mug").color == (255, 0, 0)
     simulation.highlight([MUG], None)
-    wait_until(lambda: shown_plain(viewer, "Mug") is None, "the mug is as it was")
+    wait_until(lambda: shown_plain(viewer, "Mug") is None, "the mug is textured again")
 
 
 def test_bodies_are_drawn_with_the_geometry_of_the_simulation(simulation: Simulation, viewer: Viewer) -> None:
     wait_until(lambda: shown(viewer, "Mug"), "the kitchen is shown")
-    look = viewer._scene.appearances[MUG]
-    assert [visual.material for visual in look.visuals] == [
+    appearance = viewer._scene.appearances[MUG]
+    assert [visual.material for visual in appearance.visuals] == [
         visual.material for visual in simulation.geometry[MUG].visuals
     ]
     assert len(simulation.geometry[MUG].visuals) > 0
 
 
 def test_bodies_that_become_dynamic_are_draggable(simulation: Simulation, viewer: Viewer) -> None:
-    wait_until(lambda: viewer._drag_controller.draggable, "the page knows what can be held")
+    wait_until(lambda: viewer._drag_controller.draggable, "draggable bodies are known")
     assert "Fridge" not in viewer._drag_controller.draggable
     dynamic = kitchenette().body("Mug").physics
     assert isinstance(dynamic, BodyPhysics)
     simulation.run_on_engine(lambda engine: engine.set_physics(BodyId("Fridge"), dynamic), edits=True)
-    wait_until(lambda: "Fridge" in viewer._drag_controller.draggable, "the fridge can be pulled")
+    wait_until(lambda: "Fridge" in viewer._drag_controller.draggable, "the fridge is draggable")
 
 
 def test_highlighting_redraws_no_bodies(simulation: Simulation, viewer: Viewer) -> None:
@@ -163,15 +163,15 @@ def test_highlighting_redraws_no_bodies(simulation: Simulation, viewer: Viewer) 
     away = replace(kitchenette().body("Drawer").pose, position=(0.0, 3.0, 0.0))
     simulation.run_on_engine(lambda engine: engine.set_pose(BodyId("Drawer"), away))
     simulation.highlight([MUG], (1.0, 0.0, 0.0))
-    wait_until(lambda: shown_plain(viewer, "Mug"), "the page has looked again")
+    wait_until(lambda: shown_plain(viewer, "Mug"), "the page is updated")
     assert viewer._server.scene.get_handle_by_name("/bodies/Cupboard/textured") is cupboard
 
 
 def test_an_idle_viewer_makes_no_calls_into_the_simulation(simulation: Simulation, viewer: Viewer) -> None:
     wait_until(lambda: shown(viewer, "Mug"), "the kitchen is shown")
-    frame, told = simulation.state, viewer._text_due
-    wait_until(lambda: viewer._text_due > told + 0.5, "the page goes on following")
-    assert simulation.state is frame, "each call into the simulation would have published a new frame"
+    snapshot, due = simulation.state, viewer._text_due
+    wait_until(lambda: viewer._text_due > due + 0.5, "the viewer keeps updating")
+    assert simulation.state is snapshot, "each call into the simulation would have published a new snapshot"
 
 
 # -- selection ---------------------------------------------------------------------------------------------------------
@@ -190,7 +190,7 @@ def test_a_body_moved_with_the_gizmo_can_be_moved_back_by_undo(simulation: Simul
     assert simulation.snapshot().body("Mug").pose == kitchenette().body("Mug").pose
 
 
-# -- trouble -----------------------------------------------------------------------------------------------------------
+# -- errors ------------------------------------------------------------------------------------------------------------
 
 
 def test_a_failed_update_is_shown_logged_once_and_retried(
@@ -209,13 +209,13 @@ def test_a_failed_update_is_shown_logged_once_and_retried(
             simulation.run_on_engine(lambda engine: None, edits=True)
             wait_until(
                 lambda: "no snapshot today" in (client.latest_value("viewer_error") or ""),
-                "the page says what is wrong",
+                "the error is shown",
             )
-            wait_until(lambda: len(calls) >= 2, "the page tries again")
-        wait_until(lambda: client.latest_value("viewer_error") == "", "the page has got over it")
-    told = [record for record in caplog.records if "no snapshot today" in record.getMessage()]
-    assert len(told) == 1
-    assert told[0].exc_info is not None
+            wait_until(lambda: len(calls) >= 2, "the update is retried")
+        wait_until(lambda: client.latest_value("viewer_error") == "", "the error is cleared")
+    records = [record for record in caplog.records if "no snapshot today" in record.getMessage()]
+    assert len(records) == 1
+    assert records[0].exc_info is not None
 
 
 def test_an_exception_in_a_mouse_callback_is_shown_and_logged_once(
@@ -224,12 +224,12 @@ def test_an_exception_in_a_mouse_callback_is_shown_and_logged_once(
     toasts: list[tuple[int, str]] = []
     monkeypatch.setattr(viewer._handlers, "toast", lambda view, text: toasts.append((view, text)))
 
-    def break_down(event: object) -> None:
+    def fail(event: object) -> None:
         raise KeyError("Cupp")
 
     with caplog.at_level(logging.ERROR):
         for _ in range(2):
-            viewer._with_toast(break_down)(SimpleNamespace(client=SimpleNamespace(client_id=7)))
+            viewer._with_toast(fail)(SimpleNamespace(client=SimpleNamespace(client_id=7)))
     assert toasts == [(7, "KeyError: 'Cupp'")] * 2
     assert len(caplog.records) == 1
 
@@ -238,6 +238,6 @@ def test_the_page_stays_open_after_the_simulation_is_closed(simulation: Simulati
     wait_until(lambda: shown(viewer, "Mug"), "the kitchen is shown")
     simulation.close()
     viewer.select(MUG)
-    wait_until(lambda: viewer.views._defaults, "it still listens")
+    wait_until(lambda: viewer.views._defaults, "requests are still accepted")
     assert viewer._thread.is_alive()
     assert shown(viewer, "Mug")
