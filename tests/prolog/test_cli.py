@@ -89,7 +89,7 @@ def test_files_are_consulted_first(prolog: Path, tmp_path: Path) -> None:
     broken = run("--consult", bad, "-g", "opens(x)")
     assert broken.returncode == 2
     assert f"{bad}:2:" in broken.stderr
-    assert "1 error in it, told above" in broken.stderr
+    assert "1 error in it, printed above" in broken.stderr
     missing = run("--consult", "nowhere.pl", "-g", "true")
     assert missing.returncode == 2
     assert "nowhere.pl: there is no such file" in missing.stderr
@@ -141,7 +141,7 @@ def test_the_toplevel_exits_at_the_end_of_input(prolog: Path) -> None:
 
 def test_the_toplevel_in_a_terminal(prolog: Path, tmp_path: Path) -> None:
     with terminal(KITCHEN, home=tmp_path) as screen:
-        screen.wait_for(r"Mindstage .* knows kitchen[\s\S]*\?- ")
+        screen.wait_for(r"Mindstage .* with kitchen[\s\S]*\?- ")
         screen.type("handle_of(M, fridge_door, H).\n")
         screen.wait_for(r"H = kitchen:fridge_door_handle\.[\s\S]*\?- ")
         screen.type("write(going), nl, repeat, fail.\n")
@@ -174,5 +174,5 @@ def test_ctrl_c_ends_a_goal(prolog: Path, tmp_path: Path) -> None:
 def test_the_simulation_can_be_viewed(prolog: Path) -> None:
     done = run(KITCHEN, "--viewport", "--port", 0, typed="spawn_semantic_map(_), highlight(fridge).\nhalt.\n")
     assert done.returncode == 0
-    assert "The world is open at http://127.0.0.1:" in done.stderr
+    assert "The world is served at http://127.0.0.1:" in done.stderr
     assert "true." in done.stdout

@@ -9,7 +9,7 @@ import pytest
 
 from mindstage.errors import PrologGoalError
 from mindstage.prolog import PrologConsole
-from tests.cli.typed import map_text
+from tests.cli.runner import map_text
 
 KITCHEN = "http://mindstage.org/maps/kitchen.owl#"
 KNOWROB = "http://knowrob.org/kb/knowrob.owl#"

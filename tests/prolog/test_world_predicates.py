@@ -13,7 +13,7 @@ from mindstage.prolog import PrologConsole
 from mindstage.scene import BodyId, Pose, diff
 from mindstage.scene.colors import COLORS
 from mindstage.simulation import Simulation
-from tests.cli.typed import map_text
+from tests.cli.runner import map_text
 
 
 def test_a_map_is_spawned_completely(console: PrologConsole, simulation: Simulation) -> None:
@@ -123,7 +123,7 @@ def test_bodies_that_do_not_exist_cannot_be_highlighted(
         console.holds("highlight(fridge)")
     assert refused.value.error_type == "body_unknown"
     assert console.holds("spawn_semantic_map(_), highlight([fridge, fridge_door_hinge])")
-    assert "fridge_door_hinge cannot be highlighted: it is a constraint, which has no body" in capfd.readouterr().err
+    assert "fridge_door_hinge cannot be highlighted: it is a joint, which has no body" in capfd.readouterr().err
     with pytest.raises(PrologGoalError, match="pink") as refused:
         console.holds("highlight(fridge, pink)")
     assert refused.value.error_type == "colour_unknown"

@@ -212,5 +212,5 @@ def test_a_gizmo_moves_the_selected_body(simulation: Simulation, viewer: Viewer,
     ann.release()
     wait_until(lambda: position(simulation, "Fridge")[1] > start[1] + 0.3, "the body is where the preview was")
     wait_until(lambda: not ann.is_drawn("/previews/Fridge"), "the preview is removed")
-    simulation.editing.undo()
+    simulation.undo_stack.undo()
     assert position(simulation, "Fridge") == pytest.approx(start)

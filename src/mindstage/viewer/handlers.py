@@ -1,6 +1,6 @@
 """Handlers of the requests of pages: editing, files, simulation control, details, and the client's 3D view.
 
-Edits go through `Simulation.editing`, so that they can be undone. An uploaded map is untrusted: its size is limited,
+Edits go through `Simulation.undo_stack`, so that they can be undone. An uploaded map is untrusted: its size is limited,
 imports are not followed, and no file of this machine is read for it. It is parsed before the current world is replaced,
 so that an invalid map changes nothing.
 """
@@ -215,7 +215,7 @@ class WorldHandler:
         channel.register("play", PlayRequest, lambda _, request: simulation.play(speed=request.speed))
         channel.register("pause", EmptyRequest, lambda _, __: simulation.pause())
         channel.register("step", StepRequest, self._step)
-        channel.register("reset", EmptyRequest, lambda _, __: simulation.editing.reset())
+        channel.register("reset", EmptyRequest, lambda _, __: simulation.undo_stack.reset())
         channel.register("details", DetailsRequest, self._details, queue="details")
 
     # -- for the drawing thread ----------------------------------------------------------------------------------------
@@ -344,7 +344,7 @@ def _clock_message(snapshot: StateSnapshot) -> ClockMessage:
 
 def _undo_labels(simulation: Simulation) -> dict[str, str | None]:
     """The labels of the next undo and redo."""
-    history = simulation.editing.history
+    history = simulation.undo_stack.history
     return {"undo": next(iter(history.undo), None), "redo": next(iter(history.redo), None)}
 
 
@@ -602,15 +602,15 @@ class EditHandler:
         """
         self._simulation, self._world_handler, self._view_center = simulation, world_handler, view_center
         self._joint_drags: dict[BodyId, _JointDrag] = {}
-        editing = simulation.editing
+        undo_stack = simulation.undo_stack
         channel.register("move", MoveRequest, self._move)
         channel.register("set_physics", SetPhysicsRequest, self._set_physics)
         channel.register("set_material", SetMaterialRequest, self._set_material)
         channel.register("move_joint", MoveJointRequest, self._move_joint)
         channel.register("attach", AttachRequest, self._attach)
-        channel.register("delete", DeleteRequest, lambda _, request: editing.delete(request.ids))
-        channel.register("undo", EmptyRequest, lambda _, __: editing.undo())
-        channel.register("redo", EmptyRequest, lambda _, __: editing.redo())
+        channel.register("delete", DeleteRequest, lambda _, request: undo_stack.delete(request.ids))
+        channel.register("undo", EmptyRequest, lambda _, __: undo_stack.undo())
+        channel.register("redo", EmptyRequest, lambda _, __: undo_stack.redo())
         channel.register("find_classes", FindClassesRequest, self._find_classes, queue="view")
         channel.register("add", AddRequest, self._add)
         channel.on_disconnect(self._release)
@@ -635,7 +635,7 @@ class EditHandler:
     def _move(self, _: ClientSession, request: MoveRequest) -> None:
         if not any(request.quaternion):
             raise InvalidArgumentError("quaternion", cause="its norm is 0")
-        self._simulation.editing.move(request.id, Pose(request.position, request.quaternion))
+        self._simulation.undo_stack.move(request.id, Pose(request.position, request.quaternion))
 
     def _set_physics(self, _: ClientSession, request: SetPhysicsRequest) -> None:
         changes = {
@@ -644,24 +644,24 @@ class EditHandler:
             if (value := getattr(request, name)) is not msgspec.UNSET
         }
         physics: BodyPhysics = msgspec.structs.replace(self._body(request.id).physics, **changes)
-        self._simulation.editing.set_physics(
+        self._simulation.undo_stack.set_physics(
             request.id, physics, label=" and ".join(changes).replace("_kg", "") or "physics"
         )
 
     def _set_material(self, _: ClientSession, request: SetMaterialRequest) -> None:
         if not request.name and request.color is None:
-            self._simulation.editing.set_materials(request.id, ())
+            self._simulation.undo_stack.set_materials(request.id, ())
             return
         current = next((each for each in self._body(request.id).materials if each.name == request.name), None)
         color = None if request.color is None else parse_color(request.color)
         material = Material(name=request.name or "paint", path=current.path if current else "", color=color)
-        self._simulation.editing.set_materials(request.id, (material,))
+        self._simulation.undo_stack.set_materials(request.id, (material,))
 
     def _attach(self, _: ClientSession, request: AttachRequest) -> None:
         if request.parent is None:
-            self._simulation.editing.detach(request.child)
+            self._simulation.undo_stack.detach(request.child)
         else:
-            self._simulation.editing.attach(request.parent, request.child)
+            self._simulation.undo_stack.attach(request.parent, request.child)
 
     def _body(self, id: BodyId) -> Body:
         return self._simulation.snapshot().body(id)
@@ -682,12 +682,12 @@ class EditHandler:
         )
         if not snapshot.playing:
             pose = joint.pose_for(request.axis, request.value, poses)
-            self._simulation.editing.move(joint.moving_body, pose, continues_last=previous is not None)
+            self._simulation.undo_stack.move(joint.moving_body, pose, continues_last=previous is not None)
             return
         pull = joint.pull_target(request.axis, request.value, poses)
         self._simulation.pull(pull.id, point=pull.point, target=pull.target)
         if request.done:
-            self._simulation.editing.record(MoveBody(joint.moving_body, start_pose, f"place of {joint.moving_body}"))
+            self._simulation.undo_stack.record(MoveBody(joint.moving_body, start_pose, f"pose of {joint.moving_body}"))
 
     def _release(self, session: ClientSession) -> None:
         for id, drag in list(self._joint_drags.items()):
@@ -717,7 +717,7 @@ class EditHandler:
         body = make_body(self._simulation, cls, size=request.size)
         if request.on is not None or request.into is not None:
             placed = self._simulation.place(body, on=request.on, into=request.into)
-            self._simulation.editing.record_spawn([placed.id])
+            self._simulation.undo_stack.record_spawn([placed.id])
             return placed.id
         x, y, z = request.at or self._view_center(session) or (0.0, 0.0, 0.0)
         height = body.size[2] if body.size else 0.0
@@ -730,7 +730,7 @@ class EditHandler:
         report = self._simulation.spawn(World(iri=iri, name=name, bodies=(body,)), persistent=False)
         for failure in report.failed_bodies:
             raise InvalidArgumentError(failure.id, cause=failure.reason)
-        self._simulation.editing.record_spawn([body.id])
+        self._simulation.undo_stack.record_spawn([body.id])
 
 
 class _JointDrag(msgspec.Struct, frozen=True):

@@ -253,7 +253,7 @@ class Viewer:
     def _place_body(self, client: int, id: BodyId, pose: Pose) -> None:
         """Moves a body to where a client left it with the gizmo."""
         try:
-            self._simulation.editing.move(id, pose)
+            self._simulation.undo_stack.move(id, pose)
         except MindstageError as error:
             self._handlers.toast(client, str(error))
 

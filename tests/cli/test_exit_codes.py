@@ -1,4 +1,4 @@
-"""How verbs end: the exit code, one clear line, and the same as JSON."""
+"""Exit codes and error messages of verbs."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 
 from mindstage.cli.options import ExitCode, command
 from mindstage.errors import BodyNotFoundError, EngineClosedError
-from tests.cli.typed import Run, WriteMap, json_output
+from tests.cli.runner import Run, WriteMap, json_output
 
 MINDSTAGE = [sys.executable, "-m", "mindstage"]
 
@@ -27,20 +27,20 @@ def error_line(stderr: str) -> str:
     return lines[0]
 
 
-def test_a_file_that_is_not_there(run: Run, tmp_path: Path) -> None:
-    result = run("analyse", tmp_path / "nowhere.owl")
+def test_a_missing_file(run: Run, tmp_path: Path) -> None:
+    result = run("analyze", tmp_path / "nowhere.owl")
     assert result.exit_code == 2
     assert result.stdout == ""
     assert "nowhere.owl" in error_line(result.stderr)
 
 
-def test_a_folder_is_no_map(run: Run, tmp_path: Path) -> None:
-    result = run("analyse", tmp_path)
+def test_a_folder_is_not_a_map(run: Run, tmp_path: Path) -> None:
+    result = run("analyze", tmp_path)
     assert result.exit_code == 2
     error_line(result.stderr)
 
 
-def test_a_file_that_is_no_xml(run: Run, tmp_path: Path) -> None:
+def test_a_file_that_is_not_xml(run: Run, tmp_path: Path) -> None:
     path = tmp_path / "shopping.owl"
     path.write_text("milk, bread, a sponge", encoding="utf-8")
     result = run("spawn", path, "--no-viewport")
@@ -48,7 +48,7 @@ def test_a_file_that_is_no_xml(run: Run, tmp_path: Path) -> None:
     assert "shopping.owl" in error_line(result.stderr)
 
 
-def test_a_file_that_was_cut_off(run: Run, write_map: WriteMap) -> None:
+def test_a_truncated_file(run: Run, write_map: WriteMap) -> None:
     path = write_map()
     text = path.read_text(encoding="utf-8")
     path.write_text(text[: len(text) * 2 // 3], encoding="utf-8")
@@ -59,13 +59,13 @@ def test_a_file_that_was_cut_off(run: Run, write_map: WriteMap) -> None:
 
 
 def test_a_file_without_a_map(run: Run, write_map: WriteMap) -> None:
-    result = run("analyse", write_map(maps=[], mugs={}), "--json")
+    result = run("analyze", write_map(maps=[], mugs={}), "--json")
     assert result.exit_code == 2
     assert json_output(result)["error"]["kind"] == "MapMissing"
     assert "no semantic map" in error_line(result.stderr)
 
 
-def test_two_maps_and_nobody_said_which(run: Run, write_map: WriteMap) -> None:
+def test_two_maps_without_a_map_name(run: Run, write_map: WriteMap) -> None:
     result = run("check", write_map(maps=["Kitchen", "Cellar"]), "--engine", "null", "--json")
     assert result.exit_code == 2
     assert json_output(result)["error"]["kind"] == "MapAmbiguous"
@@ -75,15 +75,15 @@ def test_two_maps_and_nobody_said_which(run: Run, write_map: WriteMap) -> None:
     assert "--map-name" in line
 
 
-def test_a_map_of_another_name(run: Run, write_map: WriteMap) -> None:
-    result = run("analyse", write_map(), "--map-name", "Attic", "--json")
+def test_an_unknown_map_name(run: Run, write_map: WriteMap) -> None:
+    result = run("analyze", write_map(), "--map-name", "Attic", "--json")
     assert result.exit_code == 2
     assert json_output(result)["error"]["kind"] == "MapMissing"
     assert "Room" in error_line(result.stderr)
 
 
 @pytest.mark.parametrize("engine", ["unity", "warp"])
-def test_an_engine_that_is_not_there(engine: str, run: Run, write_map: WriteMap) -> None:
+def test_an_unknown_engine(engine: str, run: Run, write_map: WriteMap) -> None:
     result = run("check", write_map(), "--engine", engine, "--json")
     assert result.exit_code == 2
     assert json_output(result)["error"]["kind"] == "EngineUnavailable"
@@ -92,7 +92,7 @@ def test_an_engine_that_is_not_there(engine: str, run: Run, write_map: WriteMap)
     assert "mujoco" in line
 
 
-def test_a_place_that_cannot_be_written_to(run: Run, write_map: WriteMap, tmp_path: Path) -> None:
+def test_a_file_that_cannot_be_written(run: Run, write_map: WriteMap, tmp_path: Path) -> None:
     result = run("convert", write_map(), tmp_path / "no" / "such" / "folder" / "out.owl", "--json")
     assert result.exit_code == 2
     assert "folder" in json_output(result)["error"]["message"]
@@ -102,10 +102,10 @@ def test_a_place_that_cannot_be_written_to(run: Run, write_map: WriteMap, tmp_pa
 @pytest.mark.parametrize(
     "args",
     [
-        ["analyze", "MAP"],
-        ["analyse"],
+        ["analize", "MAP"],
+        ["analyze"],
         ["compare", "MAP"],
-        ["analyse", "MAP", "--jsno"],
+        ["analyze", "MAP", "--jsno"],
         ["compare", "MAP", "MAP", "--delta", "-1"],
         ["compare", "MAP", "MAP", "--delta", "nan"],
         ["compare", "MAP", "MAP", "--delta", "little"],
@@ -115,40 +115,43 @@ def test_a_place_that_cannot_be_written_to(run: Run, write_map: WriteMap, tmp_pa
     ],
     ids=" ".join,
 )
-def test_a_slip_of_the_pen(args: list[str], run: Run, write_map: WriteMap) -> None:
+def test_an_invalid_command_line(args: list[str], run: Run, write_map: WriteMap) -> None:
     path = str(write_map())
     result = run(*(path if arg == "MAP" else arg for arg in args))
     assert result.exit_code == 2
     assert "Traceback" not in result.output
 
 
-def test_a_world_that_says_no_ends_with_one() -> None:
-    assert _end_of(BodyNotFoundError("cupp", known=["cup"])) == (1, "mindstage: error: no body 'cupp'; near: 'cup'\n")
+def test_a_world_error_exits_1() -> None:
+    assert _result_of(BodyNotFoundError("cupp", known=["cup"])) == (
+        1,
+        "mindstage: error: no body 'cupp'; near: 'cup'\n",
+    )
 
 
-def test_an_engine_that_breaks_ends_with_two() -> None:
-    assert _end_of(EngineClosedError("null"))[0] == 2
+def test_an_engine_error_exits_2() -> None:
+    assert _result_of(EngineClosedError("null"))[0] == 2
 
 
-def test_a_full_disk_is_one_line() -> None:
-    assert _end_of(OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), "out.owl")) == (
+def test_a_full_disk_is_reported_in_one_line() -> None:
+    assert _result_of(OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), "out.owl")) == (
         2,
         "mindstage: error: out.owl: No space left on device\n",
     )
 
 
-def test_a_line_break_in_a_name_stays_on_one_line() -> None:
-    code, line = _end_of(BodyNotFoundError("a\nb\x1b[2J", known=[]))
+def test_control_characters_in_a_name_are_not_printed() -> None:
+    code, line = _result_of(BodyNotFoundError("a\nb\x1b[2J", known=[]))
     assert code == 1
     assert line.count("\n") == 1
     assert "\x1b" not in line
 
 
-def test_ctrl_c_ends_quietly() -> None:
-    assert _end_of(KeyboardInterrupt()) == (130, "")
+def test_ctrl_c_prints_nothing() -> None:
+    assert _result_of(KeyboardInterrupt()) == (130, "")
 
 
-def _end_of(raised: BaseException) -> tuple[int, str]:
+def _result_of(raised: BaseException) -> tuple[int, str]:
     def act() -> ExitCode:
         raise raised
 
@@ -158,32 +161,32 @@ def _end_of(raised: BaseException) -> tuple[int, str]:
     return result.exit_code, result.stderr
 
 
-def test_ctrl_c_while_the_world_runs(write_map: WriteMap) -> None:
+def test_ctrl_c_during_a_simulation(write_map: WriteMap) -> None:
     command = [*MINDSTAGE, "spawn", str(write_map()), "--engine", "null", "--no-viewport", "--for", "1e9"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
-        assert process.stdout.readline()  # the report stands before time begins to pass
+        assert process.stdout.readline()  # the report is printed before the simulation starts
         process.send_signal(signal.SIGINT)
         _, stderr = process.communicate(timeout=60)
     assert process.returncode == 130
     assert stderr == ""
 
 
-def test_a_reader_that_had_enough(write_map: WriteMap) -> None:
+def test_a_closed_pipe(write_map: WriteMap) -> None:
     read, write = os.pipe()
     os.close(read)
-    command = [*MINDSTAGE, "analyse", str(write_map())]
+    command = [*MINDSTAGE, "analyze", str(write_map())]
     result = subprocess.run(command, stdout=write, stderr=subprocess.PIPE, text=True, check=False)
     os.close(write)
     assert result.returncode == 141
     assert result.stderr == ""
 
 
-def test_a_defect_of_ours_is_trouble_and_shows_its_traceback() -> None:
+def test_a_bug_exits_2_with_a_traceback() -> None:
     code = (
-        "import mindstage.cli.sources as sources, mindstage.cli.app as app, mindstage.cli.analyse as analyse, sys\n"
-        "analyse.knowledge_base = lambda *args, **kwargs: 1 / 0\n"
-        "sys.argv = ['mindstage', 'analyse', 'map.owl']\n"
+        "import mindstage.cli.app as app, mindstage.cli.maps as maps, sys\n"
+        "maps.knowledge_base = lambda *args, **kwargs: 1 / 0\n"
+        "sys.argv = ['mindstage', 'analyze', 'map.owl']\n"
         "app.main()\n"
     )
     result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
@@ -195,3 +198,11 @@ def test_a_defect_of_ours_is_trouble_and_shows_its_traceback() -> None:
 def test_the_module_is_the_command() -> None:
     result = subprocess.run([*MINDSTAGE, "--version"], capture_output=True, text=True, check=True)
     assert result.stdout.startswith("mindstage ")
+
+
+@pytest.mark.parametrize(("alias", "verb"), [("analyse", "analyze"), ("furnish", "place")])
+def test_former_names_of_verbs_are_hidden_aliases(alias: str, verb: str, run: Run) -> None:
+    assert run(alias, "--help").exit_code == 0
+    listed = run("--help").stdout
+    assert verb in listed
+    assert alias not in listed

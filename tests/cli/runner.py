@@ -1,4 +1,4 @@
-"""What was typed and what came of it; and maps as short as can be to type about."""
+"""Types of the fixtures, and small maps for commands."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ WriteMap = Callable[..., Path]
 
 
 def json_output(result: Result) -> Any:
-    """The JSON on stdout."""
+    """Parses the JSON on stdout."""
     return json.loads(result.stdout)
 
 
@@ -42,7 +42,7 @@ def _map(name: str) -> str:
 
 def _mug(name: str, map: str, at: str | None) -> str:
     pose = f'<knowrob:pose rdf:resource="&room;{name}-pose"/>' if at is not None else ""
-    place = (
+    pose_text = (
         f'  <owl:NamedIndividual rdf:about="&room;{name}-pose"><rdf:type rdf:resource="&knowrob;Pose"/>'
         f'<knowrob:translation rdf:datatype="&xsd;string">{at}</knowrob:translation>'
         '<knowrob:quaternion rdf:datatype="&xsd;string">1.0 0.0 0.0 0.0</knowrob:quaternion>'
@@ -52,11 +52,11 @@ def _mug(name: str, map: str, at: str | None) -> str:
         f'  <owl:NamedIndividual rdf:about="&room;{name}"><rdf:type rdf:resource="&knowrob;Mug"/>'
         f'<knowrob:describedInMap rdf:resource="&room;{map}"/>{pose}'
         '<knowrob:mobility rdf:datatype="&xsd;string">static</knowrob:mobility>'
-        "</owl:NamedIndividual>\n" + (place if at is not None else "")
+        "</owl:NamedIndividual>\n" + (pose_text if at is not None else "")
     )
 
 
 def map_text(maps: list[str], mugs: dict[str, str | None]) -> str:
-    """Some maps, the first of which has some mugs: name to place, or to None for one that has no pose."""
-    described = "".join(_mug(mug, (maps or ["Room"])[0], place) for mug, place in mugs.items())
-    return f"{_HEAD}{''.join(map(_map, maps))}{described}</rdf:RDF>\n"
+    """Maps, the first of which contains mugs: name to position, or to None for a mug without a pose."""
+    individuals = "".join(_mug(mug, (maps or ["Room"])[0], position) for mug, position in mugs.items())
+    return f"{_HEAD}{''.join(map(_map, maps))}{individuals}</rdf:RDF>\n"

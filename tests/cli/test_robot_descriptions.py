@@ -1,10 +1,10 @@
-"""Robots' descriptions in the shell: as maps, and as what maps lean on."""
+"""Robot descriptions (URDF) as maps, and as sources of links for maps."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
-from tests.cli.typed import Run, json_output
+from tests.cli.runner import Run, json_output
 from tests.knowledge.small_robot import KITCHEN_URDF
 
 LINKED = """
@@ -20,7 +20,7 @@ def kitchen(folder: Path) -> str:
     return str(path)
 
 
-def test_a_description_is_spawned_and_checked_like_any_map(run: Run, tmp_path: Path) -> None:
+def test_a_robot_description_is_spawned_and_checked_like_a_map(run: Run, tmp_path: Path) -> None:
     spawned = run("spawn", kitchen(tmp_path), "--no-viewport", "--json")
     assert spawned.exit_code == 0
     assert (json_output(spawned)["spawn"]["bodies"], json_output(spawned)["spawn"]["constraints"]) == (8, 2)
@@ -28,7 +28,7 @@ def test_a_description_is_spawned_and_checked_like_any_map(run: Run, tmp_path: P
     assert (checked.exit_code, json_output(checked)["identical"], json_output(checked)["lost_facts"]) == (0, True, 0)
 
 
-def test_a_map_takes_its_places_from_the_description_that_is_given_with_it(run: Run, tmp_path: Path) -> None:
+def test_a_map_takes_poses_from_a_robot_description(run: Run, tmp_path: Path) -> None:
     map = tmp_path / "linked.ttl"
     map.write_text(LINKED, encoding="utf-8")
     checked = run("check", str(map), "--urdf", kitchen(tmp_path), "--json")
@@ -42,7 +42,7 @@ def test_a_map_takes_its_places_from_the_description_that_is_given_with_it(run: 
     assert "--urdf FILE" in str(json_output(alone)["findings"])
 
 
-def test_a_description_that_is_none_ends_with_2(run: Run, tmp_path: Path) -> None:
+def test_an_invalid_robot_description_exits_2(run: Run, tmp_path: Path) -> None:
     map = tmp_path / "linked.ttl"
     map.write_text(LINKED, encoding="utf-8")
     result = run("spawn", str(map), "--urdf", str(map), "--no-viewport")
