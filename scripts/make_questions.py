@@ -30,8 +30,8 @@ mindstage ask storage_place CowsMilk --map bundled:kitchen
     knowledge.ask("storage_place", item="CowsMilk")
 
 Arguments are positional or named (`item=CowsMilk`). Arguments that are left out are the unknowns; `_` leaves out a
-positional one. Names are short (`CowsMilk`), prefixed (`knowrob_iri:CowsMilk`) or full IRIs; the name of a class stands for
-an individual if the class has exactly one. `--why` (`knowledge.why(question, row)`) explains an answer. Without an
+positional one. Names are short (`CowsMilk`), prefixed (`knowrob:CowsMilk`) or full IRIs; the name of a class stands for
+an individual if the class has exactly one. `--why` (`knowledge.explain(question, row)`) explains an answer. Without an
 answer, `missing` lists the statements that would give one; `knowledge.tell` and `knowledge.retract` change them.
 
 Each answer is a row with the columns listed below. The examples are answered for the bundled kitchen.
