@@ -196,6 +196,39 @@ def test_every_name_in_all_exists(path: Path) -> None:
         assert hasattr(module, name), f"{name} is in __all__ but not defined"
 
 
+def documented_arguments(docstring: str) -> list[str]:
+    """The names in the section "Args:" of a docstring in Google style."""
+    section = re.search(r"^Args:\n((?: +.*\n|\n)*)", docstring + "\n", re.MULTILINE)
+    return re.findall(r"^ {4}\*{0,2}(\w+)(?: \([^)]*\))?:", section[1], re.MULTILINE) if section else []
+
+
+def parameters(node: ast.AST) -> set[str] | None:
+    """The parameters of a function or of a class's constructor; None for other nodes."""
+    if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+        args = node.args
+        every = [*args.posonlyargs, *args.args, *args.kwonlyargs, args.vararg, args.kwarg]
+        return {each.arg for each in every if each is not None}
+    if isinstance(node, ast.ClassDef):
+        for member in node.body:
+            if isinstance(member, ast.FunctionDef) and member.name == "__init__":
+                return parameters(member)
+        return {
+            each.target.id
+            for each in node.body
+            if isinstance(each, ast.AnnAssign) and isinstance(each.target, ast.Name)
+        }
+    return None
+
+
+@each_module
+def test_every_documented_argument_is_a_parameter(path: Path) -> None:
+    for node in ast.walk(syntax_tree(path)):
+        if (names := parameters(node)) is not None:
+            assert isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef)
+            wrong = set(documented_arguments(ast.get_docstring(node) or "")) - names
+            assert not wrong, f"the docstring of {node.name} describes {wrong}"
+
+
 def test_a_wrong_name_in_the_package_is_an_attribute_error() -> None:
     package = importlib.import_module("mindstage")
     with pytest.raises(AttributeError, match="no attribute 'Simulatoin'"):
