@@ -12,10 +12,10 @@ import sys
 from pathlib import Path
 
 from mindstage import KnowledgeBase, Simulation
-from mindsim.cli.shot import pull_open
-from mindsim.engines import GodotEngine
-from mindsim.errors import MindstageError
-from mindsim.scene import BodyId, Vector
+from mindstage.cli.shot import pull_open
+from mindstage.engines import GodotEngine
+from mindstage.errors import MindstageError
+from mindstage.scene import BodyId, Vector
 
 OPTIONS = ("--rendering-method", "gl_compatibility", "--rendering-driver", "opengl3", "--audio-driver", "Dummy")
 HIGHLIGHT_COLOR = (1.0, 0.55, 0.0)
