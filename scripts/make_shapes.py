@@ -121,10 +121,10 @@ body of an unknown class, unless a word in the name of its class is that of a kn
 A shape in Python, without a map:
 
 ```python
-from mindstage.geometry.procedural import build_geometry, template_by_name
+from mindstage.geometry import build_geometry, template_by_name
 
 geometry = build_geometry(template_by_name("drawer", {"wall": 0.01}), (0.5, 0.6, 0.2))
-print(len(geometry.visuals), len(geometry.collisions), geometry.support_surfaces[0].size)
+print(len(geometry.visuals), len(geometry.collision_shapes), geometry.support_surfaces[0].size)
 ```
 
 Below are all kinds, each with its parameters (lengths in meters, with default values), its material roles, and every
