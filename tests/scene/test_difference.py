@@ -167,12 +167,12 @@ def test_the_color_of_a_material_has_a_number_and_its_name_has_none() -> None:
     wood, steel = (Material(name=name, color=(0.5, 0.25, 0.0)) for name in ("Wood", "Steel"))
     paler = replace(wood, color=(0.5, 0.5, 0.125))
     found = diff(with_mug(materials=(steel, wood)), with_mug(materials=(steel, paler)))
-    assert rows(found) == [("Mug", "materials[1].colour", 0.25)]
+    assert rows(found) == [("Mug", "materials[1].color", 0.25)]
     assert found.max_error["colour"] == 0.25
     found = diff(with_mug(materials=(wood,)), with_mug(materials=(steel,)))
     assert rows(found) == [("Mug", "materials", None)]
     found = diff(with_mug(materials=(wood,)), with_mug(materials=(replace(wood, color=None),)))
-    assert rows(found) == [("Mug", "materials[0].colour", None)]
+    assert rows(found) == [("Mug", "materials[0].color", None)]
 
 
 def test_materials_keep_their_order() -> None:

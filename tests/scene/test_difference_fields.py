@@ -57,9 +57,9 @@ BODY = Body(
     materials=(Material(name="Clay"),),
     **SAID,
 )
-CONSTRAINT = Joint(
-    id=BodyId("constraint"),
-    iri=Iri("urn:constraint"),
+JOINT = Joint(
+    id=BodyId("joint"),
+    iri=Iri("urn:joint"),
     parent=BodyId("body"),
     child=BodyId("other"),
     pose=POSE,
@@ -75,7 +75,7 @@ WORLD = World(
     iri=Iri("urn:map"),
     name="a map",
     bodies=(BODY,),
-    joints=(CONSTRAINT,),
+    joints=(JOINT,),
     attachments=(Attachment(parent=BodyId("other"), child=BodyId("body")),),
     lights=(LIGHT,),
     facts=SAID["facts"],
@@ -84,14 +84,14 @@ WORLD = World(
 
 THINGS = (
     ("bodies", BODY, BODY_FIELDS),
-    ("constraints", CONSTRAINT, JOINT_FIELDS),
+    ("joints", JOINT, JOINT_FIELDS),
     ("lights", LIGHT, LIGHT_FIELDS),
 )
 OPTIONAL = {
     *("label", "size", "mesh", "shape", "disable_collision"),
     *("physics.mobility", "physics.gravity", "physics.overlap_events", "physics.mass_kg"),
 }
-NOT_IN_A_COLUMN = {"id", "tags", "facts", "materials", "bodies", "constraints", "attachments", "lights", "resources"}
+NOT_IN_A_COLUMN = {"id", "tags", "facts", "materials", "bodies", "joints", "attachments", "lights", "resources"}
 
 
 def leaves(value: msgspec.Struct, prefix: str = "") -> Iterator[str]:
@@ -166,7 +166,7 @@ def test_a_field_against_none_is_a_change_without_a_number(field: str) -> None:
 
 
 def test_a_collision_that_is_not_told_is_a_change() -> None:
-    without = in_world("constraints", replace(CONSTRAINT, disable_collision=None))
+    without = in_world("joints", replace(JOINT, disable_collision=None))
     assert [change.field for change in diff(WORLD, without).changed] == ["disable_collision"]
 
 

@@ -341,7 +341,8 @@ def _node_text(node: object) -> str:
     return str(node)
 
 
-_APPEARANCE_FACTORS = ("metalness", "roughness", "opacity", "glow")
+_APPEARANCE_FACTORS = {"metalness": "metalness", "roughness": "roughness", "opacity": "opacity", "glow": "emission"}
+"""The attribute of `PbrMaterial` that each of these factors sets."""
 _MATERIAL_SUFFIX = "Material"
 _FRONT = "front"
 
@@ -410,7 +411,7 @@ class MaterialResolver:
         surface = PbrMaterial(
             name=self._material_name(material) if material is not None else "",
             color=_pick_color(cls, colors or own),
-            **{name: min(factors[name], 1.0) for name in _APPEARANCE_FACTORS if name in factors},
+            **{field: min(factors[name], 1.0) for name, field in _APPEARANCE_FACTORS.items() if name in factors},
         )
         return PartMaterial(
             surface, **{name: value for name, value in factors.items() if name not in _APPEARANCE_FACTORS}

@@ -109,15 +109,15 @@ def build_geometry(
     words = "; ".join(part for part in (reason, form.reason) if part)
     return BodyGeometry.deferred(
         lambda: (form.key, form.visuals),
-        solids=form.collision_shapes,
+        collision_shapes=form.collision_shapes,
         source=source,
-        why=words,
-        kind=form.shape_name,
+        reason=words,
+        shape_name=form.shape_name,
         friction=friction,
         restitution=restitution,
         density=density,
-        places=form.support_surfaces,
-        glows=form.lights,
+        support_surfaces=form.support_surfaces,
+        lights=form.lights,
     )
 
 
@@ -140,11 +140,11 @@ def _build_cached(
     drawing = _Drawing(made, draft, dict(materials), (made.shape_name(), solids, places, glows, numbers))
     return BodyGeometry.deferred(
         drawing.result,
-        solids=solids,
-        kind=made.shape_name(),
-        why="; ".join(draft.notes),
-        places=places,
-        glows=glows,
+        collision_shapes=solids,
+        shape_name=made.shape_name(),
+        reason="; ".join(draft.notes),
+        support_surfaces=places,
+        lights=glows,
     )
 
 
