@@ -98,7 +98,7 @@ def test_meshes_come_first_and_are_asked_for_once(household: KnowledgeBase) -> N
     asked = []
 
     class Meshes:
-        def forms(self, bodies: Sequence[Body]) -> FoundMeshes:
+        def geometry_for(self, bodies: Sequence[Body]) -> FoundMeshes:
             asked.append(tuple(bodies))
             return FoundMeshes({mug.id: mesh}, ("mug.obj is scaled",))
 

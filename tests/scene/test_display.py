@@ -83,7 +83,7 @@ def test_a_report_counts_what_failed_and_lists_it() -> None:
 
 def test_a_difference_says_how_much_and_what() -> None:
     a = kitchenette()
-    assert (str(diff(a, a)), repr(diff(a, a))) == ("identical", "<Difference: identical>")
+    assert (str(diff(a, a)), repr(diff(a, a))) == ("identical", "<WorldDiff: identical>")
     moved = replace(a.body("Mug"), pose=Pose((9.0, 9.0, 9.0)), physics=replace(a.body("Mug").physics, mass_kg=None))
     b = replace(a, bodies=(moved, *(body for body in a.bodies if body.id not in ("Mug", "Floor"))))
     found = diff(a, b)

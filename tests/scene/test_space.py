@@ -119,7 +119,7 @@ def test_what_is_in_a_box_in_a_fridge_is_in_both() -> None:
 def test_a_door_is_not_beside_what_it_closes_nor_its_handle_beside_it() -> None:
     scene = world(FRIDGE, DOOR, GRIP, HINGE, attachment("door", "grip"))
     assert told(scene, relations=[NEXT_TO]) == set()
-    assert told(world(FRIDGE, DOOR, GRIP), relations=[NEXT_TO], things=["door"]) == {
+    assert told(world(FRIDGE, DOOR, GRIP), relations=[NEXT_TO], subjects=["door"]) == {
         ("door", NEXT_TO, "fridge"),
         ("door", NEXT_TO, "grip"),
     }
@@ -156,7 +156,7 @@ def test_a_shell_is_where_everything_is_and_takes_no_part() -> None:
     scene = world(walls, *shelves)
     assert SpatialRelations(scene).enclosing_bodies == ("walls",)
     assert told(scene) == set()
-    assert told(scene, things=["walls"]) == set()
+    assert told(scene, subjects=["walls"]) == set()
     two = replace(scene, bodies=scene.bodies[:-1])
     assert ("shelf0", INSIDE, "walls") in told(two), "two pieces of furniture make no room"
 
@@ -175,7 +175,7 @@ def test_only_what_was_asked_for_is_told() -> None:
     scene = world(TABLE, cup(0, 0, 1.05), body("jar", (0.2, 0, 1.05), (0.1, 0.1, 0.1)))
     everything = told(scene)
     for thing in ("table", "cup", "jar", "nobody"):
-        assert told(scene, things=[thing]) == {each for each in everything if each[0] == thing}
+        assert told(scene, subjects=[thing]) == {each for each in everything if each[0] == thing}
         assert told(scene, others=[thing]) == {each for each in everything if each[2] == thing}
     assert told(scene, relations=[BELOW]) == {each for each in everything if each[1] is BELOW}
 
