@@ -97,7 +97,7 @@ def _copied(design: ShapeTemplate) -> ShapeTemplate:
 def test_skins_and_key_are_computed_when_first_read_and_only_once() -> None:
     form = build_geometry(template_by_name("mug"), (0.08, 0.08, 0.0937))
     with pytest.raises(AttributeError):
-        object.__getattribute__(form, "skins")
+        object.__getattribute__(form, "visuals")
     with pytest.raises(AttributeError, match="color"):
         form.color  # type: ignore[attr-defined]  # noqa: B018
     assert form.visuals is form.visuals

@@ -170,7 +170,7 @@ def test_one_can_put_legs_under_a_table_but_not_under_a_board() -> None:
     assert len(build_geometry(template_by_name("table"), (0.8, 1.4, 0.74)).collision_shapes) == 5
     board = build_geometry(template_by_name("table"), (0.8, 1.4, 0.04))
     assert len(board.collision_shapes) == 1
-    assert board.reason == "too low for legs: the top alone"
+    assert board.reason == "too low for legs: only the top"
 
 
 def test_one_sits_on_a_chair_before_its_back() -> None:

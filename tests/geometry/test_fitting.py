@@ -271,7 +271,7 @@ def test_what_nothing_tells_is_guessed_and_told(household: KnowledgeBase) -> Non
     assert open_sides(fitted.geometry[BodyId("cupboard")], (0.4, 0.8, 0.8)) == {BodySide.FRONT}
     (note,) = fitted.notes
     assert note.ids == ("cupboard",)
-    assert "nothing tells where its front is" in note.text
+    assert "with an unknown front" in note.text
 
 
 def test_a_table_whose_legs_are_bodies_is_its_top_alone(household: KnowledgeBase) -> None:

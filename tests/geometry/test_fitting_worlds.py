@@ -156,7 +156,7 @@ def test_what_has_no_size_or_no_extent_stays_as_it_is(household: KnowledgeBase) 
     )
     assert dict(fitted.geometry) == {}
     assert [(note.ids, note.text) for note in fitted.notes] == [
-        (("door",), "door: has no extent along one of its axes, so it stays as the map has it")
+        (("door",), "door: has no extent along one of its axes, so it keeps the shape of the map")
     ]
 
 
@@ -181,7 +181,7 @@ def test_a_crowd_is_told_of_and_left_alone(household: KnowledgeBase) -> None:
     ]
     fitted = fit(household, *drawers)
     assert len(fitted.geometry) == 600
-    assert [len(note.ids) for note in fitted.notes if "crowd" in note.text] == [600]
+    assert [len(note.ids) for note in fitted.notes if "neighbors" in note.text] == [600]
 
 
 def test_forms_do_not_depend_on_the_order_of_bodies(household: KnowledgeBase) -> None:
