@@ -9,7 +9,6 @@ from __future__ import annotations
 import inspect
 import sys
 from collections.abc import Iterator, Mapping
-from itertools import groupby
 from pathlib import Path
 from types import ModuleType
 from typing import Any, NamedTuple
@@ -193,7 +192,7 @@ def body(knowledge: KnowledgeBase, cls: Iri) -> Body:
 def modules() -> list[ModuleType]:
     """Returns the modules of shape templates, in the order of `SHAPE_TEMPLATES`."""
     found = [inspect.getmodule(template) for template in SHAPE_TEMPLATES.values()]
-    return [module for module, _ in groupby(module for module in found if module is not None)]
+    return list(dict.fromkeys(module for module in found if module is not None))
 
 
 def chapter(module: ModuleType, samples: list[Sample]) -> Iterator[str]:

@@ -66,7 +66,7 @@ def place() -> World:
     )
 
 
-def test_ten_lines_of_turtle_give_a_drawer_that_works(knowledge: KnowledgeBase) -> None:
+def test_ten_lines_of_turtle_define_a_working_drawer(knowledge: KnowledgeBase) -> None:
     with Simulation(knowledge, MujocoEngine()) as stage:
         report = stage.spawn(place())
         assert stage.geometry[BodyId("pullout")].shape_name == "drawer"
