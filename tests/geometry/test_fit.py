@@ -16,7 +16,7 @@ from mindstage.geometry.orientation import OrientationSolver
 from mindstage.knowledge import KnowledgeBase
 from mindstage.scene import BodyId, LinearLimits, Quaternion, Vector
 from mindstage.scene.transforms import quat_conjugate, quat_rotate
-from tests.geometry.fitting_scenes import (
+from tests.geometry.fit_scenes import (
     QUARTERS,
     box_of,
     fit,
@@ -46,7 +46,7 @@ def household() -> KnowledgeBase:
         ((0.0, -0.27, 0.0), BodySide.RIGHT),
     ],
 )
-def test_a_drawer_s_front_is_where_its_handle_is(household: KnowledgeBase, handle: Vector, front: BodySide) -> None:
+def test_the_front_of_a_drawer_is_where_its_handle_is(household: KnowledgeBase, handle: Vector, front: BodySide) -> None:
     size = (0.6, 0.5, 0.2)
     bodies = (
         make_body("drawer", "Drawer", (0, 0, 0), size, is_free=True),
@@ -59,7 +59,7 @@ def test_a_drawer_s_front_is_where_its_handle_is(household: KnowledgeBase, handl
     assert fitted.notes == ()
 
 
-def test_a_drawer_that_may_only_come_out_one_way_has_its_front_there(household: KnowledgeBase) -> None:
+def test_the_front_of_a_drawer_is_in_its_only_opening_direction(household: KnowledgeBase) -> None:
     size = (0.5, 0.5, 0.2)
     bodies = (
         make_body("cupboard", "Cupboard", (0, 0, 0), (0.6, 0.6, 0.3)),
@@ -70,7 +70,7 @@ def test_a_drawer_that_may_only_come_out_one_way_has_its_front_there(household: 
         assert panel_side(forms[BodyId("drawer")], size) is front
 
 
-def test_roles_of_a_constraint_may_be_either_way_round(household: KnowledgeBase) -> None:
+def test_parent_and_child_of_a_slide_joint_may_be_swapped(household: KnowledgeBase) -> None:
     size = (0.5, 0.5, 0.2)
     bodies = (
         make_body("cupboard", "Cupboard", (0, 0, 0), (0.6, 0.6, 0.3)),
@@ -82,7 +82,7 @@ def test_roles_of_a_constraint_may_be_either_way_round(household: KnowledgeBase)
 
 
 @pytest.mark.parametrize("turn", QUARTERS)
-def test_a_drawer_alone_in_a_cupboard_looks_out_of_it_on_the_way_on_which_it_slides(
+def test_a_drawer_in_a_cupboard_faces_outwards_along_its_slide(
     household: KnowledgeBase, turn: Quaternion
 ) -> None:
     size = (0.5, 0.4, 0.2)
@@ -96,7 +96,7 @@ def test_a_drawer_alone_in_a_cupboard_looks_out_of_it_on_the_way_on_which_it_sli
     assert open_sides(forms[BodyId("cupboard")], (0.6, 0.6, 0.3)) == {BodySide.FRONT}
 
 
-def test_a_drawer_s_floor_lies_right_under_what_is_in_it(household: KnowledgeBase) -> None:
+def test_the_floor_of_a_drawer_is_right_below_its_contents(household: KnowledgeBase) -> None:
     spoon = make_body("spoon", "Teaspoon", (0.0, 0.0, -0.05), (0.14, 0.03, 0.02), is_free=True)
     form = fit(household, make_body("drawer", "Drawer", (0, 0, 0), (0.5, 0.5, 0.2)), spoon).geometry[BodyId("drawer")]
     (place,) = form.support_surfaces
@@ -139,7 +139,7 @@ def test_a_chest_is_open_at_the_top_where_its_lid_is(household: KnowledgeBase) -
     assert open_sides(forms[BodyId("freezer")], (0.6, 0.9, 0.8)) == {BodySide.TOP}
 
 
-def test_shelves_are_where_things_stand(household: KnowledgeBase) -> None:
+def test_shelves_are_at_the_heights_of_contents(household: KnowledgeBase) -> None:
     milk = make_body("milk", "CowsMilk", (0.0, 0.1, 0.2), (0.07, 0.07, 0.2), is_free=True)
     cheese = make_body("cheese", "Cheese", (0.0, -0.1, -0.3), (0.1, 0.1, 0.06), is_free=True)
     on_top = make_body(
@@ -153,12 +153,12 @@ def test_shelves_are_where_things_stand(household: KnowledgeBase) -> None:
         assert has_clearance(form, each.pose.position)
 
 
-def test_a_fridge_with_nothing_in_it_has_as_many_shelves_as_are_known(household: KnowledgeBase) -> None:
+def test_an_empty_fridge_has_the_number_of_shelves_in_its_rule(household: KnowledgeBase) -> None:
     form = fit(household, make_body("fridge", "Refrigerator", (0, 0, 0), (0.6, 0.6, 1.4))).geometry[BodyId("fridge")]
     assert sum(place.is_inside for place in form.support_surfaces) == 1 + 3  # its floor and three
 
 
-def test_walls_give_way_to_what_stands_close_to_them(household: KnowledgeBase) -> None:
+def test_walls_are_thinner_next_to_close_contents(household: KnowledgeBase) -> None:
     box = make_body("box", "CardboardBox", (0.0, 0.148, 0.0), (0.2, 0.2, 0.2), is_free=True)
     form = fit(household, make_body("cupboard", "Cupboard", (0, 0, 0), (0.5, 0.5, 0.5)), box).geometry[
         BodyId("cupboard")
@@ -167,7 +167,7 @@ def test_walls_give_way_to_what_stands_close_to_them(household: KnowledgeBase) -
         assert has_clearance(form, corner)
 
 
-def test_a_lying_cupboard_has_its_shelves_level(household: KnowledgeBase) -> None:
+def test_a_lying_cupboard_has_horizontal_shelves(household: KnowledgeBase) -> None:
     turned: Quaternion = (cos(pi / 4), sin(pi / 4), 0.0, 0.0)  # about x: its y looks up
     cupboard = make_body("cupboard", "Cupboard", (0, 0, 0), (0.5, 0.8, 0.5), turn=turned)
     can = make_body("can", "DrinkingCan", (0, 0, 0.06), (0.07, 0.07, 0.12), is_free=True)
@@ -180,7 +180,7 @@ def test_a_lying_cupboard_has_its_shelves_level(household: KnowledgeBase) -> Non
 # -- openings ----------------------------------------------------------------------------------------------------------
 
 
-def test_a_counter_leaves_room_for_the_sink_in_it(household: KnowledgeBase) -> None:
+def test_a_counter_has_a_cutout_for_its_sink(household: KnowledgeBase) -> None:
     counter = make_body("counter", "CounterTop", (0, 0, 0), (0.6, 2.0, 0.04))
     sink = make_body("sink", "Sink", (0.0, 0.5, -0.08), (0.4, 0.5, 0.2))
     form = fit(household, counter, sink).geometry[BodyId("counter")]
@@ -188,7 +188,7 @@ def test_a_counter_leaves_room_for_the_sink_in_it(household: KnowledgeBase) -> N
     assert not has_clearance(form, (0.0, -0.5, 0.0))
 
 
-def test_a_wall_leaves_its_windows_free(household: KnowledgeBase) -> None:
+def test_a_wall_has_openings_for_its_windows(household: KnowledgeBase) -> None:
     wall = make_body("wall", "WallOfAConstruction", (0, 0, 1.25), (0.1, 4.0, 2.5))
     window = make_body("window", "Window", (0.0, 1.0, 1.4), (0.06, 1.2, 1.0))
     form = fit(household, wall, window).geometry[BodyId("wall")]
@@ -196,7 +196,7 @@ def test_a_wall_leaves_its_windows_free(household: KnowledgeBase) -> None:
     assert not has_clearance(form, (0.0, -1.0, 0.15))
 
 
-def test_the_box_round_the_walls_of_a_room_is_hollow_and_lets_out_what_cuts_through_it(
+def test_the_shell_of_a_room_is_hollow_with_openings_for_intersecting_bodies(
     household: KnowledgeBase,
 ) -> None:
     walls = make_body("walls", "WallOfAConstruction", (0, 0, 1.25), (5.0, 4.0, 2.5))
@@ -234,7 +234,7 @@ class Placed(NamedTuple):
     ids=lambda placed: placed.cls,
 )
 @pytest.mark.parametrize("turn", QUARTERS[:2])
-def test_furniture_looks_where_it_is_used_from(household: KnowledgeBase, placed: Placed, turn: Quaternion) -> None:
+def test_furniture_faces_the_side_from_which_it_is_used(household: KnowledgeBase, placed: Placed, turn: Quaternion) -> None:
     away = quat_conjugate(turn)
     x, y, _ = quat_rotate(away, placed.size).tolist()
     bodies = (
@@ -252,7 +252,7 @@ def test_furniture_looks_where_it_is_used_from(household: KnowledgeBase, placed:
     assert not facing.is_guess
 
 
-def test_a_handle_stands_out_from_what_it_is_on(household: KnowledgeBase) -> None:
+def test_a_handle_faces_away_from_its_body(household: KnowledgeBase) -> None:
     door = make_body("door", "Door", (0, 0, 0), (0.02, 0.6, 0.8))
     for sign in (1, -1):
         handle = make_body("handle", "Handle", (sign * 0.03, 0.2, 0.0), (0.04, 0.02, 0.3))
@@ -262,7 +262,7 @@ def test_a_handle_stands_out_from_what_it_is_on(household: KnowledgeBase) -> Non
             assert np.sign((bar[0] + bar[1])[0]) == sign
 
 
-def test_what_nothing_tells_is_guessed_and_told(household: KnowledgeBase) -> None:
+def test_an_unknown_front_is_guessed_with_a_note(household: KnowledgeBase) -> None:
     fitted = fit(
         household,
         make_body("cupboard", "Cupboard", (0, 0, 0), (0.4, 0.8, 0.8)),
@@ -271,10 +271,10 @@ def test_what_nothing_tells_is_guessed_and_told(household: KnowledgeBase) -> Non
     assert open_sides(fitted.geometry[BodyId("cupboard")], (0.4, 0.8, 0.8)) == {BodySide.FRONT}
     (note,) = fitted.notes
     assert note.ids == ("cupboard",)
-    assert "nothing tells where its front is" in note.text
+    assert "with an unknown front" in note.text
 
 
-def test_a_table_whose_legs_are_bodies_is_its_top_alone(household: KnowledgeBase) -> None:
+def test_a_table_with_separate_leg_bodies_is_only_its_top(household: KnowledgeBase) -> None:
     top = make_body("table", "KitchenTable", (0, 0, 0.73), (0.8, 1.4, 0.04))
     leg = make_body("leg", "TableLeg", (0.3, 0.6, 0.355), (0.06, 0.06, 0.71))
     forms = fit_geometry(world([top, leg], attached=[("table", "leg")]), household).geometry

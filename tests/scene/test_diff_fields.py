@@ -57,9 +57,9 @@ BODY = Body(
     materials=(Material(name="Clay"),),
     **SAID,
 )
-CONSTRAINT = Joint(
-    id=BodyId("constraint"),
-    iri=Iri("urn:constraint"),
+JOINT = Joint(
+    id=BodyId("joint"),
+    iri=Iri("urn:joint"),
     parent=BodyId("body"),
     child=BodyId("other"),
     pose=POSE,
@@ -75,7 +75,7 @@ WORLD = World(
     iri=Iri("urn:map"),
     name="a map",
     bodies=(BODY,),
-    joints=(CONSTRAINT,),
+    joints=(JOINT,),
     attachments=(Attachment(parent=BodyId("other"), child=BodyId("body")),),
     lights=(LIGHT,),
     facts=SAID["facts"],
@@ -84,14 +84,14 @@ WORLD = World(
 
 THINGS = (
     ("bodies", BODY, BODY_FIELDS),
-    ("constraints", CONSTRAINT, JOINT_FIELDS),
+    ("joints", JOINT, JOINT_FIELDS),
     ("lights", LIGHT, LIGHT_FIELDS),
 )
 OPTIONAL = {
     *("label", "size", "mesh", "shape", "disable_collision"),
     *("physics.mobility", "physics.gravity", "physics.overlap_events", "physics.mass_kg"),
 }
-NOT_IN_A_COLUMN = {"id", "tags", "facts", "materials", "bodies", "constraints", "attachments", "lights", "resources"}
+NOT_IN_A_COLUMN = {"id", "tags", "facts", "materials", "bodies", "joints", "attachments", "lights", "resources"}
 
 
 def leaves(value: msgspec.Struct, prefix: str = "") -> Iterator[str]:
@@ -136,7 +136,7 @@ def in_world(place: str, thing: Any) -> World:
 @pytest.mark.parametrize(
     ("value", "fields"), [(WORLD, WORLD_FIELDS), *((thing, fields) for _, thing, fields in THINGS)]
 )
-def test_no_field_is_forgotten(value: msgspec.Struct, fields: Mapping[str, ChangeKind]) -> None:
+def test_every_field_is_compared(value: msgspec.Struct, fields: Mapping[str, ChangeKind]) -> None:
     assert set(leaves(value)) - NOT_IN_A_COLUMN == set(fields)
 
 
@@ -165,20 +165,20 @@ def test_a_field_against_none_is_a_change_without_a_number(field: str) -> None:
     assert diff(without, without).identical()
 
 
-def test_a_collision_that_is_not_told_is_a_change() -> None:
-    without = in_world("constraints", replace(CONSTRAINT, disable_collision=None))
+def test_an_unstated_collision_flag_is_a_change() -> None:
+    without = in_world("joints", replace(JOINT, disable_collision=None))
     assert [change.field for change in diff(WORLD, without).changed] == ["disable_collision"]
 
 
 @pytest.mark.parametrize("field", WORLD_FIELDS)
-def test_the_world_itself_is_compared(field: str) -> None:
+def test_fields_of_the_world_are_compared(field: str) -> None:
     changed = replace(WORLD, **{field: other_than(getattr(WORLD, field))})
     assert [(change.id, change.field) for change in diff(WORLD, changed).changed] == [("urn:map", field)]
 
 
 @pytest.mark.parametrize(("place", "thing"), [(place, thing) for place, thing, _ in THINGS], ids=str)
 @pytest.mark.parametrize("said", SAID)
-def test_what_is_said_of_each_thing_is_compared(place: str, thing: Any, said: str) -> None:
+def test_facts_and_tags_of_each_object_are_compared(place: str, thing: Any, said: str) -> None:
     found = diff(WORLD, in_world(place, replace(thing, **{said: ()})))
     assert [(change.id, change.field, change.kind) for change in found.changed] == [(thing.id, said, said)]
     assert found.changed[0].a == SAID[said]
@@ -187,13 +187,13 @@ def test_what_is_said_of_each_thing_is_compared(place: str, thing: Any, said: st
     assert found.lost[0].assertion == SAID[said][0]
 
 
-def test_what_is_said_of_the_world_is_compared() -> None:
+def test_facts_of_the_world_are_compared() -> None:
     found = diff(WORLD, replace(WORLD, facts=()))
     assert [(change.id, change.field) for change in found.changed] == [("urn:map", "facts")]
     assert found.lost_facts == 1
 
 
-def test_what_is_said_of_a_resource_is_compared() -> None:
+def test_facts_of_resources_are_compared() -> None:
     silent = replace(WORLD, resources=(NamedResource(Iri("urn:resource")),))
     found = diff(WORLD, silent)
     assert [(change.id, change.field) for change in found.changed] == [("urn:resource", "facts")]

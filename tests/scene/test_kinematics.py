@@ -18,7 +18,7 @@ ASTRIDE = Joint(
 """It slides out by 0.4 m, not in, and turns without an end."""
 
 
-def test_reaches_are_told_for_each_axis() -> None:
+def test_joint_reach_is_returned_for_each_axis() -> None:
     assert joint_reach(DRAWER) == (0.4, 0.0, 0.0, 0.0, 0.0, 0.0)
     assert joint_reach(DOOR) == (0.0, 0.0, 0.0, 0.0, 0.0, 1.5)
     assert joint_reach(ASTRIDE) == (0.4, 0.0, 0.0, 0.0, 0.0, None)
@@ -36,11 +36,11 @@ def test_reaches_are_told_for_each_axis() -> None:
         (ASTRIDE, (0.01, 0, 0, 0, 0, 2.0), (2.0, False, None)),
     ],
 )
-def test_the_way_that_was_gone_farthest_counts(
+def test_displacement_is_that_of_the_farthest_axis(
     joint: Joint, positions: tuple[float, ...], expected: tuple[float, bool, float | None]
 ) -> None:
     assert joint_displacement(joint, positions) == pytest.approx(expected)
 
 
-def test_what_is_locked_goes_nowhere() -> None:
+def test_a_locked_joint_has_no_displacement() -> None:
     assert joint_displacement(fixed_joint("weld", "a", "b", (0, 0, 0)), (0.0,) * 6) is None

@@ -125,18 +125,18 @@ RULES: list[Callable[[World], bool]] = [
 
 
 @given(world=worlds())
-def test_every_world_keeps_the_rules(world: World) -> None:
+def test_generated_worlds_are_valid(world: World) -> None:
     for rule in RULES:
         assert rule(world), rule.__name__
 
 
-def test_the_kitchenette_keeps_the_rules() -> None:
+def test_the_kitchenette_is_valid() -> None:
     for rule in RULES:
         assert rule(KITCHEN), rule.__name__
 
 
 @given(world=worlds(min_bodies=2, max_bodies=3, max_constraints=1, max_lights=0))
-def test_a_world_is_as_large_as_asked_for(world: World) -> None:
+def test_a_generated_world_has_the_requested_size(world: World) -> None:
     assert 2 <= len(world.bodies) <= 3
     assert len(world.joints) <= 1
     assert world.lights == ()
@@ -180,11 +180,11 @@ SOMETIMES: dict[str, Callable[[World], object]] = {
 
 
 @pytest.mark.parametrize("wanted", SOMETIMES.values(), ids=SOMETIMES.keys())
-def test_some_world_has(wanted: Callable[[World], object]) -> None:
+def test_generated_worlds_cover(wanted: Callable[[World], object]) -> None:
     find(worlds(), wanted, settings=SEARCH)
 
 
-def test_labels_and_wild_tags_come_when_asked_for() -> None:
+def test_blank_nodes_and_arbitrary_tags_are_generated_on_request() -> None:
     find(worlds(labels=True), lambda w: any(r.iri.startswith("_:") for r in w.resources), settings=SEARCH)
     find(worlds(wild_tags=True), lambda w: not tags_fit_into_a_line(w), settings=SEARCH)
 
@@ -193,20 +193,20 @@ def test_labels_and_wild_tags_come_when_asked_for() -> None:
 
 
 @given(world=worlds(wild_tags=True, labels=True))
-def test_a_world_survives_the_way_through_json_to_the_last_bit(world: World) -> None:
+def test_a_world_survives_json_exactly(world: World) -> None:
     again = msgspec.json.decode(msgspec.json.encode(world), type=World)
     assert again == world
     assert hash(again) == hash(world)
     assert repr(again) == repr(world)
 
 
-def test_an_unknown_field_is_refused_with_the_way_to_it() -> None:
+def test_an_unknown_field_is_rejected_with_its_path() -> None:
     text = msgspec.json.encode(KITCHEN).replace(b'"mass_kg"', b'"mass"', 1)
     with pytest.raises(msgspec.ValidationError, match=r"unknown field `mass` - at `\$.bodies\[.*\].physics`"):
         msgspec.json.decode(text, type=World)
 
 
-def test_the_parts_of_a_world_are_made_by_keyword_and_cannot_be_changed() -> None:
+def test_parts_of_a_world_are_frozen_with_keyword_only_fields() -> None:
     with pytest.raises(TypeError, match="positional"):
         Tag("SemLog", "Id", "x")  # type: ignore[misc]
     with pytest.raises(AttributeError, match="immutable"):
@@ -214,11 +214,11 @@ def test_the_parts_of_a_world_are_made_by_keyword_and_cannot_be_changed() -> Non
     assert isinstance(KITCHEN.body("Mug"), Body)
 
 
-def test_a_body_that_is_not_there_is_missed_with_what_is_near() -> None:
+def test_a_missing_body_raises_an_error_with_a_suggestion() -> None:
     with pytest.raises(BodyNotFoundError, match="no body 'Mugg' in 'map'; near: 'Mug'"):
         KITCHEN.body("Mugg")
 
 
 @given(position=st.tuples(*(st.floats(),) * 3))
-def test_a_pose_keeps_what_it_was_given(position: tuple[float, float, float]) -> None:
+def test_a_pose_keeps_its_values_unchanged(position: tuple[float, float, float]) -> None:
     assert Pose(position).position is position

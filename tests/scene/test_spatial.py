@@ -61,12 +61,12 @@ def cup(x: float, y: float, z: float, size: Vector = (0.1, 0.1, 0.1), **more: ob
         (cup(0.5401, 0, 0.5), {NEXT_TO}),
     ],
 )
-def test_each_relation_holds_up_to_its_limit_and_no_farther(thing: Body, expected: set[SpatialRelation]) -> None:
+def test_each_relation_holds_up_to_its_threshold(thing: Body, expected: set[SpatialRelation]) -> None:
     assert between(thing, TABLE) == expected
     assert between(TABLE, thing) == {BELOW for each in expected if each in {ON, ABOVE}} | (expected & {NEXT_TO})
 
 
-def test_the_numbers_are_gaps_in_meters_and_shares() -> None:
+def test_relations_report_gap_and_overlap() -> None:
     scene = world(
         TABLE, cup(0.45, 0, 1.052), body("in", (0.4, 0, 0.3), (0.2, 0.1, 0.1)), body("by", (0, 0.7, 0.9), (1, 0.2, 0.4))
     )
@@ -81,7 +81,7 @@ def test_the_numbers_are_gaps_in_meters_and_shares() -> None:
     assert [(each.relation, each.gap, each.overlap) for each in half_over] == [(ABOVE, 0.1, 0.25)]
 
 
-def test_a_turned_box_is_measured_along_its_own_axes() -> None:
+def test_rotated_boxes_are_measured_along_their_own_axes() -> None:
     eighth = (cos(np.pi / 8), 0.0, 0.0, sin(np.pi / 8))
     stick = body("stick", (0, 0, 1.01), (2.0, 0.02, 0.02), quaternion=eighth)
     # The stick runs from corner to corner: the upright box around it meets the cup, the stick does not.
@@ -100,7 +100,7 @@ HINGE = revolute_joint("hinge", "fridge", "door", (0.32, 0.3, 1))
 GRIP = body("grip", (0.36, 0.2, 1), (0.04, 0.04, 0.3), "kinematic")
 
 
-def test_what_is_inside_is_beside_nothing_outside() -> None:
+def test_bodies_inside_are_not_next_to_bodies_outside() -> None:
     milk, jar = body("milk", (0, 0.2, 1), (0.1, 0.1, 0.2)), body("jar", (0, 0, 1), (0.1, 0.1, 0.2))
     outside = body("outside", (0, 0.4, 1), (0.1, 0.1, 0.2))
     found = told(world(FRIDGE, milk, jar, outside))
@@ -108,7 +108,7 @@ def test_what_is_inside_is_beside_nothing_outside() -> None:
     assert not {("milk", NEXT_TO, "outside"), ("milk", NEXT_TO, "fridge"), ("outside", INSIDE, "fridge")} & found
 
 
-def test_what_is_in_a_box_in_a_fridge_is_in_both() -> None:
+def test_containment_is_transitive() -> None:
     box, egg = body("box", (0, 0, 1), (0.3, 0.3, 0.2)), body("egg", (0, 0, 1), (0.05, 0.05, 0.06))
     beside = body("beside", (0.05, 0.2, 1), (0.05, 0.05, 0.2))
     found = told(world(FRIDGE, box, egg, beside))
@@ -116,16 +116,16 @@ def test_what_is_in_a_box_in_a_fridge_is_in_both() -> None:
     assert ("egg", NEXT_TO, "beside") not in found
 
 
-def test_a_door_is_not_beside_what_it_closes_nor_its_handle_beside_it() -> None:
+def test_a_door_is_next_to_neither_its_cabinet_nor_its_handle() -> None:
     scene = world(FRIDGE, DOOR, GRIP, HINGE, attachment("door", "grip"))
     assert told(scene, relations=[NEXT_TO]) == set()
-    assert told(world(FRIDGE, DOOR, GRIP), relations=[NEXT_TO], things=["door"]) == {
+    assert told(world(FRIDGE, DOOR, GRIP), relations=[NEXT_TO], subjects=["door"]) == {
         ("door", NEXT_TO, "fridge"),
         ("door", NEXT_TO, "grip"),
     }
 
 
-def test_what_hangs_in_a_constraint_rests_on_nothing_and_carries_only_what_is_loose() -> None:
+def test_jointed_bodies_are_on_nothing_and_support_only_dynamic_ones() -> None:
     floor, counter = body("floor", (0, 0, -0.05), (9, 9, 0.1)), body("counter", (0.3, 0, 2.02), (0.8, 0.8, 0.04))
     scene = world(floor, FRIDGE, DOOR, HINGE, counter, body("cup", (0.32, 0, 2.09), (0.02, 0.1, 0.1), "dynamic"))
     found = told(scene, relations=[ON])
@@ -136,7 +136,7 @@ def test_what_hangs_in_a_constraint_rests_on_nothing_and_carries_only_what_is_lo
     assert ("cup", ON, "door") in told(on_door)
 
 
-def test_roles_may_stand_upside_down() -> None:
+def test_parent_and_child_of_a_joint_may_be_swapped() -> None:
     upside_down = prismatic_joint("slide", "drawer", "cabinet", (0, 0, 0.2))
     cabinet, drawer = (
         body("cabinet", (0, 0, 0.5), (0.6, 0.6, 1)),
@@ -150,32 +150,32 @@ def test_roles_may_stand_upside_down() -> None:
 # -- what takes no part ------------------------------------------------------------------------------------------------
 
 
-def test_a_shell_is_where_everything_is_and_takes_no_part() -> None:
+def test_enclosing_bodies_take_part_in_no_relation() -> None:
     walls = body("walls", (0, 0, 1.5), (5, 5, 3))
     shelves = [body(f"shelf{n}", (n - 1.0, 0, 0.5), (0.3, 0.3, 1)) for n in range(3)]
     scene = world(walls, *shelves)
     assert SpatialRelations(scene).enclosing_bodies == ("walls",)
     assert told(scene) == set()
-    assert told(scene, things=["walls"]) == set()
+    assert told(scene, subjects=["walls"]) == set()
     two = replace(scene, bodies=scene.bodies[:-1])
     assert ("shelf0", INSIDE, "walls") in told(two), "two pieces of furniture make no room"
 
 
-def test_what_has_no_size_takes_no_part() -> None:
+def test_bodies_without_a_size_take_part_in_no_relation() -> None:
     assert told(world(TABLE, replace(cup(0, 0, 1.05), size=None))) == set()
     assert told(world()) == set()
 
 
-def test_flat_things_that_lie_in_one_plane_are_not_on_each_other() -> None:
+def test_coplanar_flat_bodies_are_not_on_each_other() -> None:
     sheets = [body(name, (0, 0, 1), (1, 1, 0)) for name in ("a", "b")]
     assert told(world(*sheets), relations=[ON, ABOVE, BELOW]) == set()
 
 
-def test_only_what_was_asked_for_is_told() -> None:
+def test_only_requested_relations_are_returned() -> None:
     scene = world(TABLE, cup(0, 0, 1.05), body("jar", (0.2, 0, 1.05), (0.1, 0.1, 0.1)))
     everything = told(scene)
     for thing in ("table", "cup", "jar", "nobody"):
-        assert told(scene, things=[thing]) == {each for each in everything if each[0] == thing}
+        assert told(scene, subjects=[thing]) == {each for each in everything if each[0] == thing}
         assert told(scene, others=[thing]) == {each for each in everything if each[2] == thing}
     assert told(scene, relations=[BELOW]) == {each for each in everything if each[1] is BELOW}
 
@@ -210,7 +210,7 @@ def scenes(draw: st.DrawFn) -> World:
 
 
 @given(scenes())
-def test_nothing_stands_to_itself_and_opposites_come_in_pairs(scene: World) -> None:
+def test_relations_are_irreflexive_and_inverses_come_in_pairs(scene: World) -> None:
     found = told(scene)
     for thing, how, other in found:
         assert thing != other
@@ -227,7 +227,7 @@ def test_nothing_stands_to_itself_and_opposites_come_in_pairs(scene: World) -> N
 
 
 @given(scenes(), st.tuples(*(st.integers(-500, 500).map(lambda n: n * 0.1) for _ in range(3))), turns)
-def test_a_place_that_is_moved_and_turned_as_a_whole_stays_the_same(scene: World, by: Vector, turn: float) -> None:
+def test_relations_are_invariant_under_a_rigid_motion_of_the_scene(scene: World, by: Vector, turn: float) -> None:
     pose = normalized_pose_array(Pose(by, (cos(turn / 2), 0.0, 0.0, sin(turn / 2))))
     moved = tuple(
         replace(each, pose=pose_from_array(pose_multiply(pose, normalized_pose_array(each.pose))))
@@ -244,11 +244,11 @@ def test_a_place_that_is_moved_and_turned_as_a_whole_stays_the_same(scene: World
 
 
 @given(scenes())
-def test_the_order_of_the_bodies_means_nothing(scene: World) -> None:
+def test_the_order_of_bodies_does_not_affect_relations(scene: World) -> None:
     assert told(replace(scene, bodies=scene.bodies[::-1])) == told(scene)
 
 
-def test_a_thousand_things_are_as_many_answers_as_their_parts() -> None:
+def test_relations_of_a_large_scene_are_those_of_its_parts() -> None:
     tables = [
         part
         for n in range(500)

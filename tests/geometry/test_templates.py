@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from mindstage.geometry import SHAPE_TEMPLATES, BodySide, ShapeTemplate, build_geometry, template_by_name
 from mindstage.scene import BodyGeometry, Vector
-from tests.geometry.designs import orientations, sizes, templates
-from tests.geometry.judging import is_closed, is_convex, is_inside, shape_bounds, visual_bounds, volume
+from tests.geometry.template_strategies import orientations, sizes, templates
+from tests.geometry.geometry_checks import is_closed, is_convex, is_inside, shape_bounds, visual_bounds, volume
 
 each_kind = pytest.mark.parametrize("kind", SHAPE_TEMPLATES)
 few = settings(max_examples=5, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
@@ -21,7 +21,7 @@ few = settings(max_examples=5, deadline=None, derandomize=True, suppress_health_
 @each_kind
 @few
 @given(data=st.data(), size=sizes, way=orientations)
-def test_a_form_is_as_large_as_its_body_closed_and_looks_outwards(
+def test_visuals_fill_the_size_are_closed_and_face_outwards(
     kind: str, data: st.DataObject, size: Vector, way: tuple[BodySide, BodySide]
 ) -> None:
     form = _built(kind, data, size, way)
@@ -39,7 +39,7 @@ def test_a_form_is_as_large_as_its_body_closed_and_looks_outwards(
 @each_kind
 @few
 @given(data=st.data(), size=sizes, way=orientations)
-def test_what_can_be_touched_is_convex_and_within_the_size(
+def test_collision_shapes_are_convex_and_within_the_size(
     kind: str, data: st.DataObject, size: Vector, way: tuple[BodySide, BodySide]
 ) -> None:
     form = _built(kind, data, size, way)
@@ -55,7 +55,7 @@ def test_what_can_be_touched_is_convex_and_within_the_size(
 @each_kind
 @few
 @given(data=st.data(), size=sizes, way=orientations)
-def test_a_place_is_in_the_body_and_has_the_room_above_it_that_it_says(
+def test_support_surfaces_are_within_the_body_with_their_clearance(
     kind: str, data: st.DataObject, size: Vector, way: tuple[BodySide, BodySide]
 ) -> None:
     form = _built(kind, data, size, way)
@@ -76,7 +76,7 @@ def test_a_place_is_in_the_body_and_has_the_room_above_it_that_it_says(
 @each_kind
 @few
 @given(data=st.data(), size=sizes, other=sizes)
-def test_the_same_form_has_the_same_key_and_another_one_another(
+def test_equal_geometry_has_equal_keys_and_different_geometry_does_not(
     kind: str, data: st.DataObject, size: Vector, other: Vector
 ) -> None:
     design = data.draw(templates(kind))
@@ -94,11 +94,11 @@ def _copied(design: ShapeTemplate) -> ShapeTemplate:
     return type(design)(**{name: getattr(design, name) for name in design.__struct_fields__})
 
 
-def test_skins_and_key_are_computed_when_first_read_and_only_once() -> None:
+def test_visuals_and_key_are_computed_once_on_first_access() -> None:
     form = build_geometry(template_by_name("mug"), (0.08, 0.08, 0.0937))
     with pytest.raises(AttributeError):
-        object.__getattribute__(form, "skins")
-    with pytest.raises(AttributeError, match="colour"):
+        object.__getattribute__(form, "visuals")
+    with pytest.raises(AttributeError, match="color"):
         form.color  # type: ignore[attr-defined]  # noqa: B018
     assert form.visuals is form.visuals
     assert form.key == build_geometry(template_by_name("mug"), (0.08, 0.08, 0.0937), reason="again").key

@@ -66,7 +66,7 @@ def place() -> World:
     )
 
 
-def test_ten_lines_of_turtle_give_a_drawer_that_works(knowledge: KnowledgeBase) -> None:
+def test_ten_lines_of_turtle_define_a_working_drawer(knowledge: KnowledgeBase) -> None:
     with Simulation(knowledge, MujocoEngine()) as stage:
         report = stage.spawn(place())
         assert stage.geometry[BodyId("pullout")].shape_name == "drawer"
@@ -75,7 +75,7 @@ def test_ten_lines_of_turtle_give_a_drawer_that_works(knowledge: KnowledgeBase) 
         start = positions(stage)
         for force, reached in ((6.0, 0.4), (-6.0, 0.0)):
             for _ in range(80):
-                stage.run_on_engine(lambda engine, force=force: engine.push(BodyId("pullout"), (force, 0.0, 0.0)))  # type: ignore[misc]
+                stage.run_on_engine(lambda engine, force=force: engine.apply_force(BodyId("pullout"), (force, 0.0, 0.0)))  # type: ignore[misc]
                 stage.step(0.05)
             moved = positions(stage) - start
             assert moved[1, 0] == pytest.approx(reached, abs=0.01)

@@ -32,7 +32,7 @@ def left(openings: list[Hole]) -> float:
 
 
 @given(holes())
-def test_what_was_free_stays_free(openings: list[Hole]) -> None:
+def test_merged_holes_cover_the_original_holes(openings: list[Hole]) -> None:
     fewer = merge_narrow_strips(LOW, HIGH, openings, LEAST_M)
     assert len(fewer) <= len(openings)
     for low, high in openings:
@@ -41,26 +41,26 @@ def test_what_was_free_stays_free(openings: list[Hole]) -> None:
         assert any(inside)
 
 
-def test_a_window_alone_keeps_its_very_size() -> None:
+def test_a_single_hole_keeps_its_size() -> None:
     window = hole(1.0, 1.0, 2.0, 2.2)
     ((low, high),) = merge_narrow_strips(LOW, HIGH, [window], LEAST_M)
     assert low.tolist() == [1.0, 1.0]
     assert high.tolist() == [2.0, 2.2]
 
 
-def test_cupboards_side_by_side_leave_no_strips_between_them() -> None:
+def test_adjacent_holes_leave_no_strips_between_them() -> None:
     row = [hole(0.5, 0.1, 1.1, 0.9), hole(1.11, 0.1, 1.7, 0.88), hole(1.7, 0.12, 2.3, 0.9)]
     ((low, high),) = merge_narrow_strips(LOW, HIGH, row, LEAST_M)
     assert low.tolist() == [0.5, 0.1]
     assert high.tolist() == [2.3, 0.9]
 
 
-def test_what_is_far_apart_stays_so() -> None:
+def test_distant_holes_stay_separate() -> None:
     pair = [hole(0.5, 0.1, 1.0, 0.9), hole(1.5, 0.1, 2.0, 2.0)]
     assert len(merge_narrow_strips(LOW, HIGH, pair, LEAST_M)) == 2
 
 
-def test_a_strip_at_the_plate_s_edge_goes_too() -> None:
+def test_a_narrow_strip_at_the_edge_of_the_plate_is_removed() -> None:
     ((low, high),) = merge_narrow_strips(LOW, HIGH, [hole(0.02, 0.03, 1.0, 2.98)], LEAST_M)
     assert low.tolist() == [0.0, 0.0]
     assert high.tolist() == [1.0, 3.0]

@@ -34,7 +34,7 @@ from mindstage.scene.transforms import (
     quat_rotate,
     rotation_matrix,
 )
-from tests.geometry.fitting_scenes import MY, box_of, fit, make_body, slide_joint, world
+from tests.geometry.fit_scenes import MY, box_of, fit, make_body, slide_joint, world
 from tests.kitchenette import KNOWROB, kitchenette
 
 
@@ -53,7 +53,7 @@ def kitchen() -> World:
 # -- what it is taken from ---------------------------------------------------------------------------------------------
 
 
-def test_an_unknown_class_guessed_by_its_name_is_reported_once_for_all(household: KnowledgeBase) -> None:
+def test_a_guess_from_a_class_name_is_one_note_for_all_bodies(household: KnowledgeBase) -> None:
     mugs = [make_body(f"mug_{number}", MY + "FancyMug", (number, 0, 0), (0.08, 0.08, 0.1)) for number in range(5)]
     fitted = fit(household, *mugs)
     assert {form.source for form in fitted.geometry.values()} == {GeometrySource.CLASS_NAME}
@@ -62,7 +62,7 @@ def test_an_unknown_class_guessed_by_its_name_is_reported_once_for_all(household
     assert note.text.startswith("mug_0, mug_1, mug_2 and 2 more: is shaped as a mug by a guess")
 
 
-def test_the_map_s_own_shape_counts_where_nobody_knows_better(household: KnowledgeBase) -> None:
+def test_the_primitive_shape_of_the_map_is_used_without_a_shape_rule(household: KnowledgeBase) -> None:
     kinds = {
         shape: fit(household, replace(make_body("it", MY + "Gizmo", (0, 0, 0), (0.1, 0.1, 0.1)), shape=shape)).geometry
         for shape in (None, PrimitiveShape(type=PrimitiveType.CYLINDER), PrimitiveShape(type=PrimitiveType.SPHERE))
@@ -71,7 +71,7 @@ def test_the_map_s_own_shape_counts_where_nobody_knows_better(household: Knowled
     assert {forms[BodyId("it")].source for forms in kinds.values()} == {GeometrySource.MAP}
 
 
-def test_a_color_that_the_map_tells_is_the_body_s(household: KnowledgeBase) -> None:
+def test_a_color_in_the_map_overrides_that_of_the_class(household: KnowledgeBase) -> None:
     red = (1.0, 0.0, 0.0)
     mug = replace(
         make_body("mug", "DrinkingMug", (0, 0, 0), (0.08, 0.08, 0.1)), materials=(Material(name="red", color=red),)
@@ -79,17 +79,17 @@ def test_a_color_that_the_map_tells_is_the_body_s(household: KnowledgeBase) -> N
     assert fit(household, mug).geometry[mug.id].visuals[0].material.color == red
 
 
-def test_a_lamp_s_light_is_a_part_of_its_form(household: KnowledgeBase) -> None:
+def test_the_geometry_of_a_lamp_includes_its_light(household: KnowledgeBase) -> None:
     form = fit(household, make_body("lamp", "CeilingLight", (0, 0, 2.4), (0.4, 0.4, 0.06))).geometry[BodyId("lamp")]
     assert [glow.intensity for glow in form.lights] == [120.0]
 
 
-def test_forms_feel_as_their_material_does(household: KnowledgeBase) -> None:
+def test_geometry_has_the_physical_properties_of_its_material(household: KnowledgeBase) -> None:
     form = fit(household, make_body("mug", "DrinkingMug", (0, 0, 0), (0.08, 0.08, 0.1))).geometry[BodyId("mug")]
     assert (form.friction, form.restitution, form.density) == (0.35, 0.4, 2400.0)
 
 
-def test_meshes_come_first_and_are_asked_for_once(household: KnowledgeBase) -> None:
+def test_meshes_take_precedence_and_are_requested_once(household: KnowledgeBase) -> None:
     mug, plate = (
         make_body("mug", "DrinkingMug", (0, 0, 0), (0.08, 0.08, 0.1)),
         make_body("plate", "DinnerPlate", (1, 0, 0), (0.2, 0.2, 0.02)),
@@ -98,7 +98,7 @@ def test_meshes_come_first_and_are_asked_for_once(household: KnowledgeBase) -> N
     asked = []
 
     class Meshes:
-        def forms(self, bodies: Sequence[Body]) -> FoundMeshes:
+        def geometry_for(self, bodies: Sequence[Body]) -> FoundMeshes:
             asked.append(tuple(bodies))
             return FoundMeshes({mug.id: mesh}, ("mug.obj is scaled",))
 
@@ -114,7 +114,7 @@ class FoundMeshes(NamedTuple):
     notes: tuple[str, ...]
 
 
-def test_the_door_of_an_oven_is_of_glass_because_the_oven_says_so(household: KnowledgeBase) -> None:
+def test_the_material_of_a_door_follows_from_its_cabinet(household: KnowledgeBase) -> None:
     oven, door = (
         make_body("oven", "Oven", (0, 0, 0), (0.6, 0.6, 0.6)),
         make_body("door", "Door", (0.31, 0, 0), (0.02, 0.6, 0.6)),
@@ -129,7 +129,7 @@ def test_the_door_of_an_oven_is_of_glass_because_the_oven_says_so(household: Kno
 
 
 @pytest.mark.parametrize("name", ["iai-kitchen-original", "ameva-task-two", "soma-iai-room", "knowrob1-ccrl"])
-def test_maps_of_all_dialects_get_forms_and_what_is_guessed_is_told(shared_data: Path, name: str) -> None:
+def test_maps_of_all_dialects_get_geometry_and_guesses_are_noted(shared_data: Path, name: str) -> None:
     knowledge = KnowledgeBase()
     knowledge.load(shared_data / "maps" / f"{name}.owl")
     described = knowledge.world()
@@ -144,11 +144,11 @@ def test_maps_of_all_dialects_get_forms_and_what_is_guessed_is_told(shared_data:
 # -- odd worlds --------------------------------------------------------------------------------------------------------
 
 
-def test_a_world_without_bodies_has_no_forms(household: KnowledgeBase) -> None:
+def test_a_world_without_bodies_has_no_geometry(household: KnowledgeBase) -> None:
     assert (dict(fit(household).geometry), fit(household).notes) == ({}, ())
 
 
-def test_what_has_no_size_or_no_extent_stays_as_it_is(household: KnowledgeBase) -> None:
+def test_bodies_without_a_size_or_extent_get_no_geometry(household: KnowledgeBase) -> None:
     fitted = fit(
         household,
         make_body("mug", "DrinkingMug", (0, 0, 0), None),
@@ -156,11 +156,11 @@ def test_what_has_no_size_or_no_extent_stays_as_it_is(household: KnowledgeBase) 
     )
     assert dict(fitted.geometry) == {}
     assert [(note.ids, note.text) for note in fitted.notes] == [
-        (("door",), "door: has no extent along one of its axes, so it stays as the map has it")
+        (("door",), "door: has no extent along one of its axes, so it keeps the shape of the map")
     ]
 
 
-def test_a_form_that_no_builder_makes_becomes_a_box_and_it_is_said(tmp_path: Path) -> None:
+def test_an_unknown_shape_name_becomes_a_box_with_a_note(tmp_path: Path) -> None:
     (tmp_path / "mine.ttl").write_text(
         """@prefix ms: <http://mindstage.org/ontology#> . @prefix my: <http://example.org/my#> .
         my:Form ms:builtAs "drawr" . my:Thing ms:shapedAs my:Form .""",
@@ -175,16 +175,16 @@ def test_a_form_that_no_builder_makes_becomes_a_box_and_it_is_said(tmp_path: Pat
     assert "drawer" in note.text
 
 
-def test_a_crowd_is_told_of_and_left_alone(household: KnowledgeBase) -> None:
+def test_bodies_with_too_many_neighbors_are_noted(household: KnowledgeBase) -> None:
     drawers = [
         make_body(f"drawer_{number}", "Drawer", (0, 0, 0), (0.5, 0.5, 0.2), is_free=True) for number in range(600)
     ]
     fitted = fit(household, *drawers)
     assert len(fitted.geometry) == 600
-    assert [len(note.ids) for note in fitted.notes if "crowd" in note.text] == [600]
+    assert [len(note.ids) for note in fitted.notes if "neighbors" in note.text] == [600]
 
 
-def test_forms_do_not_depend_on_the_order_of_bodies(household: KnowledgeBase) -> None:
+def test_geometry_does_not_depend_on_the_order_of_bodies(household: KnowledgeBase) -> None:
     described = kitchenette()
     backwards = replace(described, bodies=described.bodies[::-1])
     forms, again = fit_geometry(described, household).geometry, fit_geometry(backwards, household).geometry
@@ -194,7 +194,7 @@ def test_forms_do_not_depend_on_the_order_of_bodies(household: KnowledgeBase) ->
 # -- the whole kitchen -------------------------------------------------------------------------------------------------
 
 
-def test_in_the_bundled_kitchen_nobody_has_to_guess_how_to_open_something(kitchen: World) -> None:
+def test_the_bundled_kitchen_needs_no_guesses_for_cabinets_and_doors(kitchen: World) -> None:
     knowledge = KnowledgeBase()
     knowledge.load(bundled_kitchen())
     fitted = fit_geometry(knowledge.world(), knowledge)
@@ -204,7 +204,7 @@ def test_in_the_bundled_kitchen_nobody_has_to_guess_how_to_open_something(kitche
     assert not any(fitted.geometry[id].shape_name in (*CLOSING_SHAPES, "case", "shelf") for id in guessed)
 
 
-def test_in_the_bundled_kitchen_nothing_loose_stands_in_the_walls_of_a_case_or_drawer(kitchen: World) -> None:
+def test_free_bodies_of_the_bundled_kitchen_do_not_penetrate_cabinet_walls(kitchen: World) -> None:
     knowledge = KnowledgeBase()
     knowledge.load(bundled_kitchen())
     forms = fit_geometry(kitchen, knowledge).geometry
