@@ -170,7 +170,7 @@ def test_broken_tags_of_ours_are_refused_with_the_path() -> None:
     (model,) = request.models
     tags = tuple(replace(tag, value="1 2") if tag.key == "Size" else tag for tag in model.tags)
     broken = replace(request, models=(replace(model, tags=tags),))
-    with pytest.raises(MessageValidationError, match="a tag of the type Mindstage is broken") as refused:
+    with pytest.raises(MessageValidationError, match="a tag of the type Mindstage is invalid") as refused:
         world_from_request(broken, iri=Iri(MAP + "map"))
     assert refused.value.path == "models[0].tags"
 

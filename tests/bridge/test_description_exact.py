@@ -66,14 +66,14 @@ def test_the_version_is_always_told() -> None:
 @pytest.mark.parametrize(
     ("text", "cause"),
     [
-        ("", "it is no JSON"),
-        ("{", "it is no JSON"),
+        ("", "it is not JSON"),
+        ("{", "it is not JSON"),
         ("[]", "expected object, got array"),
         ('{"iri": "x"}', "missing required field format_version"),
-        ('{"iri": "x", "format_version": 2}', "this Mindstage reads 1"),
+        ('{"iri": "x", "format_version": 2}', "this version of Mindstage reads 1"),
         ('{"format_version": 1}', "missing required field iri"),
         ('{"iri": "x", "format_version": 1, "boddies": []}', "unknown field boddies"),
-        ('{"iri": "x", "format_version": 1, "name": NaN}', "it is no JSON"),
+        ('{"iri": "x", "format_version": 1, "name": NaN}', "it is not JSON"),
         ('{"iri":"x","format_version":1,"facts":' + '[{"property":"p","value":{"type":"anonymous","facts":' * 5000, ""),
     ],
 )
@@ -153,12 +153,12 @@ def test_every_method_of_an_engine_has_a_service() -> None:
     services = {
         "spawn": "SpawnWorld", "delete": "Delete", "clear": "Clear", "attach": "Attach", "detach": "Detach",
         "set_pose": "SetPose", "set_physics": "SetPhysics", "set_materials": "SetMaterials", "highlight": "Highlight",
-        "highlights": "GetHighlights", "push": "Push", "step": "Step", "poses": "GetPoses",
-        "joint_positions": "GetJointPositions", "log": "LogWorld", "save": "SaveState", "restore": "RestoreState",
-        "name": "Describe", "abilities": "Describe", "time_s": "Describe",
+        "highlights": "GetHighlights", "apply_force": "Push", "step": "Step", "poses": "GetPoses",
+        "joint_positions": "GetJointPositions", "snapshot": "LogWorld", "save_state": "SaveState", "restore_state": "RestoreState",
+        "name": "Describe", "capabilities": "Describe", "time_s": "Describe",
     }  # fmt: skip
     contract = {name for name, _ in inspect.getmembers(Engine) if not name.startswith("_")}
-    contract -= {"close", "statistics"}  # how busy it is, is asked after each tick, and told nobody far away
+    contract -= {"close", "stats"}  # statistics are read after each tick, and not sent to other processes
     assert set(services) == contract
     for name in services.values():
         assert name in mindstage_msgs.__all__

@@ -184,7 +184,7 @@ def test_what_came_without_an_id_gets_one_that_nobody_has() -> None:
     world, remarks = world_from_request(request, iri=Iri(MAP + "map"), taken={"Cup_2"})
     assert [body.id for body in world.bodies] == ["Cup_3", "Cup_4", "Cup_1"]
     assert world.joints[0].id == "Constraint_1"
-    assert ConversionNote("id", ("Cup_3", "Cup_4", "Constraint_1"), "it came without an id and got this one") in remarks
+    assert ConversionNote("id", ("Cup_3", "Cup_4", "Constraint_1"), "it has no id; this one was generated") in remarks
 
 
 def test_remarks_of_one_kind_are_one_with_all_the_ids() -> None:
@@ -193,7 +193,7 @@ def test_remarks_of_one_kind_are_one_with_all_the_ids() -> None:
         iri=Iri(MAP + "map"),
         bodies=tuple(replace(MUG, id=BodyId(id), facts=(fact,)) for id in ("a", "b", "c")),
     )
-    assert untranslatable_fields(world) == (ConversionNote("facts", ("a", "b", "c"), "a model has no place for facts"),)
+    assert untranslatable_fields(world) == (ConversionNote("facts", ("a", "b", "c"), "a model has no field for facts"),)
 
 
 def test_the_thesis_map_comes_through_with_nothing_lost_but_what_is_named(shared_data: Path) -> None:

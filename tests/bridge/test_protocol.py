@@ -63,9 +63,9 @@ REFUSED = [
     ('{"op":"cancel_action_goal","action":"/go"}', "cancel_action_goal", "", "`id`"),
     ('{"op":"service_response","id":"q","service":"/a","values":{}}', "service_response", "", "`result`"),
     ('{"op":"publish","topic":"/a","msg":{"a":"\ud800"}}', "message", "", "surrogates"),
-    ('{"op":"png","id":"q","data":"no base64"}', "png", "", "no PNG"),
-    (b"\xff\xfe\x00garbage", "binary frame", "", "no CBOR"),
-    (b"", "binary frame", "", "no CBOR"),
+    ('{"op":"png","id":"q","data":"no base64"}', "png", "", "not a PNG"),
+    (b"\xff\xfe\x00garbage", "binary frame", "", "not CBOR"),
+    (b"", "binary frame", "", "not CBOR"),
     (b"\x80", "message", "", "Expected `object`, got `array`"),
 ]
 
@@ -138,7 +138,7 @@ def test_brackets_in_strings_are_no_nesting() -> None:
 
 
 def test_a_frame_that_is_too_large_is_refused_before_it_is_read() -> None:
-    with pytest.raises(MessageValidationError, match="101 bytes are too many; at most 100"):
+    with pytest.raises(MessageValidationError, match="it has 101 bytes; at most 100"):
         reader(message_bytes=100).decode("x" * 101, 0.0)
 
 

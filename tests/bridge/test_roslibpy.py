@@ -122,6 +122,6 @@ def test_its_provider_that_is_killed_leaves_no_caller_waiting(hub: LocalNode, ro
 
     roslibpy.Service(provider, "/far/die", "x/X", reconnect_on_close=False).advertise(die)
     eventually(lambda: hub.graph_info().services)
-    with pytest.raises(roslibpy.core.ServiceException, match="the provider of /far/die is gone"):
+    with pytest.raises(roslibpy.core.ServiceException, match="the provider of /far/die disconnected"):
         roslibpy.Service(ros(), "/far/die", "x/X").call(roslibpy.ServiceRequest(), timeout=TIMEOUT_S)
     assert called.is_set()

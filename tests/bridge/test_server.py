@@ -141,8 +141,8 @@ def test_a_wrong_token_in_the_header_is_refused_at_the_door(
 def test_a_wrong_auth_ends_the_connection(locked: RosbridgeServer, talker: Talkers, auth: dict[str, Any]) -> None:
     client = talker(locked.url)
     client.send_operation(op="auth", **auth)
-    assert client.receive("status")["msg"] == "that is not the token"
-    assert client.wait_closed() == (1008, "that is not the token")
+    assert client.receive("status")["msg"] == "invalid token"
+    assert client.wait_closed() == (1008, "invalid token")
 
 
 def test_nothing_else_is_heard_from_a_stranger(hub: LocalNode, locked: RosbridgeServer, talker: Talkers) -> None:
@@ -150,7 +150,7 @@ def test_nothing_else_is_heard_from_a_stranger(hub: LocalNode, locked: Rosbridge
     client.send_operation(op="advertise_service", service="/mine", type="x/X")
     code, reason = client.wait_closed()
     assert code == 1008
-    assert "a token is needed" in reason
+    assert "a token is required" in reason
     assert [each.name for each in hub.graph_info().services] == ["/settle"]
 
 
@@ -160,7 +160,7 @@ def test_a_stranger_who_says_nothing_is_sent_away(talker: Talkers) -> None:
         RosbridgeServer(hub, port=0, token=SECRET) as server,
     ):
         greet(hub)
-        assert talker(server.url).wait_closed() == (1008, "no token was shown in time")
+        assert talker(server.url).wait_closed() == (1008, "no token was sent in time")
         friend = talker(server.url)
         friend.send_operation(op="auth", token=SECRET)
         time.sleep(0.1)
@@ -264,7 +264,7 @@ def test_fragments_that_stop_coming_are_forgotten_with_a_remark(talker: Talkers)
     with LocalNode(limits=BridgeLimits(fragment_timeout_s=0.05)) as hub, RosbridgeServer(hub, port=0) as server:
         client = talker(server.url)
         client.send_operation(op="fragment", id="f", data="{", num=0, total=2)
-        assert "did not come in time" in client.receive("status", id="f")["msg"]
+        assert "did not arrive in time" in client.receive("status", id="f")["msg"]
 
 
 def test_one_who_does_not_read_is_dropped_and_nobody_else_notices(talker: Talkers) -> None:

@@ -288,7 +288,7 @@ def test_a_plugin_that_leaves_in_the_middle_of_a_spawn_is_gone_and_later_the_sam
         spawning = other.submit(engine.spawn, room())
         assert peer.stopped.wait(TIMEOUT_S)
         peer.close()
-        with pytest.raises(EngineError, match="the provider of /unreal/spawn_semantic_map is gone"):
+        with pytest.raises(EngineError, match="the provider of /unreal/spawn_semantic_map disconnected"):
             spawning.result(TIMEOUT_S)
     with pytest.raises(EngineUnavailableError, match="does not exist"):
         engine.ping()

@@ -75,7 +75,7 @@ def test_a_goal_is_given_up_and_the_world_stands_still(send: Any, stage: Simulat
     goal.cancel()
     outcome = goal.wait(TIMEOUT_S)
     assert outcome.status is GoalStatus.CANCELED
-    assert outcome.values["result"] == {"result": 4, "error_message": "it was cancelled"}
+    assert outcome.values["result"] == {"result": 4, "error_message": "it was canceled"}
     assert stands_still(stage)
 
 

@@ -145,7 +145,7 @@ def test_forms_that_come_along_are_what_bodies_are_made_of(engine: Call, stage: 
 
 def test_forms_that_make_no_sense_are_refused_before_anything_is_spawned(engine: Call, stage: Simulation) -> None:
     engine("clear")
-    with pytest.raises(ServiceCallError, match="there is no form"):
+    with pytest.raises(ServiceCallError, match="no geometry has the key"):
         engine("spawn_world", world=world_to_json(kitchenette()), forms='{"bodies": {"Mug": "0123456789abcdef"}}')
     assert stage.state.ids == ()
 
@@ -170,7 +170,7 @@ def test_states_are_kept_over_there_and_brought_back_exactly(engine: Call, stage
 def test_states_are_not_kept_without_end(engine: Call) -> None:
     for _ in range(64):
         engine("save_state")
-    with pytest.raises(ServiceCallError, match="64 states are kept already"):
+    with pytest.raises(ServiceCallError, match="64 states are saved already"):
         engine("save_state")
 
 
@@ -202,7 +202,7 @@ def test_refusals_are_the_same_errors_over_there(engine: Call) -> None:
     ("service", "args", "text"),
     [
         ("spawn_world", {"world": "{}"}, "format_version"),
-        ("spawn_world", {"world": '{"format_version": 99}'}, "this Mindstage reads 1"),
+        ("spawn_world", {"world": '{"format_version": 99}'}, "this version of Mindstage reads 1"),
         ("set_physics", {"id": "Mug", "physics": '{"mass": 1}'}, "mass"),
         ("set_materials", {"id": "Mug", "materials": "{}"}, "expected array"),
         ("step", {"duration_s": -1.0}, "time does not pass backwards"),

@@ -52,6 +52,6 @@ def test_a_page_spawns_moves_lights_listens_and_gives_up(
         assert {each["child_frame_id"] for each in told[f"tf {way}"]["transforms"]} == bodies
     assert told["reached"]["result"]["result"]["result"] == 1
     assert "canceled" in told["given up"]["failed"]
-    assert "it was cancelled" in told["given up"]["failed"]
-    assert told["preempted"]["result"]["result"]["error_message"] == "it was cancelled"
+    assert "it was canceled" in told["given up"]["failed"]
+    assert told["preempted"]["result"]["result"]["error_message"] == "it was canceled"
     assert "fridge" in empty_stage.state.highlights

@@ -133,5 +133,5 @@ def test_it_gives_up_a_goal_the_way_of_ros_1(ros: roslibpy.Ros, stage: Simulatio
         goal.send()
         assert told.wait(TIMEOUT_S)
         goal.cancel()
-        assert goal.wait(TIMEOUT_S)["result"]["error_message"] == "it was cancelled"
+        assert goal.wait(TIMEOUT_S)["result"]["error_message"] == "it was canceled"
         client.dispose()
