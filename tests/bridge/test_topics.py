@@ -114,9 +114,9 @@ def test_a_topic_has_one_type(hub: LocalNode, talker: Talkers) -> None:
     assert "is std_msgs/String, not std_msgs/Bool" in client.receive("status", id="a")["msg"]
     client.send_operation(op="subscribe", id="s", topic="/words", type="std_msgs/Bool")
     assert "is std_msgs/String, not std_msgs/Bool" in client.receive("status", id="s")["msg"]
-    with pytest.raises(AdvertiseError, match="of the type std_msgs/String"):
+    with pytest.raises(AdvertiseError, match="its type is std_msgs/String"):
         hub.publish("/words", "std_msgs/Bool", {})
-    with pytest.raises(MessageValidationError, match="of the type std_msgs/String"):
+    with pytest.raises(MessageValidationError, match="the type of /words is std_msgs/String"):
         hub.subscribe("/words", print, type="std_msgs/Bool")
     client.send_operation(op="publish", id="p", topic="/unheard_of", msg={})
     assert "/unheard_of is not advertised; advertise it first" in client.receive("status", id="p")["msg"]

@@ -95,7 +95,7 @@ def test_only_one_steps_at_a_time_and_none_while_it_plays(send: Any, stage: Simu
     second = send(STEPS, {"steps": 1}).wait(TIMEOUT_S)
     assert second.status is GoalStatus.ABORTED
     assert second.values["result"]["result"] == 3
-    assert "somebody else is stepping it" in second.values["result"]["error_message"]
+    assert "another call is stepping it" in second.values["result"]["error_message"]
     first.cancel()
     first.wait(TIMEOUT_S)
     stage.play()

@@ -59,10 +59,10 @@ def test_the_place_is_asked_about_as_it_is_now(call: Call, ask: Ask) -> None:
         ("/mindstage/ask", {"question": "storage_plase"}, "storage_place"),
         ("/mindstage/ask", {"question": "storage_place", "args": "[]"}, "send an object in a string"),
         ("/mindstage/ask", {"question": "storage_place", "args": "{"}, "send an object in a string"),
-        ("/mindstage/ask", {"question": "storage_place", "args": '{"question": 1}'}, "no question is asked about that"),
+        ("/mindstage/ask", {"question": "storage_place", "args": '{"question": 1}'}, "the argument names question and self are reserved"),
         ("/mindstage/storage_place", {"args": '{"itm": "Milk"}'}, "it has no argument 'itm'"),
         ("/mindstage/storage_place", {"args": '{"item": "NothingAtAll"}'}, "NothingAtAll"),
-        ("/mindstage/storage_place", {"question": "handle_of"}, "this service asks storage_place"),
+        ("/mindstage/storage_place", {"question": "handle_of"}, "this service is for storage_place"),
     ],
 )
 def test_what_is_no_question_ends_with_words(call: Call, service: str, args: dict[str, str], text: str) -> None:

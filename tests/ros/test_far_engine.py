@@ -163,7 +163,7 @@ def test_states_are_kept_over_there_and_brought_back_exactly(engine: Call, stage
     assert engine("restore_state", handle=handle)["success"]
     assert (stage.state.poses == before).all()
     assert engine("forget_state", handle=handle)["success"]
-    with pytest.raises(ServiceCallError, match="no state"):
+    with pytest.raises(ServiceCallError, match="no saved state"):
         engine("restore_state", handle=handle)
 
 
@@ -205,7 +205,7 @@ def test_refusals_are_the_same_errors_over_there(engine: Call) -> None:
         ("spawn_world", {"world": '{"format_version": 99}'}, "this version of Mindstage reads 1"),
         ("set_physics", {"id": "Mug", "physics": '{"mass": 1}'}, "mass"),
         ("set_materials", {"id": "Mug", "materials": "{}"}, "expected array"),
-        ("step", {"duration_s": -1.0}, "time does not pass backwards"),
+        ("step", {"duration_s": -1.0}, "it is negative"),
     ],
 )
 def test_what_is_no_part_of_a_world_ends_the_call(engine: Call, service: str, args: Any, text: str) -> None:
@@ -217,7 +217,7 @@ def test_what_is_no_part_of_a_world_ends_the_call(engine: Call, service: str, ar
 def test_an_engine_without_an_ability_says_so(knowledge: KnowledgeBase) -> None:
     with Simulation(knowledge, NullEngine()) as stage, LocalNode() as hub, RosInterface(stage, hub):
         assert hub.call_service("/unreal/mindstage/describe")["abilities"] == ["save"]
-        with pytest.raises(ServiceCallError, match="cannot tell where joints stand"):
+        with pytest.raises(ServiceCallError, match="has no joint positions"):
             hub.call_service("/unreal/mindstage/get_joint_positions")
 
 

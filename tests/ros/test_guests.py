@@ -16,7 +16,7 @@ def test_programs_at_the_hub_are_guests_while_they_are_connected() -> None:
         client = RosbridgeClient(server.url).wait_connected(30.0)
         client.subscribe("/unreal/clock_of_mine", lambda _: None, type="std_msgs/String")
         client.create_service("/robot/wave", "std_srvs/Trigger", lambda _: {"success": True, "message": ""})
-        heard = "1 topics heard, 1 services offered"
+        heard = "1 subscription, 1 service"
         wait_until(lambda: [guest.activity for guest in stage.clients.clients()] == [heard], "the robot is there")
         (guest,) = stage.clients.clients()
         assert guest.transport == "ROS"

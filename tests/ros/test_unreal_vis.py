@@ -113,10 +113,10 @@ def test_there_are_only_so_many_markers(
     told: list[Any] = []
     hub.subscribe("/mindstage/diagnostics", told.append)
     send(*({"ns": "a", "id": id, "type": 1} for id in (1, 2, 3)), {"ns": "a", "id": 2, "type": 2})
-    eventually(lambda: diagnostic_texts(told) == [("a/3", "2 markers are shown already; take some away first")])
+    eventually(lambda: diagnostic_texts(told) == [("a/3", "2 markers exist already; remove some first")])
     eventually(lambda: shown(stage)["a/2"].type is MarkerType.SPHERE)
     assert set(shown(stage)) == {"a/1", "a/2"}
-    with pytest.raises(ServiceCallError, match="2 markers are shown already"):
+    with pytest.raises(ServiceCallError, match="2 markers exist already"):
         call("display_basic_marker", marker_type=1)
 
 
@@ -159,7 +159,7 @@ def test_what_is_wrong_with_a_message_is_told_on_the_diagnostics(send: Any, hub:
     eventually(lambda: len(told) >= 4)
     texts = " | ".join(text for _, text in diagnostic_texts(told))
     assert "markers[0].type: expected int, got str" in texts
-    assert "a MESH_RESOURCE cannot be shown here; the ghost of a body can, as the resource body://ID" in texts
+    assert "a MESH_RESOURCE is not supported, except for a copy of a body, with the resource body://ID" in texts
     assert "no body 'nobody'" in texts
     assert "ids: expected array, got str" in texts
     assert not shown(stage)

@@ -199,7 +199,7 @@ def test_checkpoints_keep_whole_states(call: Call, told: list[Any]) -> None:
     assert call("get_model_pose", id="Fridge")["success"]
     assert call("checkpoint", command="forget", args="start")["success"]
     assert not call("checkpoint", command="restore", args="start")["success"]
-    eventually(lambda: any("no state 'start' is kept" in text for _, text in diagnostic_texts(told)))
+    eventually(lambda: any("no saved state 'start'" in text for _, text in diagnostic_texts(told)))
 
 
 def test_a_level_starts_anew(call: Call, stage: Simulation) -> None:
@@ -212,15 +212,15 @@ def test_a_level_starts_anew(call: Call, stage: Simulation) -> None:
 
 def test_what_was_assumed_about_a_model_is_told(call: Call, told: list[Any]) -> None:
     call("spawn_model", name="Cup", id="Unsized", pose=pose_message(0, 9, 9))
-    eventually(lambda: ("Unsized", "a model does not say how large it is") in diagnostic_texts(told))
+    eventually(lambda: ("Unsized", "a model has no size") in diagnostic_texts(told))
 
 
 def test_calls_of_one_client_keep_their_order(client: Any, face: RosInterface) -> None:
     """A quick service must not overtake a slow one that was called before it."""
     futures = []
     for number in range(50):
-        client.start_call("/unreal/set_model_pose", {"id": "Mug", "pose": pose_message(4.0, float(number), 1.0)})
-        futures.append(client.start_call("/unreal/get_model_pose", {"id": "Mug"}))
+        client.call_service_async("/unreal/set_model_pose", {"id": "Mug", "pose": pose_message(4.0, float(number), 1.0)})
+        futures.append(client.call_service_async("/unreal/get_model_pose", {"id": "Mug"}))
     assert [position_of(each.result(TIMEOUT_S)["pose"])[1] for each in futures] == [
         float(number) for number in range(50)
     ]

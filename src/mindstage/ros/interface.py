@@ -29,6 +29,7 @@ from mindstage.ros.simulation_interfaces_control import SimulationControlService
 from mindstage.ros.state import StateReader
 from mindstage.ros.unreal_vis import UnrealVisServices
 from mindstage.ros.world_control import WorldControlServices
+from mindstage.scene.display import counted
 from mindstage.simulation import ConnectedClient, Simulation
 
 __all__ = ["QuestionServices", "RosInterface", "connected_clients"]
@@ -56,11 +57,11 @@ def _hub_clients(graph: GraphInfo, own_name: str) -> Iterator[ConnectedClient]:
     for peer in graph.peers:
         if peer != own_name:
             counts = (
-                (subscriptions[peer], "subscribed"),
-                (publications[peer], "published"),
-                (services[peer], "services"),
+                (subscriptions[peer], "subscription"),
+                (publications[peer], "publication"),
+                (services[peer], "service"),
             )
-            activity = ", ".join(f"{count} {word}" for count, word in counts if count)
+            activity = ", ".join(counted(number, noun) for number, noun in counts if number)
             yield ConnectedClient(name=peer, transport=_TRANSPORT, activity=activity or "calls only")
 
 
@@ -120,7 +121,7 @@ def _parse_arguments(text: str) -> dict[str, object]:
         ) from error
     if "question" in args or "self" in args:
         raise MessageValidationError(
-            "mindstage_msgs/AskRequest", path="args", cause="these argument names are reserved"
+            "mindstage_msgs/AskRequest", path="args", cause="the argument names question and self are reserved"
         )
     return args
 
