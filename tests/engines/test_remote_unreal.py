@@ -30,7 +30,7 @@ from mindstage.errors import (
 )
 from mindstage.knowledge import KnowledgeBase
 from mindstage.scene import BodyId, BodyPhysics, Material, Mobility, Pose, World, diff
-from tests.bridge.talking import TIMEOUT_S
+from tests.bridge.raw_client import TIMEOUT_S
 from tests.engines.contract import DescriptionContract, current_pose, displacement
 from tests.engines.scenes import FLOOR, attachment, body, prismatic_joint, room, world
 from tests.engines.unreal_peer import FakeUnrealPlugin
