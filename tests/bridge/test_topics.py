@@ -275,11 +275,11 @@ class Ear(Peer):
         self.routes: list[ReplyFormat] = []
 
     def deliver(
-        self, outgoing: MessageEncoder, route: ReplyFormat = PLAIN_FORMAT, *, sender: Peer | None = None
+        self, outgoing: MessageEncoder, reply_format: ReplyFormat = PLAIN_FORMAT, *, sender: Peer | None = None
     ) -> None:
         assert isinstance(outgoing.operation, Publish)
         self.received.append(msgspec.json.decode(outgoing.operation.msg))
-        self.routes.append(route)
+        self.routes.append(reply_format)
 
 
 def fed(*requests: Subscribe) -> tuple[ThrottledQueue, Ear, Turned]:

@@ -4,7 +4,7 @@ A message on a topic goes to all its subscribers, in the order of publication. A
 every call gets exactly one response, with a timeout. Feedback and the result of a goal return to its client; if the
 client disconnects, the goal is canceled, and if the provider does, the goal is aborted.
 
-All classes belong to the event loop and never block; they use `Peer` and know no socket.
+All classes belong to the event loop and never block; they send through `Peer` and do no I/O.
 """
 
 from __future__ import annotations
@@ -115,13 +115,13 @@ class Peer(ABC):
 
     @abstractmethod
     def deliver(
-        self, outgoing: MessageEncoder, route: ReplyFormat = PLAIN_FORMAT, *, sender: Peer | None = None
+        self, outgoing: MessageEncoder, reply_format: ReplyFormat = PLAIN_FORMAT, *, sender: Peer | None = None
     ) -> None:
         """Sends an operation; never blocks.
 
         Args:
             outgoing: the operation.
-            route: encoding.
+            reply_format: encoding.
             sender: the peer from which the operation comes.
         """
 
@@ -298,19 +298,19 @@ class ActionRouter:
 
     def send_goal(self, caller: Peer, request: SendActionGoal) -> None:
         """Forwards a goal to the provider, or returns an aborted result."""
-        route = ReplyFormat(request.compression or Compression.NONE, request.fragment_size)
+        reply_format = ReplyFormat(request.compression or Compression.NONE, request.fragment_size)
         provider = self.providers.find(request.action)
-        why = ""
+        cause = ""
         if provider is None:
-            why = f"Action {request.action} does not exist"
+            cause = f"Action {request.action} does not exist"
         elif self.providers.request_count(caller) >= self._limits.goals and not caller.is_local:
-            why = f"you have {self._limits.goals} active goals already"
+            cause = f"you have {self._limits.goals} active goals already"
         elif request.id is not None and (caller, request.id) in self._sent:
-            why = f"the goal {request.id!r} is active already"
-        if provider is None or why:
-            _send_aborted(caller, request.action, request.id, route, why)
+            cause = f"the goal {request.id!r} is active already"
+        if provider is None or cause:
+            _send_aborted(caller, request.action, request.id, reply_format, cause)
             return
-        goal = _Goal(name=request.action, id=request.id, caller=caller, provider=provider, reply_format=route)
+        goal = _Goal(name=request.action, id=request.id, caller=caller, provider=provider, reply_format=reply_format)
         goal.wants_feedback = request.feedback
         id = self.providers.add_request(goal)
         if request.id is not None:
@@ -509,17 +509,17 @@ class ServiceRouter:
 
     def forward_call(self, caller: Peer, call: CallService) -> None:
         """Forwards a call to the provider, or returns an error response."""
-        route = ReplyFormat(call.compression or Compression.NONE, call.fragment_size)
+        reply_format = ReplyFormat(call.compression or Compression.NONE, call.fragment_size)
         provider = self.providers.find(call.service)
         if provider is None:
             unknown = ServiceNotFoundError(call.service, known=self.providers.names)
-            _send_error_response(caller, call.service, call.id, route, str(unknown))
+            _send_error_response(caller, call.service, call.id, reply_format, str(unknown))
         elif self.providers.request_count(caller) >= self._limits.calls and not caller.is_local:
             _send_error_response(
-                caller, call.service, call.id, route, f"you have {self._limits.calls} pending calls already"
+                caller, call.service, call.id, reply_format, f"you have {self._limits.calls} pending calls already"
             )
         else:
-            self._forward(caller, call, provider, route)
+            self._forward(caller, call, provider, reply_format)
 
     def forward_response(self, provider: Peer, response: ServiceResponse) -> None:
         """Forwards a response; if the call has ended, the provider receives a warning."""

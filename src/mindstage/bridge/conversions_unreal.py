@@ -48,6 +48,7 @@ __all__ = [
     "body_from_box",
     "body_from_message",
     "iri_from_id",
+    "iri_namespace",
     "joint_from_message",
     "joint_message",
     "materials_from_lists",
@@ -475,7 +476,7 @@ def world_from_request(
     Raises:
         MessageValidationError: the `Mindstage` tags of a model are invalid.
     """
-    namespace = _namespace(iri)
+    namespace = iri_namespace(iri)
     ids = {model.id for model in request.models} | {constraint.id for constraint in request.constraints}
     notes: list[ConversionNote] = []
     bodies, joints = [], []
@@ -514,7 +515,7 @@ def _untranslatable(world: World) -> Iterator[ConversionNote]:
         yield from untranslatable_body_fields(body)
     for joint in world.joints:
         yield from untranslatable_joint_fields(joint)
-        if joint.iri != iri_from_id(joint.id, _namespace(world.iri)):
+        if joint.iri != iri_from_id(joint.id, iri_namespace(world.iri)):
             yield ConversionNote("iri", (joint.id,), "the IRI of a joint is not sent; it is derived from its id")
     for light in world.lights:
         yield ConversionNote("lights", (light.id,), "the message has no field for lights")
@@ -522,7 +523,8 @@ def _untranslatable(world: World) -> Iterator[ConversionNote]:
         yield ConversionNote("facts", (world.iri,), "facts about the map and about anything but bodies are not sent")
 
 
-def _namespace(iri: Iri) -> str:
+def iri_namespace(iri: str) -> str:
+    """Returns the namespace of an IRI; of one without a fragment, the IRI and `#`."""
     return iri.rpartition("#")[0] + "#" if "#" in iri else f"{iri}#"
 
 

@@ -398,7 +398,7 @@ class HandlerDispatcher:
 
     def _handle_call(self, handler: ServiceHandler, call: CallService) -> None:
         try:
-            values = _encode_values(handler(_decode_args(call.args)))
+            values = _encode_values(handler(_decode_values(call.args)))
             response = ServiceResponse(id=call.id, service=call.service, values=values, result=True)
         except Exception as error:
             response = _call_error_response(call, _error_reply(call.service, error))
@@ -406,7 +406,7 @@ class HandlerDispatcher:
 
     async def _handle_call_async(self, handler: ServiceHandler, call: CallService) -> None:
         try:
-            values = _encode_values(await _await_if_needed(handler(_decode_args(call.args))))
+            values = _encode_values(await _await_if_needed(handler(_decode_values(call.args))))
             response = ServiceResponse(id=call.id, service=call.service, values=values, result=True)
         except Exception as error:
             response = _call_error_response(call, _error_reply(call.service, error))
@@ -427,7 +427,7 @@ class HandlerDispatcher:
 
     def _run_goal(self, handler: ActionHandler, request: SendActionGoal, goal: ServerGoalHandle) -> None:
         try:
-            goal.args = _decode_args(request.args)
+            goal.args = _decode_values(request.args)
             result = _goal_result(request, goal.id, handler(goal))
         except Exception as error:
             result = _goal_error_result(request, goal.id, _error_reply(request.action, error))
@@ -435,7 +435,7 @@ class HandlerDispatcher:
 
     async def _run_goal_async(self, handler: ActionHandler, request: SendActionGoal, goal: ServerGoalHandle) -> None:
         try:
-            goal.args = _decode_args(request.args)
+            goal.args = _decode_values(request.args)
             result = _goal_result(request, goal.id, await _await_if_needed(handler(goal)))
         except Exception as error:
             result = _goal_error_result(request, goal.id, _error_reply(request.action, error))
@@ -449,10 +449,6 @@ class HandlerDispatcher:
 
 async def _await_if_needed(result: object) -> object:
     return await result if isinstance(result, Awaitable) else result
-
-
-def _decode_args(args: msgspec.Raw | msgspec.UnsetType) -> Any:
-    return msgspec.json.decode(content(args))
 
 
 def _encode_values(values: object) -> msgspec.Raw:
@@ -629,7 +625,7 @@ class Node:
 
         In a coroutine, await it with `asyncio.wrap_future`.
         """
-        encoded = _encode_value(args)
+        encoded = _encode_values(args)
         future: Future[Any] = Future()
         self._loop.call(self._pending_calls.call_service, name, encoded, timeout_s, future)
         return future
@@ -675,7 +671,7 @@ class Node:
             args: the goal.
             on_feedback: called with feedback, on the bridge's thread.
         """
-        return self._loop.call(self._pending_calls.send_goal, action, type, _encode_value(args), on_feedback)
+        return self._loop.call(self._pending_calls.send_goal, action, type, _encode_values(args), on_feedback)
 
     # -- topics --------------------------------------------------------------------------------------------------------
 
@@ -713,7 +709,7 @@ class Node:
             BridgeError: the loop is stuck or closed.
         """
         self._advertise_once(topic, type)
-        operation = Publish(topic=topic, msg=_encode_value(message))
+        operation = Publish(topic=topic, msg=_encode_values(message))
         if self._loop.is_current_thread():
             self._send_if_possible(operation)
             return
@@ -874,10 +870,6 @@ class Node:
         self._loop.close()
 
 
-def _encode_value(value: object) -> msgspec.Raw:
-    return msgspec.Raw(b"{}" if value is None else msgspec.json.encode(value))
-
-
 T = TypeVar("T")
 
 
@@ -886,18 +878,18 @@ class _LocalPeer(Peer):
 
     is_local = True
 
-    def __init__(self, name: str, hub: LocalNode) -> None:
+    def __init__(self, name: str, node: LocalNode) -> None:
         super().__init__(name)
-        self._hub = hub
+        self._node = node
 
     @property
     def congested(self) -> bool:
         return False
 
     def deliver(
-        self, outgoing: MessageEncoder, route: ReplyFormat = PLAIN_FORMAT, *, sender: Peer | None = None
+        self, outgoing: MessageEncoder, reply_format: ReplyFormat = PLAIN_FORMAT, *, sender: Peer | None = None
     ) -> None:
-        self._hub._receive(outgoing.operation, sender)
+        self._node._receive(outgoing.operation, sender)
 
 
 class LocalNode(Node):
@@ -913,7 +905,7 @@ class LocalNode(Node):
             limits: limits of each client.
             name: name of this node, as introspection tools show it.
         """
-        super().__init__(name="mindstage-hub")
+        super().__init__(name="mindstage-node")
         self.limits = limits
         self.broker = Broker(self._loop.loop, limits)
         """The broker; it belongs to the loop."""

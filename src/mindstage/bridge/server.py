@@ -156,7 +156,7 @@ class Connection:
         self._limits = limits
         self._receive = receive
         self._send_error = send_error
-        self._reader = MessageDecoder(limits)
+        self._decoder = MessageDecoder(limits)
         self._outbox: deque[Frame] = deque()
         self._outbox_bytes = 0
         self._has_output = asyncio.Event()
@@ -193,11 +193,13 @@ class Connection:
             self._outbox_bytes = 0
         self._set_close_reason(_close_message(self._socket.close_code, self._socket.close_reason))
 
-    def send(self, outgoing: MessageEncoder, route: ReplyFormat = PLAIN_FORMAT) -> None:
+    def send(self, outgoing: MessageEncoder, reply_format: ReplyFormat = PLAIN_FORMAT) -> None:
         """Queues an operation, without waiting."""
         if self._closing is not None:
             return
-        for frame in outgoing.frames(route.compression, route.fragment_size, max_fragments=self._limits.fragments):
+        for frame in outgoing.frames(
+            reply_format.compression, reply_format.fragment_size, max_fragments=self._limits.fragments
+        ):
             self._outbox.append(frame)
             self._outbox_bytes += len(frame)
         self._flushed.clear()
@@ -223,7 +225,7 @@ class Connection:
             return
         operation = None
         try:
-            operation = self._reader.decode(frame, asyncio.get_running_loop().time())
+            operation = self._decoder.decode(frame, asyncio.get_running_loop().time())
             if operation is not None:
                 self._receive(operation)
         except BridgeError as error:
@@ -249,7 +251,7 @@ class Connection:
     async def _expire_fragments(self) -> None:
         while True:
             await asyncio.sleep(self._limits.fragment_timeout_s / 2)
-            for id in self._reader.expire(asyncio.get_running_loop().time()):
+            for id in self._decoder.expire(asyncio.get_running_loop().time()):
                 self._send_error(f"the other fragments of {id!r} did not arrive in time", id)
 
     async def _close(self, code: int, reason: str) -> None:
@@ -318,9 +320,9 @@ class _ServerPeer(Peer):
         return self.connection.congested
 
     def deliver(
-        self, outgoing: MessageEncoder, route: ReplyFormat = PLAIN_FORMAT, *, sender: Peer | None = None
+        self, outgoing: MessageEncoder, reply_format: ReplyFormat = PLAIN_FORMAT, *, sender: Peer | None = None
     ) -> None:
-        self.connection.send(outgoing, route)
+        self.connection.send(outgoing, reply_format)
 
     def _receive(self, operation: Operation) -> None:
         if isinstance(operation, Auth):

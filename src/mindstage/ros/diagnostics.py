@@ -74,9 +74,9 @@ class SubscriberCount:
     @property
     def has_any(self) -> bool:
         """Whether there are subscribers; also true if it is unknown."""
-        here = self._node.has_subscribers(self._topic)
-        if isinstance(self._node, LocalNode) or not here:
-            return here
+        might_have = self._node.has_subscribers(self._topic)
+        if isinstance(self._node, LocalNode) or not might_have:
+            return might_have
         if self._pending is not None and self._pending.done():
             self._last_answer, self._pending = _has_subscribers(self._pending), None
         if self._pending is None and self._now() - self._last_poll_s >= _POLL_INTERVAL_S:

@@ -15,6 +15,7 @@ from typing import Any
 import msgspec
 
 from mindstage.bridge.conversions import (
+    FORMAT_VERSION,
     color_from_message,
     color_message,
     from_json,
@@ -33,7 +34,7 @@ from mindstage.msgs import mindstage_msgs as wire
 from mindstage.ros.diagnostics import DiagnosticsPublisher
 from mindstage.ros.service import ActionSpec, GoalCanceled, GoalContext, ServiceSpec
 from mindstage.ros.state import StateReader
-from mindstage.scene import BodyId, BodyPhysics, Iri, Material, Vector, World
+from mindstage.scene import BodyId, BodyPhysics, Material, Vector, World
 from mindstage.simulation import Simulation, StateSnapshot
 
 __all__ = ["CheckpointServices", "EngineServices", "spawn_report"]
@@ -104,7 +105,6 @@ _STEP_CHUNK_S = 0.1
 """Length of the steps into which a goal is divided, so that other calls run in between [s]."""
 _REMOTE_CAPABILITIES = frozenset({Capability.JOINTS, Capability.SAVE})
 """Capabilities of the engine that clients can use."""
-_FORMAT_VERSION = World(iri=Iri("")).format_version
 
 
 class EngineServices:
@@ -158,7 +158,7 @@ class EngineServices:
                 sorted(capability.value for capability in self._simulation.capabilities & _REMOTE_CAPABILITIES)
             ),
             time_s=self._simulation.state.time_s,
-            format_version=_FORMAT_VERSION,
+            format_version=FORMAT_VERSION,
             session=self._session,
             takes=("forms",),
         )

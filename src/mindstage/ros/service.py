@@ -40,10 +40,8 @@ __all__ = [
     "ResultError",
     "ServiceSpec",
     "action_handler",
-    "engine_error_text",
     "failed",
     "incorrect_state",
-    "not_found",
     "refusal_response",
     "service_handler",
     "unsupported",
@@ -64,11 +62,6 @@ class ResultError(Exception):
 def unsupported(message: str) -> ResultError:
     """Returns the error for a feature that is not supported."""
     return ResultError(simulation_interfaces.ResultCode.RESULT_FEATURE_UNSUPPORTED, message)
-
-
-def not_found(message: str) -> ResultError:
-    """Returns the error for an unknown name."""
-    return ResultError(simulation_interfaces.ResultCode.RESULT_NOT_FOUND, message)
 
 
 def incorrect_state(message: str) -> ResultError:
@@ -126,11 +119,6 @@ def refusal_response(response: type[Message], error: WorldError) -> Message:
     if "success" not in fields:
         raise error
     return response(refusal=error_to_message(error)) if "refusal" in fields else response()
-
-
-def engine_error_text(error: MindstageError) -> str:
-    """Returns the text of a failed call or goal."""
-    return error_text(error) if isinstance(error, EngineError) else str(error)
 
 
 FEEDBACK_INTERVAL_S = 0.4
@@ -281,7 +269,7 @@ def action_handler(
             return goal.aborted(encode(refusal_response(spec.type.Result, error), ros=ros))
         except EngineError as error:
             diagnostics.report_error(name, error)
-            raise MindstageError(engine_error_text(error)) from error
+            raise MindstageError(error_text(error)) from error
         succeeded = getattr(result, "success", True)
         return (goal.succeeded if succeeded else goal.aborted)(encode(result, ros=ros))
 

@@ -25,6 +25,7 @@ from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from mindstage.bridge.conversions import pose_array_messages, pose_from_message, vector_from_message
+from mindstage.bridge.conversions_unreal import iri_namespace
 from mindstage.errors import BodyNotFoundError, KnowledgeError, PoseUnreachableError
 from mindstage.knowledge import KnowledgeBase
 from mindstage.knowledge.rdf import local_name
@@ -32,7 +33,7 @@ from mindstage.msgs import builtin_interfaces, geometry_msgs, modul_spawner_msgs
 from mindstage.msgs import simulation_interfaces as wire
 from mindstage.ros.diagnostics import DiagnosticsPublisher
 from mindstage.ros.service import OK, ResultError, ServiceSpec, failed, unsupported
-from mindstage.ros.state import StateReader, free_id, iri_namespace, map_iri
+from mindstage.ros.state import StateReader, free_id, map_iri
 from mindstage.scene import Attachment, Body, BodyId, Iri, Joint, Mobility, Pose, World
 from mindstage.scene.bounding_boxes import OrientedBoxes
 from mindstage.scene.transforms import (
@@ -109,11 +110,6 @@ class ResourceLoader:
         )
         for _, path in zip(range(_MAX_FILES), found, strict=False):
             yield path.relative_to(self._folder).as_posix()
-
-    def known_bodies(self) -> Iterator[Body]:
-        """Yields the bodies of all maps."""
-        for map in self.knowledge.maps():
-            yield from self.knowledge.world(map).bodies
 
     def find_body(self, name: str) -> tuple[World, Body] | None:
         """Returns the body with an IRI or id, and the world of its map; None if no map has it."""

@@ -16,17 +16,12 @@ from mindstage.scene import Body, BodyId, Iri, Pose, World
 from mindstage.scene.transforms import normalized_pose_array, pose_from_array, pose_multiply
 from mindstage.simulation import Simulation, StateSnapshot
 
-__all__ = ["WORLD_FRAMES", "StateReader", "free_id", "iri_namespace", "map_iri"]
+__all__ = ["WORLD_FRAMES", "StateReader", "free_id", "map_iri"]
 
 
 def map_iri(name: str) -> Iri:
     """Returns the IRI of a map that has none."""
     return Iri(f"http://mindstage.org/maps/{name}.owl#map")
-
-
-def iri_namespace(map: str) -> str:
-    """Returns the namespace of the individuals of a map."""
-    return map.rpartition("#")[0] + "#" if "#" in map else f"{map}#"
 
 
 def free_id(stem: str, taken: Container[str]) -> BodyId:

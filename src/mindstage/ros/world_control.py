@@ -12,6 +12,7 @@ from mindstage.bridge.conversions_unreal import (
     attachment_from_message,
     body_from_box,
     body_from_message,
+    iri_namespace,
     joint_from_message,
     materials_from_lists,
     physics_from_message,
@@ -25,43 +26,36 @@ from mindstage.msgs import world_control_msgs as wire
 from mindstage.ros.diagnostics import DiagnosticsPublisher
 from mindstage.ros.engine_services import CheckpointServices
 from mindstage.ros.service import ServiceSpec
-from mindstage.ros.state import StateReader, free_id, iri_namespace, map_iri
+from mindstage.ros.state import StateReader, free_id, map_iri
 from mindstage.scene import Attachment, Body, BodyId, Iri, World
 from mindstage.scene.bounding_boxes import OrientedBoxes, overlapping_pairs, penetration_depths
 from mindstage.scene.spatial import SpatialRelation, SpatialRelations
 from mindstage.scene.transforms import normalize, pose_array
 
-__all__ = [
-    "WorldControlServices",
-    "oriented_boxes",
-    "overlapping_bodies",
-    "pose_message",
-    "socket_pose",
-    "spatial_relation_name",
-]
+__all__ = ["WorldControlServices"]
 
 
-UNRELATED = "apart"
+_UNRELATED = "apart"
 _CONTACT_TOLERANCE_M = 1e-3
 """Penetration up to which bodies only touch [m]."""
 _DEFAULT_SIZE = (0.05, 0.05, 0.05)
 """Size of a body without one [m]."""
 
 
-def spatial_relation_name(world: World, one: str, other: str) -> str:
+def _spatial_relation_name(world: World, one: str, other: str) -> str:
     """Returns the closest spatial relation of one body to another."""
     space = SpatialRelations(world)
     found = {each.relation for each in space.related(subjects=[BodyId(one)], others=[BodyId(other)])}
-    return next((relation.value for relation in SpatialRelation if relation in found), UNRELATED)
+    return next((relation.value for relation in SpatialRelation if relation in found), _UNRELATED)
 
 
-def overlapping_bodies(world: World, body: Body) -> tuple[BodyId, ...]:
+def _overlapping_bodies(world: World, body: Body) -> tuple[BodyId, ...]:
     """Returns the bodies that a new body would overlap; bodies that enclose others are ignored."""
     if not any(body.pose.quaternion):
         return ()  # a zero quaternion, which the engine rejects
     enclosing = set(SpatialRelations(replace(world, bodies=(*world.bodies, body))).enclosing_bodies)
     bodies = [each for each in world.bodies if each.id not in enclosing]
-    boxes = oriented_boxes([*bodies, body])
+    boxes = _oriented_boxes([*bodies, body])
     is_new = np.zeros(len(bodies) + 1, dtype=bool)
     is_new[-1] = True
     overlapping: list[BodyId] = []
@@ -71,7 +65,7 @@ def overlapping_bodies(world: World, body: Body) -> tuple[BodyId, ...]:
     return tuple(overlapping)
 
 
-def oriented_boxes(bodies: list[Body]) -> OrientedBoxes:
+def _oriented_boxes(bodies: list[Body]) -> OrientedBoxes:
     """Returns the oriented bounding boxes of bodies."""
     poses = pose_array(body.pose for body in bodies)
     poses[:, 3:] = normalize(poses[:, 3:])
@@ -80,7 +74,7 @@ def oriented_boxes(bodies: list[Body]) -> OrientedBoxes:
     )
 
 
-def socket_pose(state_reader: StateReader, id: str, socket: str) -> PoseArray:
+def _socket_pose(state_reader: StateReader, id: str, socket: str) -> PoseArray:
     """Returns the pose of a socket: a body attached to the body, or the body itself without a name.
 
     Raises:
@@ -96,7 +90,7 @@ def socket_pose(state_reader: StateReader, id: str, socket: str) -> PoseArray:
     raise BodyNotFoundError(socket, known=[body.id for body in attached], world=f"attachments of {id}")
 
 
-def pose_message(row: PoseArray) -> geometry_msgs.Pose:
+def _row_message(row: PoseArray) -> geometry_msgs.Pose:
     """Converts a row of seven numbers to a message."""
     return pose_array_messages(row[None])[0]
 
@@ -161,7 +155,7 @@ class WorldControlServices:
         if body.id in self._state_reader.row_by_id(self._state_reader.state()):
             etype = wire.SpawnModel.Response.ID_TAKEN
             self._diagnostics.report_refusal("spawn_model", BodyExistsError(body.id))
-        elif request.spawn_collision_check and (obstacles := overlapping_bodies(self._simulation.snapshot(), body)):
+        elif request.spawn_collision_check and (obstacles := _overlapping_bodies(self._simulation.snapshot(), body)):
             etype = wire.SpawnModel.Response.OBSTRUCTED
             self._diagnostics.report_failures("spawn_model", [(body.id, f"it would overlap {', '.join(obstacles)}")])
         if etype:
@@ -239,17 +233,17 @@ class WorldControlServices:
 
     def get_model_pose(self, request: wire.GetModelPose.Request) -> wire.GetModelPose.Response:
         """Returns the pose of a body."""
-        return wire.GetModelPose.Response(pose=pose_message(self._state_reader.pose(request.id)), success=True)
+        return wire.GetModelPose.Response(pose=_row_message(self._state_reader.pose(request.id)), success=True)
 
     def get_model_socket_pose(self, request: wire.GetModelSocketPose.Request) -> wire.GetModelSocketPose.Response:
         """Returns the pose of a body that is attached to a body, or of the body itself without a socket name."""
-        row = socket_pose(self._state_reader, request.id, request.socket)
-        return wire.GetModelSocketPose.Response(pose=pose_message(row), success=True)
+        row = _socket_pose(self._state_reader, request.id, request.socket)
+        return wire.GetModelSocketPose.Response(pose=_row_message(row), success=True)
 
     def object_to_object_state(self, request: wire.ObjectToObjectState.Request) -> wire.ObjectToObjectState.Response:
         """Returns the relation of one body to another: on, inside, above, below, next_to, or apart."""
         self._state_reader.require([request.source_object_id, request.other_object_id])
-        state = spatial_relation_name(self._simulation.snapshot(), request.source_object_id, request.other_object_id)
+        state = _spatial_relation_name(self._simulation.snapshot(), request.source_object_id, request.other_object_id)
         return wire.ObjectToObjectState.Response(state=state, success=True)
 
     def attach(self, request: wire.AttachModelToParent.Request) -> wire.AttachModelToParent.Response:
