@@ -182,7 +182,9 @@ def test_connecting_reaches_the_simulation_that_is_served(map_path: Path) -> Non
 
 
 def test_importing_stays_light_and_names_are_completed() -> None:
-    code = "import mindstage as ms, sys; print({'open', 'Simulation', 'diff'} <= set(dir(ms)), 'msgspec' in sys.modules)"
+    code = (
+        "import mindstage as ms, sys; print({'open', 'Simulation', 'diff'} <= set(dir(ms)), 'msgspec' in sys.modules)"
+    )
     result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert result.stdout == "True False\n"
     with pytest.raises(AttributeError, match="no attribute 'opn'"):

@@ -80,7 +80,11 @@ def test_an_error_can_be_pickled_and_copied(error: MindstageError, message: str)
 
 
 def test_an_error_keeps_no_list_of_every_body() -> None:
-    assert vars(BodyNotFoundError("cupp", known=["cup"] * 10_000)) == {"body": "cupp", "world": "", "suggestions": ("cup",)}
+    assert vars(BodyNotFoundError("cupp", known=["cup"] * 10_000)) == {
+        "body": "cupp",
+        "world": "",
+        "suggestions": ("cup",),
+    }
 
 
 def test_equal_facts_do_not_make_equal_errors() -> None:

@@ -30,7 +30,7 @@ from mindstage.errors import (
 )
 from mindstage.knowledge import KnowledgeBase
 from mindstage.scene import BodyId, BodyPhysics, Material, Mobility, Pose, World, diff
-from tests.bridge.talking import TIMEOUT_S
+from tests.bridge.raw_client import TIMEOUT_S
 from tests.engines.contract import DescriptionContract, current_pose, displacement
 from tests.engines.fake_unreal import FakeUnrealPlugin
 from tests.engines.scenes import FLOOR, attachment, body, prismatic_joint, room, world
@@ -286,7 +286,7 @@ def test_after_a_disconnection_during_a_spawn_the_same_world_can_be_spawned(
         spawning = other.submit(engine.spawn, room())
         assert plugin.stopped.wait(TIMEOUT_S)
         plugin.close()
-        with pytest.raises(EngineError, match="the provider of /unreal/spawn_semantic_map is gone"):
+        with pytest.raises(EngineError, match="the provider of /unreal/spawn_semantic_map disconnected"):
             spawning.result(TIMEOUT_S)
     with pytest.raises(EngineUnavailableError, match="does not exist"):
         engine.ping()

@@ -75,7 +75,9 @@ def test_ten_lines_of_turtle_define_a_working_drawer(knowledge: KnowledgeBase) -
         start = positions(stage)
         for force, reached in ((6.0, 0.4), (-6.0, 0.0)):
             for _ in range(80):
-                stage.run_on_engine(lambda engine, force=force: engine.apply_force(BodyId("pullout"), (force, 0.0, 0.0)))  # type: ignore[misc]
+                stage.run_on_engine(
+                    lambda engine, force=force: engine.apply_force(BodyId("pullout"), (force, 0.0, 0.0))
+                )  # type: ignore[misc]
                 stage.step(0.05)
             moved = positions(stage) - start
             assert moved[1, 0] == pytest.approx(reached, abs=0.01)

@@ -46,7 +46,9 @@ def household() -> KnowledgeBase:
         ((0.0, -0.27, 0.0), BodySide.RIGHT),
     ],
 )
-def test_the_front_of_a_drawer_is_where_its_handle_is(household: KnowledgeBase, handle: Vector, front: BodySide) -> None:
+def test_the_front_of_a_drawer_is_where_its_handle_is(
+    household: KnowledgeBase, handle: Vector, front: BodySide
+) -> None:
     size = (0.6, 0.5, 0.2)
     bodies = (
         make_body("drawer", "Drawer", (0, 0, 0), size, is_free=True),
@@ -82,9 +84,7 @@ def test_parent_and_child_of_a_slide_joint_may_be_swapped(household: KnowledgeBa
 
 
 @pytest.mark.parametrize("turn", QUARTERS)
-def test_a_drawer_in_a_cupboard_faces_outwards_along_its_slide(
-    household: KnowledgeBase, turn: Quaternion
-) -> None:
+def test_a_drawer_in_a_cupboard_faces_outwards_along_its_slide(household: KnowledgeBase, turn: Quaternion) -> None:
     size = (0.5, 0.4, 0.2)
     out = quat_rotate(np.array(turn), (0.08, 0.0, 0.0)).tolist()
     bodies = (
@@ -234,7 +234,9 @@ class Placed(NamedTuple):
     ids=lambda placed: placed.cls,
 )
 @pytest.mark.parametrize("turn", QUARTERS[:2])
-def test_furniture_faces_the_side_from_which_it_is_used(household: KnowledgeBase, placed: Placed, turn: Quaternion) -> None:
+def test_furniture_faces_the_side_from_which_it_is_used(
+    household: KnowledgeBase, placed: Placed, turn: Quaternion
+) -> None:
     away = quat_conjugate(turn)
     x, y, _ = quat_rotate(away, placed.size).tolist()
     bodies = (

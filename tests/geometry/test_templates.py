@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from mindstage.geometry import SHAPE_TEMPLATES, BodySide, ShapeTemplate, build_geometry, template_by_name
 from mindstage.scene import BodyGeometry, Vector
-from tests.geometry.template_strategies import orientations, sizes, templates
 from tests.geometry.geometry_checks import is_closed, is_convex, is_inside, shape_bounds, visual_bounds, volume
+from tests.geometry.template_strategies import orientations, sizes, templates
 
 each_kind = pytest.mark.parametrize("kind", SHAPE_TEMPLATES)
 few = settings(max_examples=5, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
