@@ -122,7 +122,7 @@ def test_a_restarted_remote_world_can_be_spawned_into(served: ServedSimulation) 
         engine.spawn(room())
         served.stop()
         served.start()
-        with pytest.raises(EngineUnavailableError, match="started anew"):
+        with pytest.raises(EngineUnavailableError, match="it was restarted"):
             engine.poses()
         assert engine.spawn(room()).ok
         assert len(engine.poses()[0]) == len(room().bodies)

@@ -6,15 +6,17 @@ cycle of attachments) with the same messages in all engines, and builds the snap
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from math import isfinite
 
 import msgspec
+import numpy as np
 
 from mindstage.engines.base import SpawnFailure, SpawnNote, SpawnReport
 from mindstage.errors import AttachmentError, BodyExistsError, BodyNotFoundError, PoseUnreachableError
 from mindstage.scene import Attachment, Body, BodyId, BodyPhysics, Color, Iri, Joint, Light, Material, Pose, World
+from mindstage.scene.transforms import Array, pose_array, pose_from_array, quat_angle
 
 __all__ = ["AddResult", "EntityRegistry", "pose_error"]
 
@@ -238,17 +240,16 @@ class EntityRegistry:
 
     # -- snapshot --------------------------------------------------------------------------------------------
 
-    def to_world(self, moved_poses: Mapping[BodyId, Pose] | None = None) -> World:
+    def to_world(self, poses: Array | None = None, *, tolerance_m: float = 0.0, tolerance_rad: float = 0.0) -> World:
         """Everything as one world, with the IRI and name of the world that was added first.
 
         Args:
-            moved_poses: current poses of the bodies that have moved.
+            poses: current poses, n x 7 in the order of `ids`; None for the described ones.
+            tolerance_m: a body that is no farther from its described pose keeps it [m]; beyond a meter from the origin,
+                the tolerance is relative to the coordinates.
+            tolerance_rad: the same for the rotation [rad].
         """
-        moved_poses = moved_poses or {}
-        bodies = (
-            msgspec.structs.replace(body, pose=moved_poses[id]) if id in moved_poses else body
-            for id, body in self.bodies.items()
-        )
+        bodies = self.bodies.values() if poses is None else self._moved_bodies(poses, tolerance_m, tolerance_rad)
         return World(
             iri=self._worlds[0].iri if self._worlds else Iri("http://mindstage.org/maps/empty.owl#map"),
             name=self._worlds[0].name if self._worlds else "",
@@ -259,6 +260,14 @@ class EntityRegistry:
             facts=tuple(fact for world in self._worlds for fact in world.facts),
             resources=tuple(dict.fromkeys(resource for world in self._worlds for resource in world.resources)),
         )
+
+    def _moved_bodies(self, poses: Array, tolerance_m: float, tolerance_rad: float) -> Iterator[Body]:
+        described = pose_array(body.pose for body in self.bodies.values())
+        distance = np.abs(poses[:, :3] - described[:, :3]).max(axis=1, initial=0.0)
+        scale = np.maximum(1.0, np.abs(described[:, :3]).max(axis=1, initial=1.0))
+        is_unmoved = (distance <= tolerance_m * scale) & (quat_angle(described[:, 3:], poses[:, 3:]) <= tolerance_rad)
+        for body, pose, unmoved in zip(self.bodies.values(), poses, is_unmoved.tolist(), strict=True):
+            yield body if unmoved else msgspec.structs.replace(body, pose=pose_from_array(pose))
 
 
 def pose_error(pose: Pose) -> str:

@@ -47,10 +47,8 @@ from mindstage.scene.transforms import (
     normalize,
     normalized_pose_array,
     pose_array,
-    pose_from_array,
     pose_inverse,
     pose_multiply,
-    quat_angle,
 )
 
 __all__ = ["ModelCache", "MujocoEngine"]
@@ -358,14 +356,7 @@ class MujocoEngine:
     def snapshot(self) -> World:
         cache = self._require_open()
         cache.model()  # a snapshot has the poses of the physics after pending edits
-        now = cache.poses()
-        described = pose_array(body.pose for body in cache.registry.bodies.values())
-        scale = np.maximum(1.0, np.abs(described[:, :3]).max(axis=1, initial=1.0))
-        unmoved = (np.abs(now[:, :3] - described[:, :3]).max(axis=1, initial=0.0) <= _POSE_TOLERANCE * scale) & (
-            quat_angle(described[:, 3:], now[:, 3:]) <= _POSE_TOLERANCE
-        )
-        rows = np.flatnonzero(~unmoved).tolist()
-        return cache.registry.to_world({cache.registry.ids[row]: pose_from_array(now[row]) for row in rows})
+        return cache.registry.to_world(cache.poses(), tolerance_m=_POSE_TOLERANCE, tolerance_rad=_POSE_TOLERANCE)
 
     def save_state(self) -> SavedState:
         return SavedState(self._require_open().copy())

@@ -35,10 +35,12 @@ from mindstage.errors import (
 )
 from mindstage.msgs import Message, Service, decode, encode, type_name
 
-__all__ = ["SCHEME", "RemoteProfile", "RemoteUrl", "ServiceClient", "ServiceTransport"]
+__all__ = ["SCHEME", "TIMEOUT_PER_ENTITY_S", "RemoteProfile", "RemoteUrl", "ServiceClient", "ServiceTransport"]
 
 
 SCHEME = "ros://"
+TIMEOUT_PER_ENTITY_S = 0.05
+"""Additional timeout of a call for each body or joint in it [s]."""
 _FORMAT_HINT = f"write {SCHEME}HOST:PORT/NAMESPACE, with ?token=… if a token is required"
 
 

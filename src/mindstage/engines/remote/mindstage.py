@@ -40,7 +40,7 @@ from mindstage.engines.base import (
 )
 from mindstage.engines.collision_shapes import compile_geometry
 from mindstage.engines.registry import EntityRegistry, pose_error
-from mindstage.engines.remote.client import RemoteProfile, ServiceClient
+from mindstage.engines.remote.client import TIMEOUT_PER_ENTITY_S, RemoteProfile, ServiceClient
 from mindstage.engines.remote.engine import RemoteEngine
 from mindstage.errors import (
     EngineError,
@@ -134,8 +134,6 @@ MeshExporter = Callable[[BodyGeometry], str]
 Returns the file name; empty if there is none.
 """
 
-_TIMEOUT_PER_ENTITY_S = 0.05
-"""Additional timeout of a call for each body or joint in it [s]."""
 _MAX_SLOWDOWN = 6.0
 """Timeout of a simulated second, in timeouts of a call; the server allows as much."""
 _DISCONNECT_TIMEOUT_S = 1.0
@@ -215,7 +213,7 @@ class MindstageRemoteEngine(RemoteEngine):
         )
 
     def _spawn(self, request: wire.SpawnWorld.Request, *, entity_count: int) -> SpawnReport:
-        timeout_s = self._timeout_s + _TIMEOUT_PER_ENTITY_S * entity_count
+        timeout_s = self._timeout_s + TIMEOUT_PER_ENTITY_S * entity_count
         reply: wire.SpawnWorld.Response = self._call(
             wire.SpawnWorld, request, timeout_s=timeout_s, even_if_restarted=True
         )
@@ -317,7 +315,7 @@ class MindstageRemoteEngine(RemoteEngine):
     @property
     def _timeout_s(self) -> float:
         """Timeout of a call for a world of this size [s]."""
-        return self._client.timeout_s + _TIMEOUT_PER_ENTITY_S * len(self._ids)
+        return self._client.timeout_s + TIMEOUT_PER_ENTITY_S * len(self._ids)
 
     def _call(
         self,

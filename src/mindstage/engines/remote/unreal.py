@@ -17,7 +17,6 @@ from types import MappingProxyType
 from typing import Any
 
 import msgspec
-import numpy as np
 
 from mindstage.bridge.conversions import color_code, pose_array_from_messages, pose_message
 from mindstage.bridge.conversions_unreal import (
@@ -38,7 +37,7 @@ from mindstage.engines.base import (
     SpawnReport,
 )
 from mindstage.engines.registry import AddResult, EntityRegistry, pose_error
-from mindstage.engines.remote.client import RemoteProfile, ServiceClient
+from mindstage.engines.remote.client import TIMEOUT_PER_ENTITY_S, RemoteProfile, ServiceClient
 from mindstage.engines.remote.engine import RemoteEngine
 from mindstage.errors import (
     BodyExistsError,
@@ -63,13 +62,10 @@ from mindstage.scene import (
     Vector,
     World,
 )
-from mindstage.scene.transforms import pose_array, pose_from_array, quat_angle
 
-__all__ = ["TIMEOUT_PER_ENTITY_S", "UROSWorldControlClient", "UnrealEngine", "spawn_in_unreal"]
+__all__ = ["UROSWorldControlClient", "UnrealEngine", "spawn_in_unreal"]
 
 
-TIMEOUT_PER_ENTITY_S = 0.05
-"""Additional timeout of a call for each model or joint in it [s]."""
 _SERVICE_NAMES: dict[type[Service], str] = {
     wire.SetMaterial: "change_material",
     wire.HighlightModel: "highlight_models",
@@ -327,15 +323,8 @@ class UnrealEngine(RemoteEngine):
             raise self._unsupported("detach", "delete that body and spawn it again")
 
     def snapshot(self) -> World:
-        ids, now = self.poses()
-        spawned = pose_array(body.pose for body in self._registry.bodies.values())
-        scale = np.maximum(1.0, np.abs(spawned[:, :3]).max(axis=1, initial=1.0))
-        unmoved = (np.abs(now[:, :3] - spawned[:, :3]).max(axis=1, initial=0.0) <= _ROUNDED_M * scale) & (
-            quat_angle(spawned[:, 3:], now[:, 3:]) <= _ROUNDED_RAD
-        )
-        return self._registry.to_world(
-            {ids[row]: pose_from_array(now[row]) for row in np.flatnonzero(~unmoved).tolist()}
-        )
+        _, poses = self.poses()
+        return self._registry.to_world(poses, tolerance_m=_ROUNDED_M, tolerance_rad=_ROUNDED_RAD)
 
     # -- bodies --------------------------------------------------------------------------------------------------------
 
