@@ -1,4 +1,4 @@
-"""Frames: literal poses, what a conversion may not break, and the way back."""
+"""Frame conversions: literal poses, invariants, and round trips."""
 
 from __future__ import annotations
 
@@ -53,7 +53,9 @@ each_way = pytest.mark.parametrize("conversion", CONVERSIONS.values(), ids=CONVE
     ],
     ids=["unreal, yaw", "unreal, all axes", "godot, yaw", "godot, all axes"],
 )
-def test_a_literal_pose_is_converted_there_and_back(there: FrameConversion, back: FrameConversion, ros: Pose, other: Pose) -> None:
+def test_a_literal_pose_is_converted_there_and_back(
+    there: FrameConversion, back: FrameConversion, ros: Pose, other: Pose
+) -> None:
     assert there.pose(ros) == other
     assert back.pose(other) == ros
 
@@ -121,9 +123,7 @@ def test_sizes_survive_a_round_trip_and_stay_positive(conversion: FrameConversio
 
 @each_way
 @given(pose=poses(), vector=vectors(-10.0, 10.0))
-def test_conversion_commutes_with_rotation(
-    conversion: FrameConversion, pose: Pose, vector: Vector
-) -> None:
+def test_conversion_commutes_with_rotation(conversion: FrameConversion, pose: Pose, vector: Vector) -> None:
     q = normalize(pose.quaternion)
     assert_allclose(
         conversion.points(quat_rotate(q, vector)),
