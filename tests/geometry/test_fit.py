@@ -153,9 +153,7 @@ def test_a_chest_is_open_at_the_top_where_its_lid_is(bundled_knowledge: Knowledg
 def test_shelves_are_at_the_heights_of_contents(bundled_knowledge: KnowledgeBase) -> None:
     milk = make_body("milk", "CowsMilk", (0.0, 0.1, 0.2), (0.07, 0.07, 0.2), is_free=True)
     cheese = make_body("cheese", "Cheese", (0.0, -0.1, -0.3), (0.1, 0.1, 0.06), is_free=True)
-    on_top = make_body(
-        "butter", "Butter", (0.0, -0.1, -0.25), (0.08, 0.08, 0.04), is_free=True
-    )  # it stands on the cheese
+    on_top = make_body("butter", "Butter", (0.0, -0.1, -0.25), (0.08, 0.08, 0.04), is_free=True)  # on the cheese
     fridge = make_body("fridge", "Refrigerator", (0, 0, 0), (0.6, 0.6, 1.4))
     geometry = fit(bundled_knowledge, fridge, milk, cheese, on_top).geometry[BodyId("fridge")]
     inside = sorted(round(surface.center[2], 6) for surface in geometry.support_surfaces if surface.is_inside)

@@ -63,17 +63,17 @@ def rule(knowledge: KnowledgeBase, name: str) -> ShapeRule:
 
 
 def test_a_shape_is_inherited_by_subclasses(bundled_knowledge: KnowledgeBase) -> None:
-    told, inherited = rule(bundled_knowledge, "Drawer"), rule(bundled_knowledge, "IAIDrawerW60H29")
-    assert (told.shape_type, told.source) == ("drawer", GeometrySource.ONTOLOGY)
-    assert told.reason == "knowrob:Drawer is shaped as ms:DrawerForm"
-    assert (inherited.shape_type, inherited.materials) == (told.shape_type, told.materials)
+    stated, inherited = rule(bundled_knowledge, "Drawer"), rule(bundled_knowledge, "IAIDrawerW60H29")
+    assert (stated.shape_type, stated.source) == ("drawer", GeometrySource.ONTOLOGY)
+    assert stated.reason == "knowrob:Drawer is shaped as ms:DrawerForm"
+    assert (inherited.shape_type, inherited.materials) == (stated.shape_type, stated.materials)
     assert inherited.reason == "it is a knowrob:Drawer, shaped as ms:DrawerForm"
 
 
 def test_one_statement_defines_the_shape_of_a_new_class(load_turtle: LoadTurtle) -> None:
     known = rule(load_turtle("my:Schub ms:shapedAs ms:DrawerForm ."), MY + "Schub")
     assert (known.shape_type, known.source) == ("drawer", GeometrySource.ONTOLOGY)
-    assert known.default_material.pbr_material.name == "wood"  # as drawers are, unless somebody says
+    assert known.default_material.pbr_material.name == "wood"  # the default of drawers
 
 
 def test_a_class_shaped_as_another_class_has_its_rule(load_turtle: LoadTurtle) -> None:
@@ -149,7 +149,7 @@ def test_lamps_have_lights_of_different_types(bundled_knowledge: KnowledgeBase) 
     assert ceiling is not None
     assert candle is not None
     assert (ceiling.light_type, ceiling.intensity, candle.intensity) == (LightType.POINT, 120.0, 1.0)
-    assert rule(bundled_knowledge, "Flashlight").light is None  # told to give none: it is switched off
+    assert rule(bundled_knowledge, "Flashlight").light is None  # stated to be off
     assert rule(bundled_knowledge, "DrinkingMug").light is None
 
 
@@ -266,10 +266,10 @@ def test_every_stated_parameter_is_valid_for_its_shape(bundled_knowledge: Knowle
         fields = SHAPE_TEMPLATES[known.shape_type].__struct_fields__
         template_by_name(known.shape_type, {name: value for name, value in known.parameters.items() if name in fields})
         used |= known.parameters.keys() & set(fields)
-    told = {
+    stated = {
         name for cls in physical_classes(bundled_knowledge) for name in bundled_knowledge.shape_rule(cls).parameters
     }
-    assert told - used == set()
+    assert stated - used == set()
 
 
 def test_every_physical_class_has_a_material(bundled_knowledge: KnowledgeBase) -> None:
@@ -278,7 +278,7 @@ def test_every_physical_class_has_a_material(bundled_knowledge: KnowledgeBase) -
         for cls in physical_classes(bundled_knowledge)
     }
     bare = {name for name, surface in made.items() if not surface.name}
-    assert bare - TOO_GENERAL == {"Cube"}  # of which nobody knows anything
+    assert bare - TOO_GENERAL == {"Cube"}  # without a stated material
 
 
 def test_shapes_and_materials_are_not_individuals_for_queries(bundled_knowledge: KnowledgeBase) -> None:

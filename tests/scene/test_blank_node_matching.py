@@ -43,7 +43,7 @@ def world_with_facts(*facts: PropertyAssertion, **resources: Sequence[PropertyAs
     return World(
         iri=Iri(MAP + "map"),
         facts=facts,
-        resources=tuple(NamedResource(Iri(f"_:{name}"), tuple(said)) for name, said in resources.items()),
+        resources=tuple(NamedResource(Iri(f"_:{name}"), tuple(own)) for name, own in resources.items()),
     )
 
 
@@ -147,8 +147,8 @@ def test_thousands_of_indistinguishable_blank_nodes_are_matched() -> None:
 @given(world=worlds(labels=True))
 def test_renaming_the_map_changes_only_the_name_of_the_map(world: World) -> None:
     # Loggers create a new IRI for the map each time, and each individual has a fact that refers to it.
-    said = fact(IriRef(world.iri), "urn:describedInMap")
-    world = replace(world, bodies=tuple(replace(body, facts=(*body.facts, said)) for body in world.bodies))
+    described = fact(IriRef(world.iri), "urn:describedInMap")
+    world = replace(world, bodies=tuple(replace(body, facts=(*body.facts, described)) for body in world.bodies))
     other = renamed(world, lambda name: MAP + "new" if name == world.iri else name)
     found = diff(world, other)
     assert [(change.id, change.field) for change in found.changed] == [(world.iri, "iri")]
@@ -157,11 +157,11 @@ def test_renaming_the_map_changes_only_the_name_of_the_map(world: World) -> None
 
 def with_pose_named(name: str, *more: PropertyAssertion, **resources: Sequence[PropertyAssertion]) -> World:
     """Returns the kitchenette with a named pose of the mug, as in maps."""
-    said = (fact(IriRef(Iri(name)), KNOWROB + "pose"), *more)
+    facts = (fact(IriRef(Iri(name)), KNOWROB + "pose"), *more)
     return replace(
         KITCHEN,
-        bodies=tuple(replace(body, facts=said) if body.id == "Mug" else body for body in KITCHEN.bodies),
-        resources=tuple(NamedResource(Iri(MAP + iri), tuple(facts)) for iri, facts in resources.items()),
+        bodies=tuple(replace(body, facts=facts) if body.id == "Mug" else body for body in KITCHEN.bodies),
+        resources=tuple(NamedResource(Iri(MAP + iri), tuple(own)) for iri, own in resources.items()),
     )
 
 

@@ -93,7 +93,7 @@ def test_rotated_boxes_are_measured_along_their_own_axes() -> None:
     assert between(replace(lying, pose=replace(lying.pose, position=(0, 0, 1.2))), TABLE) == {ON}
 
 
-# -- what hangs together -----------------------------------------------------------------------------------------------
+# -- joints and attachments --------------------------------------------------------------------------------------------
 
 FRIDGE = body("fridge", (0, 0, 1), (0.6, 0.6, 2))
 DOOR = body("door", (0.32, 0, 1), (0.04, 0.6, 2), "dynamic")
