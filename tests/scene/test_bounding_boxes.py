@@ -1,4 +1,4 @@
-"""What boxes cover of one another, and which of them are near."""
+"""Oriented bounding boxes: face coverage and overlapping pairs."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ UPRIGHT = (1.0, 0.0, 0.0, 0.0)
 
 
 def boxes_of(*rows: tuple[float, ...]) -> OrientedBoxes:
-    """Each row: x y z, three sizes."""
+    """Returns boxes of rows x y z, three extents."""
     table = np.array(rows, dtype=float)
     poses = np.concatenate([table[:, :3], np.tile(UPRIGHT, (len(table), 1))], axis=1)
     return OrientedBoxes.from_poses(poses, table[:, 3:])
 
 
 @pytest.mark.parametrize(
-    ("door", "share"),
+    ("door", "fraction"),
     [
         ((0.32, 0, 1, 0.04, 0.6, 2.0), 1.0),
         ((0.32, 0, 0.5, 0.04, 0.6, 1.0), 0.5),
@@ -28,8 +28,8 @@ def boxes_of(*rows: tuple[float, ...]) -> OrientedBoxes:
         ((0, 0, 2.02, 0.6, 0.6, 0.04), 1.0),
     ],
 )
-def test_face_coverage_is_the_fraction_of_the_face_that_a_door_covers(door: tuple[float, ...], share: float) -> None:
-    assert face_coverage(boxes_of(door, (0, 0, 1, 0.6, 0.6, 2)), 0, np.array([1])) == pytest.approx([share])
+def test_face_coverage_is_the_fraction_of_the_face_that_a_door_covers(door: tuple[float, ...], fraction: float) -> None:
+    assert face_coverage(boxes_of(door, (0, 0, 1, 0.6, 0.6, 2)), 0, np.array([1])) == pytest.approx([fraction])
 
 
 def test_boxes_with_a_gap_within_the_margin_overlap() -> None:

@@ -1,4 +1,4 @@
-"""Colors by name and by number."""
+"""Parsing and formatting of colors."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Hulls: closed, convex, round all points, and as heavy as they are."""
+"""Convex hulls: closed, convex, containing all points, with analytic volumes and moments."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def cylinder(radius: float, height: float, around: int) -> np.ndarray:
 def test_a_tilted_cylinder_in_single_precision_has_its_analytic_volume(
     turn: tuple[float, ...], center: tuple[float, ...], around: int
 ) -> None:
-    """Faces of many points, coplanar but for rounding, as STL files have them."""
+    """Returns a cylinder with caps of many points that are coplanar except for rounding, as in STL files."""
     radius, height = 0.03, 0.2
     tilted = cylinder(radius, height, around) @ rotation_matrix(normalize(turn)).T + center
     hull = convex_hull(tilted.astype(np.float32).astype(np.float64))

@@ -1,4 +1,4 @@
-"""The judge: what it must see, what it must not mind, and how large it says that an error is."""
+"""The comparison of worlds: which differences it reports, and how large their errors are."""
 
 from __future__ import annotations
 
@@ -46,9 +46,9 @@ def rows(found: WorldDiff) -> list[tuple[str, str, float | None]]:
     return [(change.id, change.field, change.error) for change in found.changed]
 
 
-def shuffled(world: World, chance: random.Random) -> World:
+def shuffled(world: World, rng: random.Random) -> World:
     def mixed(items: tuple) -> tuple:
-        return tuple(chance.sample(items, len(items)))
+        return tuple(rng.sample(items, len(items)))
 
     def inside(items: tuple) -> tuple:
         return mixed(tuple(replace(item, tags=mixed(item.tags), facts=mixed(item.facts)) for item in items))
@@ -64,7 +64,7 @@ def shuffled(world: World, chance: random.Random) -> World:
     )
 
 
-# -- the same ----------------------------------------------------------------------------------------------------------
+# -- equal worlds ------------------------------------------------------------------------------------------------------
 
 
 @given(world=worlds(wild_tags=True, labels=True))
@@ -76,10 +76,10 @@ def test_a_world_is_identical_to_itself(world: World) -> None:
     assert found.lost_facts == 0
 
 
-@given(a=worlds(labels=True), b=worlds(labels=True), chance=st.randoms(use_true_random=False))
-def test_the_order_of_parts_does_not_affect_the_diff(a: World, b: World, chance: random.Random) -> None:
-    assert diff(a, shuffled(a, chance)) == WorldDiff()
-    assert diff(shuffled(a, chance), shuffled(b, chance)) == diff(a, b)
+@given(a=worlds(labels=True), b=worlds(labels=True), rng=st.randoms(use_true_random=False))
+def test_the_order_of_parts_does_not_affect_the_diff(a: World, b: World, rng: random.Random) -> None:
+    assert diff(a, shuffled(a, rng)) == WorldDiff()
+    assert diff(shuffled(a, rng), shuffled(b, rng)) == diff(a, b)
 
 
 @given(a=worlds(max_bodies=3), b=worlds(max_bodies=3))
@@ -95,17 +95,17 @@ def test_empty_worlds_are_identical() -> None:
     assert diff(World(iri=Iri(MAP + "map")), World(iri=Iri(MAP + "map"))) == WorldDiff()
 
 
-# -- how much ----------------------------------------------------------------------------------------------------------
+# -- errors ------------------------------------------------------------------------------------------------------------
 
 
-@given(world=worlds(min_bodies=1), way=st.floats(1e-6, 100.0))
-def test_the_error_of_a_moved_body_is_its_displacement(world: World, way: float) -> None:
+@given(world=worlds(min_bodies=1), distance=st.floats(1e-6, 100.0))
+def test_the_error_of_a_moved_body_is_its_displacement(world: World, distance: float) -> None:
     body = replace(world.bodies[0], pose=Pose((0.0, 2.0, 3.0)))
     before = replace(world, bodies=(body, *world.bodies[1:]))
-    after = with_body(before, body.id, pose=Pose((way, 2.0, 3.0)))
+    after = with_body(before, body.id, pose=Pose((distance, 2.0, 3.0)))
     found = diff(before, after)
-    assert rows(found) == [(body.id, "pose.position", way)]
-    assert found.max_error == {**diff(before, before).max_error, "translation_m": way}
+    assert rows(found) == [(body.id, "pose.position", distance)]
+    assert found.max_error == {**diff(before, before).max_error, "translation_m": distance}
 
 
 @given(here=vectors(-1000.0, 1000.0), there=vectors(-1000.0, 1000.0))
@@ -115,10 +115,10 @@ def test_the_error_of_a_translation_is_the_distance(here: Vector, there: Vector)
     assert found.max_error["translation_m"] == pytest.approx(distance, rel=1e-12, abs=1e-150)
 
 
-@pytest.mark.parametrize("way", [5e-324, 1e-200, 1e200])
-def test_tiny_and_huge_translations_are_measured_exactly(way: float) -> None:
-    found = diff(with_mug(pose=Pose((0.0, 0.0, 0.0))), with_mug(pose=Pose((0.0, way, 0.0))))
-    assert found.max_error["translation_m"] == way
+@pytest.mark.parametrize("distance", [5e-324, 1e-200, 1e200])
+def test_tiny_and_huge_translations_are_measured_exactly(distance: float) -> None:
+    found = diff(with_mug(pose=Pose((0.0, 0.0, 0.0))), with_mug(pose=Pose((0.0, distance, 0.0))))
+    assert found.max_error["translation_m"] == distance
 
 
 @pytest.mark.parametrize("angle", [1e-12, 1e-6, 0.5, pi])
@@ -138,7 +138,7 @@ def test_sign_and_norm_of_a_quaternion_are_ignored(pose: Pose, factor: float) ->
 
 
 def test_a_unit_in_the_sixth_decimal_of_a_quaternion_is_measured() -> None:
-    # The very pair that the thesis's two kitchens differ in.
+    # The difference between the two kitchens of the thesis.
     a, b = (with_mug(pose=Pose((0.0, 0.0, 0.0), (w, 0.0, 0.0, 0.707107))) for w in (0.707106, 0.707107))
     assert diff(a, b).max_error["rotation_rad"] == pytest.approx(1e-6 / 0.707107, rel=1e-5)
 
@@ -196,10 +196,10 @@ def test_a_missing_mass_exceeds_any_tolerance(other: float | None) -> None:
 
 @pytest.mark.parametrize("number", [None, nan, inf])
 def test_nan_equals_nan(number: float | None) -> None:
-    strange = with_mug(physics=BodyPhysics(mass_kg=number), pose=Pose((number or nan, 0.0, 0.0)))
-    # A copy through text, so that no part of the two is the same object.
+    odd = with_mug(physics=BodyPhysics(mass_kg=number), pose=Pose((number or nan, 0.0, 0.0)))
+    # A copy through text, so that the two share no objects.
     again = with_mug(physics=BodyPhysics(mass_kg=number and float(str(number))), pose=Pose((number or nan, -0.0, 0.0)))
-    assert diff(strange, again) == WorldDiff()
+    assert diff(odd, again) == WorldDiff()
 
 
 def test_nan_in_a_vector_exceeds_any_tolerance() -> None:
@@ -213,20 +213,20 @@ def test_a_missing_size_differs_from_nan() -> None:
     assert rows(diff(with_mug(size=None), with_mug(size=(nan, nan, nan)))) == [("Mug", "size", None)]
 
 
-# -- what there is -----------------------------------------------------------------------------------------------------
+# -- structure ---------------------------------------------------------------------------------------------------------
 
 
 @given(world=worlds(min_bodies=1))
 def test_a_removed_body_is_only_in_a_and_its_statements_are_lost(world: World) -> None:
-    gone, *rest = world.bodies
+    removed, *rest = world.bodies
     without = replace(world, bodies=tuple(rest))
     found = diff(world, without)
-    assert found.only_in_a == (gone.id,)
+    assert found.only_in_a == (removed.id,)
     assert found.only_in_b == ()
-    assert found.lost_facts == len(gone.facts) + len(gone.tags)
-    assert {statement.id for statement in found.lost} <= {gone.id}
+    assert found.lost_facts == len(removed.facts) + len(removed.tags)
+    assert {statement.id for statement in found.lost} <= {removed.id}
     assert not found.identical(inf)
-    assert diff(without, world).only_in_b == (gone.id,)
+    assert diff(without, world).only_in_b == (removed.id,)
 
 
 def test_removed_joints_and_lights_are_only_in_a() -> None:
@@ -274,7 +274,7 @@ def test_objects_with_equal_ids_are_compared_in_order() -> None:
     assert rows(diff(twice, other)) == [("Mug", "label", None)]
 
 
-# -- how it is asked ---------------------------------------------------------------------------------------------------
+# -- arguments and output-----------------------------------------------------------------------------------------------
 
 
 def test_errors_up_to_the_tolerance_are_accepted() -> None:
@@ -312,17 +312,17 @@ def test_removed_objects_count_for_any_kinds() -> None:
 def test_the_json_has_the_documented_fields() -> None:
     after = with_mug(pose=Pose((2.5, 0.0, 0.85)), tags=MUG.tags[:1], physics=BodyPhysics(mass_kg=inf))
     found = diff(KITCHEN, replace(after, bodies=after.bodies[1:]))
-    told = json.loads(found.to_json(0.25))
-    assert told["identical"] is False
-    assert told["delta"] == 0.25
-    assert told["max_error"] == 0.5
-    assert told["errors"]["translation_m"] == 0.5
-    assert {"translation_m", "rotation_rad", "size_m", "mass_kg", "limit"} <= told["errors"].keys()
-    assert told["only_in_a"] == ["Floor"]
-    assert told["only_in_b"] == []
-    assert told["lost_facts"] == 3
-    assert {"id": "Mug", "said": "SemLog;Id,Mug"} in told["lost"]
-    by_field = {row["field"]: row for row in told["changed"]}
+    data = json.loads(found.to_json(0.25))
+    assert data["identical"] is False
+    assert data["delta"] == 0.25
+    assert data["max_error"] == 0.5
+    assert data["errors"]["translation_m"] == 0.5
+    assert {"translation_m", "rotation_rad", "size_m", "mass_kg", "limit"} <= data["errors"].keys()
+    assert data["only_in_a"] == ["Floor"]
+    assert data["only_in_b"] == []
+    assert data["lost_facts"] == 3
+    assert {"id": "Mug", "said": "SemLog;Id,Mug"} in data["lost"]
+    by_field = {row["field"]: row for row in data["changed"]}
     assert by_field["pose.position"] == {
         "id": "Mug",
         "field": "pose.position",
@@ -340,10 +340,10 @@ def test_the_json_has_the_documented_fields() -> None:
 @given(a=worlds(wild_tags=True, labels=True, max_bodies=3), b=worlds(wild_tags=True, labels=True, max_bodies=3))
 def test_any_diff_can_be_encoded_as_json(a: World, b: World) -> None:
     found = diff(a, b)
-    told = json.loads(found.to_json())
-    assert told == json.loads(json.dumps(found.to_builtins(), allow_nan=False))
-    assert len(told["changed"]) == len(found.changed)
-    assert len(told["lost"]) == told["lost_facts"]
+    data = json.loads(found.to_json())
+    assert data == json.loads(json.dumps(found.to_builtins(), allow_nan=False))
+    assert len(data["changed"]) == len(found.changed)
+    assert len(data["lost"]) == data["lost_facts"]
 
 
 def test_a_diff_is_hashable_and_comparable() -> None:

@@ -1,4 +1,4 @@
-"""What values say of themselves: one short line, and escaped tables for notebooks."""
+"""Formatting of values: one-line reprs, and escaped tables for notebooks."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ TEXTS = st.text(max_size=20)
 
 
 class Texts(HTMLParser):
-    """The texts of a page by the tag that they are in; no tag may come from data."""
+    """Collects the tags and the text of table cells; no tag may come from data."""
 
     def __init__(self, page: str) -> None:
         super().__init__(convert_charrefs=True)

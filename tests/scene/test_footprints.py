@@ -1,4 +1,4 @@
-"""What boxes cover of the ground, against literal values and the rules that areas keep."""
+"""Footprints of boxes, against literal values and the invariants of areas."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ UPRIGHT = (1.0, 0.0, 0.0, 0.0)
 EIGHTH = (np.cos(pi / 8), 0.0, 0.0, np.sin(pi / 8))
 """An eighth of a turn about the vertical."""
 TILTED = (np.cos(pi / 8), np.sin(pi / 8), 0.0, 0.0)
-"""As far about x."""
+"""An eighth of a turn about x."""
 
 
 def polygons(*rows: tuple[float, ...]) -> np.ndarray:
-    """Each row: x y z, w x y z, three sizes."""
+    """Returns footprints of rows x y z, w x y z, three extents."""
     table = np.array(rows, dtype=float)
     table[:, 3:7] = normalize(table[:, 3:7])
     return footprints(OrientedBoxes.from_poses(table[:, :7], table[:, 7:]))

@@ -1,4 +1,4 @@
-"""Frames: literal poses, what a conversion may not break, and the way back."""
+"""Frame conversions: literal poses, invariants, and round trips."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The meshes of markers and of what is known by its size alone."""
+"""Meshes of primitives."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ sizes = st.tuples(lengths, lengths, lengths)
 
 
 def volume(mesh: TriangleMesh) -> float:
-    """Of a mesh whose triangles look outwards; negative, if they look inwards."""
+    """Returns the volume of a closed mesh; negative if its faces point inwards."""
     a, b, c = np.moveaxis(mesh.points.astype(float)[mesh.faces], 1, 0)
     return float(np.einsum("ij,ij->i", a, np.cross(b, c)).sum() / 6)
 
@@ -25,7 +25,7 @@ def extents(mesh: TriangleMesh) -> np.ndarray:
 
 
 def is_closed(mesh: TriangleMesh) -> bool:
-    """Whether each edge between two places is run along as often forth as back."""
+    """Returns whether each edge is used equally often in both directions."""
     places = np.unique(mesh.points.round(5), axis=0, return_inverse=True)[1].reshape(-1)
     face = places[mesh.faces]
     face = face[(face[:, 0] != face[:, 1]) & (face[:, 1] != face[:, 2]) & (face[:, 2] != face[:, 0])]

@@ -1,4 +1,4 @@
-"""Rotations and poses in bulk, against literal values and the rules that rotations keep."""
+"""Quaternions and poses, against literal values and the invariants of rotations."""
 
 from __future__ import annotations
 

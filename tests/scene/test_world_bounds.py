@@ -1,4 +1,4 @@
-"""How far a world reaches, and what is tallest in it."""
+"""The bounds of a world, and its tallest body."""
 
 from __future__ import annotations
 

@@ -309,7 +309,7 @@ def sweep(path: Array, radius: float | Array, *, segments: int = 12) -> Triangle
     turns[0] = _normalized(turns[0] - 1.5 * along[0])
     turns[-1] = _normalized(turns[-1] + 1.5 * along[-1])
     ends = [np.broadcast_to(spot, (1, segments, 3)) for spot in (spots[0], spots[-1])]
-    caps = [np.broadcast_to(way, (1, segments, 3)) for way in (-along[0], along[-1])]
+    caps = [np.broadcast_to(normal, (1, segments, 3)) for normal in (-along[0], along[-1])]
     return _tube(np.concatenate([ends[0], rings, ends[1]]), np.concatenate([caps[0], turns, caps[1]]))
 
 

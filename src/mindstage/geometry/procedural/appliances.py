@@ -309,7 +309,7 @@ class Kettle(ShapeTemplate, frozen=True, kw_only=True):
 
 
 class WallClock(ShapeTemplate, frozen=True, kw_only=True):
-    """A clock on the wall; one looks at its front."""
+    """A wall clock; it is viewed from the front."""
 
     name = "clock"
     roles: ClassVar[MaterialRoles] = MappingProxyType(

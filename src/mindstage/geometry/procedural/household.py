@@ -74,8 +74,8 @@ class Towel(ShapeTemplate, frozen=True, kw_only=True):
         low, high, size = builder.low, builder.high, builder.size
         builder.add_collision_box(low, high)
         builder.add_support_surface(low, high, float(high[2]))
-        skin = min(0.0006, 0.1 * float(size[2])) if self.stripe else 0.0
-        edges = np.linspace(low[2], high[2] - skin, max(self.layers, 1) + 1)
+        stripe = min(0.0006, 0.1 * float(size[2])) if self.stripe else 0.0
+        edges = np.linspace(low[2], high[2] - stripe, max(self.layers, 1) + 1)
         for number, (bottom, top) in enumerate(itertools.pairwise(edges)):
             inset = 0.0 if number == 0 else 0.012 * float(size[:2].min()) * number
             start, end = [low[0] + inset, low[1] + inset, bottom], [*high[:2] - [0.0, inset], top]
@@ -83,7 +83,7 @@ class Towel(ShapeTemplate, frozen=True, kw_only=True):
         if self.stripe:
             builder.add_box(
                 "stripe",
-                [low[0] + 0.2 * size[0], low[1] + 0.035 * size[1], high[2] - 2 * skin],
+                [low[0] + 0.2 * size[0], low[1] + 0.035 * size[1], high[2] - 2 * stripe],
                 [low[0] + 0.3 * size[0], high[1] - 0.035 * size[1], high[2]],
                 rounding=0.0,
                 collides=False,
@@ -140,17 +140,17 @@ class Plant(ShapeTemplate, frozen=True, kw_only=True):
         for whorl, (count, out, up) in enumerate(((8, 1.0, 0.55), (7, 0.75, 0.85), (5, 0.4, 1.0))):
             for number in range(count):
                 turn = 2 * np.pi * (number + 0.37 * whorl) / count
-                way = np.array([np.cos(turn) * high[0], np.sin(turn) * high[1], 0.0]) * out
+                direction = np.array([np.cos(turn) * high[0], np.sin(turn) * high[1], 0.0]) * out
                 side = np.array([-np.sin(turn), np.cos(turn), 0.0]) * 0.16 * float(high[:2].min())
                 rings = []
                 for share in np.linspace(0.0, 1.0, 7):
-                    middle = way * share + [0, 0, root + tall * up * float(np.sin(share * 0.62 * np.pi))]
+                    middle = direction * share + [0, 0, root + tall * up * float(np.sin(share * 0.62 * np.pi))]
                     wide = side * max(float(np.sin(np.pi * share**0.8)), 0.06)
                     lift = np.array([0, 0, 0.03 * float(high[:2].min())])
                     rings.append([middle - wide + lift, middle - 0.2 * lift, middle + wide + lift, middle + 0.6 * lift])
                 builder.add_loft("leaves", np.array(rings))
                 if self.flowers and whorl:
-                    tip = way * 0.85 + [0, 0, root + tall * up * 0.95]
+                    tip = direction * 0.85 + [0, 0, root + tall * up * 0.95]
                     reach = 0.12 * float(high[:2].min())
                     ball = [
                         (float(np.cos(a)), (float(np.sin(a)) + 1) / 2) for a in np.linspace(-np.pi / 2, np.pi / 2, 7)

@@ -172,14 +172,14 @@ class Carton(ShapeTemplate, frozen=True, kw_only=True):
         shoulder = float(high[2])
         if self.gable:
             shoulder -= min(0.22 * float(size[2]), 0.8 * float(size[0]))
-        skin = min(0.0006, 0.02 * float(size[0])) if self.label else 0.0
-        front = float(high[0]) - skin
+        label_depth = min(0.0006, 0.02 * float(size[0])) if self.label else 0.0
+        front = float(high[0]) - label_depth
         builder.add_box("body", low, [front, high[1], shoulder], rounding=0.0015, collides=False)
         if self.label:
             edge = [0.08 * float(size[1]), 0.1 * (shoulder - float(low[2]))]
             builder.add_box(
                 "label",
-                [front - skin, low[1] + edge[0], low[2] + 1.5 * edge[1]],
+                [front - label_depth, low[1] + edge[0], low[2] + 1.5 * edge[1]],
                 [high[0], high[1] - edge[0], shoulder - edge[1]],
                 rounding=0.0,
                 collides=False,
@@ -209,8 +209,8 @@ class Bag(ShapeTemplate, frozen=True, kw_only=True):
         low, high, size = builder.low, builder.high, builder.size
         tall = size[2] > 0.8 * size[:2].min()
         seam = float(high[2] - 0.16 * size[2]) if tall else float(high[2])
-        skin = 0.01 * float(size[0]) if self.label else 0.0
-        front = float(high[0]) - skin
+        label_depth = 0.01 * float(size[0]) if self.label else 0.0
+        front = float(high[0]) - label_depth
         builder.add_box(
             "body", low, [front, high[1], seam], rounding=0.22 * builder.min_extent, rounded=True, collides=False
         )
@@ -224,7 +224,7 @@ class Bag(ShapeTemplate, frozen=True, kw_only=True):
             middle = float(low[2] + seam) / 2
             builder.add_box(
                 "label",
-                [high[0] - skin, -reach[0], middle - reach[1]],
+                [high[0] - label_depth, -reach[0], middle - reach[1]],
                 [high[0], reach[0], middle + reach[1]],
                 rounding=0.0,
                 collides=False,

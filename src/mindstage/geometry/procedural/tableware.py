@@ -407,7 +407,7 @@ class Mug(ShapeTemplate, frozen=True, kw_only=True):
     def _add_handle(self, builder: GeometryBuilder, start: Array, end: Array, turn: float) -> None:
         """Adds a loop from below the rim to above the foot, in a vertical plane."""
         middle, tall = (start + end) / 2, float(end[2] - start[2])
-        way = np.array([np.cos(turn), -np.sin(turn), 0.0])
+        direction = np.array([np.cos(turn), -np.sin(turn), 0.0])
         inner = float(min(end[0] - start[0], end[1] - start[1])) / 2
         reach = 2 * inner * self.handle
         thick = 0.13 * reach + 0.02 * inner
@@ -415,7 +415,7 @@ class Mug(ShapeTemplate, frozen=True, kw_only=True):
         center = inner * 0.93
         path = [
             middle
-            + way * (center + (reach + inner - center - thick) * float(np.cos(a)) ** 0.7)
+            + direction * (center + (reach + inner - center - thick) * float(np.cos(a)) ** 0.7)
             + [0, 0, 0.02 * tall + 0.31 * tall * float(np.sin(a))]
             for a in angle
         ]
@@ -423,7 +423,7 @@ class Mug(ShapeTemplate, frozen=True, kw_only=True):
         side = np.array([np.sin(turn), np.cos(turn), 0.0])
         near, far = inner, inner + 0.95 * reach
         ends = [
-            middle + way * out + side * across + [0, 0, up]
+            middle + direction * out + side * across + [0, 0, up]
             for out, rise in ((near, 0.3), (far, 0.22))
             for across in (-0.8 * thick, 0.8 * thick)
             for up in (-rise * tall, rise * tall)
@@ -498,15 +498,15 @@ class Pot(ShapeTemplate, frozen=True, kw_only=True):
     def _build(self, builder: GeometryBuilder) -> None:
         low, high, size = builder.low, builder.high, builder.size
         depth, width = float(size[0]), float(size[1])
-        inset, way = np.zeros(2), np.array([0.0, 0.0])
+        inset, direction = np.zeros(2), np.array([0.0, 0.0])
         if self.lugs:
             lug = 0.12 * min(depth, width)
             if max(depth, width) > 1.15 * min(depth, width):
                 axis = 0 if depth > width else 1
-                inset[axis], way = lug, np.eye(2)[axis]
+                inset[axis], direction = lug, np.eye(2)[axis]
             else:
                 inset[:] = 0.02 * min(depth, width)
-                way = np.array([0.5**0.5, 0.5**0.5])
+                direction = np.array([0.5**0.5, 0.5**0.5])
         start, end = np.array([*(low[:2] + inset), low[2]]), np.array([*(high[:2] - inset), high[2]])
         body = _RoundVessel(start, end, self.wall, 1.5 * self.wall, self.level)
         builder.add_lathe(
@@ -520,7 +520,7 @@ class Pot(ShapeTemplate, frozen=True, kw_only=True):
         body.add_collision_shapes(builder, 0.96)
         if self.lugs:
             for sign in (-1, 1):
-                self._add_lug(builder, sign * way, (end - start)[:2] / 2, float(low[2] + 0.8 * size[2]))
+                self._add_lug(builder, sign * direction, (end - start)[:2] / 2, float(low[2] + 0.8 * size[2]))
 
     @staticmethod
     def _add_lug(builder: GeometryBuilder, direction: Array, radius: Array, level: float) -> None:
