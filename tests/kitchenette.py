@@ -1,4 +1,4 @@
-"""A small kitchen made by hand, with everything in it that moves, for all rooms' tests."""
+"""A small kitchen with a drawer, a hinged door, handles and a mug, for tests of all packages."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ RDFS = "http://www.w3.org/2000/01/rdf-schema#"
 def kitchenette() -> World:
     """A floor, a cupboard with a drawer that slides 0.45 m, a fridge whose door turns 45 degrees, handles, a mug.
 
-    Fronts look along -x. The handles do not simulate and hang on what they open; the mug stands on the cupboard.
+    Fronts face -x. The handles are kinematic and attached to the drawer and the door; the mug is on the cupboard.
     """
     return World(
         iri=Iri(MAP + "map"),

@@ -1,9 +1,9 @@
-"""Worlds to test with: any valid one, as hypothesis strategies.
+"""Hypothesis strategies for valid worlds.
 
-`worlds()` draws what an engine must be able to run and a map must be able to hold: ids are unique and fit into an
-IRI, references lead to something, attachments form a forest, texts can stand in XML, and no thing says the same twice.
-It does not shun what is unusual but allowed: masses of 0, quaternions with six digits, things in one another, one
-class with several sizes, blanks at the ends of a text.
+`worlds()` generates what an engine must be able to simulate and a map must be able to represent: ids are unique and
+valid in an IRI, references resolve, attachments form a forest, strings are valid in XML, and no statement is repeated.
+It includes unusual but valid values: masses of 0, quaternions with six digits, overlapping bodies, one class with
+several sizes, spaces at the ends of strings.
 """
 
 from __future__ import annotations
@@ -82,29 +82,29 @@ CLASSES = tuple(
 
 
 def numbers(low: float, high: float) -> SearchStrategy[float]:
-    """Finite numbers, some with the six digits of a map."""
+    """Finite numbers, some rounded to six digits as in maps."""
     exact = st.floats(low, high, allow_subnormal=False)
     return exact | exact.map(lambda number: min(max(round(number, 6), low), high))
 
 
 def vectors(low: float, high: float) -> SearchStrategy[Vector]:
-    """Three numbers."""
+    """Vectors of three numbers."""
     return st.tuples(numbers(low, high), numbers(low, high), numbers(low, high))
 
 
 def sizes() -> SearchStrategy[Vector]:
-    """From a millimetre to twenty meters."""
+    """Sizes from a millimeter to twenty meters."""
     return vectors(1e-3, 20.0)
 
 
 def masses() -> SearchStrategy[float | None]:
-    """None and 0 included, as in maps."""
+    """Masses [kg], including None and 0, as in maps."""
     return st.sampled_from((None, 0.0)) | numbers(1e-3, 2000.0)
 
 
 @st.composite
 def quaternions(draw: st.DrawFn) -> Quaternion:
-    """Rotations as maps have them: exact, with six digits, or with all signs turned round."""
+    """Rotations as in maps: exact, rounded to six digits, or negated."""
     w, x, y, z = draw(
         st.sampled_from(((1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0), (1.0, 0.0, 0.0, 1.0), (1.0, -1.0, 1.0, 1.0)))
         | st.tuples(*(st.floats(-1.0, 1.0, allow_subnormal=False),) * 4).filter(lambda q: max(map(abs, q)) > 0.1)
@@ -115,29 +115,29 @@ def quaternions(draw: st.DrawFn) -> Quaternion:
 
 
 def poses() -> SearchStrategy[Pose]:
-    """Anywhere within a kilometre."""
+    """Poses within a kilometer."""
     return st.builds(Pose, vectors(-1000.0, 1000.0), quaternions())
 
 
-# -- words -------------------------------------------------------------------------------------------------------------
+# -- strings -----------------------------------------------------------------------------------------------------------
 
 LETTERS = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_-"
 
 
 def texts(*, without: str = "", min_size: int = 0) -> SearchStrategy[str]:
-    """What XML can hold: no control characters, no surrogates, not the two that are no characters."""
+    """Strings that are valid in XML: no control characters, surrogates or noncharacters."""
     anything = st.characters(exclude_categories=("Cc", "Cs"), exclude_characters="\ufffe\uffff" + without)
     plain = st.characters(codec="ascii", exclude_categories=("Cc",), exclude_characters=without)
     return st.text(plain, min_size=min_size, max_size=8) | st.text(anything, min_size=min_size, max_size=8)
 
 
 def ids() -> SearchStrategy[BodyId]:
-    """Local names: mostly as the loggers make them, some with letters from elsewhere."""
+    """Local names: mostly ASCII as in logged maps, some with other letters."""
     return st.text(st.sampled_from(LETTERS + "üñ名"), min_size=1, max_size=22).map(BodyId)
 
 
 def tags(*, wild: bool = False) -> SearchStrategy[Tag]:
-    """Tags that fit into `tagsData`, which has no way to write `;` and `,`; wild ones may be anything."""
+    """Tags that fit into `tagsData`, which cannot represent `;` and `,`; wild ones may contain anything."""
     word = texts() if wild else texts(without=";,", min_size=1)
     value = texts() if wild else texts(without=";,")
     kind = st.sampled_from(("SemLog", "Mindstage")) | word
@@ -177,12 +177,12 @@ def _literals() -> SearchStrategy[Literal]:
         Literal("http://example.org/", Iri(XSD + "anyURI")),
         Literal("about 3", Iri(TERMS + "estimate")),
     )
-    spoken = st.builds(Literal, texts(), language=st.sampled_from(("en", "de", "pt-br")))
-    return st.builds(Literal, texts()) | spoken | _numerals() | st.sampled_from(others)
+    localized = st.builds(Literal, texts(), language=st.sampled_from(("en", "de", "pt-br")))
+    return st.builds(Literal, texts()) | localized | _numerals() | st.sampled_from(others)
 
 
 def blank_nodes(facts: Sequence[PropertyAssertion]) -> BlankNode:
-    """A thing without a name, its facts in order."""
+    """Returns a blank node with sorted facts."""
     return BlankNode(tuple(sorted(facts, key=lambda fact: (fact.property, msgspec.json.encode(fact.value)))))
 
 
@@ -190,48 +190,48 @@ def blank_nodes(facts: Sequence[PropertyAssertion]) -> BlankNode:
 def facts(
     names: tuple[str, ...] = (), *, min_size: int = 0, max_size: int = 3, nested: int = 1
 ) -> SearchStrategy[tuple[PropertyAssertion, ...]]:
-    """Facts about one thing, no two of which say the same; `names` are things that they may mention."""
+    """Distinct facts about one resource; `names` are IRIs that they may mention."""
     references = st.sampled_from((*map(Iri, names), *NAMED_RESOURCES)).map(IriRef)
     values: SearchStrategy[FactValue] = references | _literals()
     if nested:
         values = values | facts(names, max_size=2, nested=nested - 1).map(blank_nodes)
     one = st.builds(PropertyAssertion, st.sampled_from(PROPERTIES), values)
-    forms = StatementCanonicalizer()
-    return st.lists(one, min_size=min_size, max_size=max_size, unique_by=lambda fact: forms.canonical_id(fact, {})).map(
-        tuple
-    )
+    canonicalizer = StatementCanonicalizer()
+    return st.lists(
+        one, min_size=min_size, max_size=max_size, unique_by=lambda fact: canonicalizer.canonical_id(fact, {})
+    ).map(tuple)
 
 
-# -- things ------------------------------------------------------------------------------------------------------------
+# -- parts -------------------------------------------------------------------------------------------------------------
 
 
 def materials() -> SearchStrategy[Material]:
-    """Named surfaces."""
+    """Named materials."""
     color = st.none() | vectors(0.0, 1.0)
     return st.builds(Material, name=texts(min_size=1), path=st.just("") | texts(), color=color)
 
 
 def physics() -> SearchStrategy[BodyPhysics]:
-    """All mobilities, and all that a map may leave out."""
-    told = st.sampled_from((None, False, True))
+    """All mobilities, with values that a map may omit."""
+    flag = st.sampled_from((None, False, True))
     mobility = st.sampled_from((None, *Mobility))
-    return st.builds(BodyPhysics, mobility=mobility, gravity=told, overlap_events=told, mass_kg=masses())
+    return st.builds(BodyPhysics, mobility=mobility, gravity=flag, overlap_events=flag, mass_kg=masses())
 
 
 def bodies(id: BodyId = A_BODY, *, wild_tags: bool = False) -> SearchStrategy[Body]:
-    """One body of that id."""
+    """Bodies with that id."""
     return _bodies(wild_tags, ()).map(lambda body: replace(body, id=id, iri=Iri(MAP + id)))
 
 
 def joints(id: BodyId, parent: BodyId, child: BodyId, *, wild_tags: bool = False) -> SearchStrategy[Joint]:
-    """Any mix of free, limited and locked axes between two bodies."""
+    """Joints with any combination of free, limited and locked axes."""
     return _joint_lists(wild_tags, ()).map(
-        lambda constraint: replace(constraint, id=id, iri=Iri(MAP + id), parent=parent, child=child)
+        lambda joint: replace(joint, id=id, iri=Iri(MAP + id), parent=parent, child=child)
     )
 
 
 def lights(id: BodyId, *, wild_tags: bool = False) -> SearchStrategy[Light]:
-    """One light of that id."""
+    """Lights with that id."""
     return _lights(wild_tags, ()).map(lambda light: replace(light, id=id, iri=Iri(MAP + id)))
 
 
@@ -257,9 +257,9 @@ def _bodies(wild_tags: bool, labels: tuple[str, ...]) -> SearchStrategy[Body]:
 @cache
 def _joint_lists(wild_tags: bool, labels: tuple[str, ...]) -> SearchStrategy[Joint]:
     motion = st.sampled_from(tuple(AxisMotion))
-    limit, angle = (st.just(0.0) | numbers(0.0, high) for high in (10.0, pi))
-    middle, turn = (st.just(0.0) | numbers(-high, high) for high in (10.0, pi))
-    wording = (("", motion), ("_limit", angle), ("_middle", turn))
+    limit, angle_limit = (st.just(0.0) | numbers(0.0, high) for high in (10.0, pi))
+    middle, angle_middle = (st.just(0.0) | numbers(-high, high) for high in (10.0, pi))
+    suffixes = (("", motion), ("_limit", angle_limit), ("_middle", angle_middle))
     soft = st.just(SoftLimit()) | st.builds(
         SoftLimit, enabled=st.booleans(), stiffness=numbers(0.0, 1e4), damping=numbers(0.0, 1e4)
     )
@@ -275,13 +275,13 @@ def _joint_lists(wild_tags: bool, labels: tuple[str, ...]) -> SearchStrategy[Joi
             **dict.fromkeys(("x", "y", "z"), motion),
             **dict.fromkeys(("x_middle", "y_middle", "z_middle"), middle),
             limit=limit,
-            soft=soft,
+            soft_limit=soft,
         ),
         angular=st.builds(
             AngularLimits,
-            **{f"{axis}{what}": value for axis in AXES for what, value in wording},
-            swing_soft=soft,
-            twist_soft=soft,
+            **{f"{axis}{suffix}": value for axis in AXES for suffix, value in suffixes},
+            swing_soft_limit=soft,
+            twist_soft_limit=soft,
         ),
         disable_collision=st.sampled_from((None, False, True)),
         tags=st.lists(tags(wild=wild_tags), max_size=2).map(tuple),
@@ -295,7 +295,7 @@ def _lights(wild_tags: bool, labels: tuple[str, ...]) -> SearchStrategy[Light]:
         Light,
         id=st.just(A_BODY),
         iri=st.just(Iri(MAP + A_BODY)),
-        kind=st.sampled_from(tuple(LightType)),
+        type=st.sampled_from(tuple(LightType)),
         pose=poses(),
         color=vectors(0.0, 1.0),
         intensity=numbers(0.0, 1e5),
@@ -313,71 +313,73 @@ def worlds(
     *,
     min_bodies: int = 0,
     max_bodies: int = 5,
-    max_constraints: int = 3,
+    max_joints: int = 3,
     max_lights: int = 1,
     wild_tags: bool = False,
     labels: bool = False,
 ) -> World:
-    """A valid world.
+    """Generates a valid world.
 
     Args:
-        draw: hypothesis.
-        min_bodies: at least so many bodies.
-        max_bodies: at most so many bodies.
-        max_constraints: at most so many constraints, which need two bodies.
-        max_lights: at most so many lights.
-        wild_tags: let tags hold what `tagsData` cannot write.
-        labels: let things be told of that have only a label (`_:…`) for a name.
+        draw: passed by hypothesis.
+        min_bodies: the smallest number of bodies.
+        max_bodies: the largest number of bodies.
+        max_joints: the largest number of joints, which need two bodies.
+        max_lights: the largest number of lights.
+        wild_tags: whether tags may contain what `tagsData` cannot represent.
+        labels: whether facts may mention and describe blank nodes (`_:…`).
     """
     count = draw(st.integers(min_bodies, max_bodies))
-    joints = draw(st.integers(0, max_constraints)) if count > 1 else 0
+    joints = draw(st.integers(0, max_joints)) if count > 1 else 0
     lamps = draw(st.integers(0, max_lights))
     everything = count + joints + lamps
     drawn = draw(st.lists(ids().filter("map".__ne__), min_size=everything, max_size=everything, unique=True))
-    bodily, joining, shining = drawn[:count], drawn[count : count + joints], drawn[count + joints :]
-    nameless = BLANK_NODE_IDS if labels else ()
-    things = [draw(_bodies(wild_tags, nameless)) for _ in bodily]
+    body_ids, joint_ids, light_ids = drawn[:count], drawn[count : count + joints], drawn[count + joints :]
+    blank_ids = BLANK_NODE_IDS if labels else ()
+    things = [draw(_bodies(wild_tags, blank_ids)) for _ in body_ids]
     return World(
         iri=Iri(MAP + "map"),
         name="map",
         bodies=tuple(
-            replace(body, id=id, iri=Iri(MAP + id), facts=(*body.facts, *draw(_neighbors(bodily))))
-            for id, body in zip(bodily, things, strict=True)
+            replace(body, id=id, iri=Iri(MAP + id), facts=(*body.facts, *draw(_neighbors(body_ids))))
+            for id, body in zip(body_ids, things, strict=True)
         ),
-        joints=tuple(draw(_joints(id, bodily, _joint_lists(wild_tags, nameless))) for id in joining),
-        attachments=draw(_forests(bodily)),
-        lights=tuple(replace(draw(_lights(wild_tags, nameless)), id=id, iri=Iri(MAP + id)) for id in shining),
-        facts=draw(facts(nameless)),
-        resources=draw(_resources(nameless)),
+        joints=tuple(draw(_joints(id, body_ids, _joint_lists(wild_tags, blank_ids))) for id in joint_ids),
+        attachments=draw(_forests(body_ids)),
+        lights=tuple(replace(draw(_lights(wild_tags, blank_ids)), id=id, iri=Iri(MAP + id)) for id in light_ids),
+        facts=draw(facts(blank_ids)),
+        resources=draw(_resources(blank_ids)),
     )
 
 
 @st.composite
-def _joints(draw: st.DrawFn, id: BodyId, bodily: Sequence[BodyId], any_constraint: SearchStrategy[Joint]) -> Joint:
-    first = draw(st.integers(0, len(bodily) - 1))
-    second = (first + draw(st.integers(1, len(bodily) - 1))) % len(bodily)
-    parent, child = bodily[first], bodily[second]
-    return replace(draw(any_constraint), id=id, iri=Iri(MAP + id), parent=parent, child=child)
+def _joints(draw: st.DrawFn, id: BodyId, body_ids: Sequence[BodyId], any_joint: SearchStrategy[Joint]) -> Joint:
+    first = draw(st.integers(0, len(body_ids) - 1))
+    second = (first + draw(st.integers(1, len(body_ids) - 1))) % len(body_ids)
+    parent, child = body_ids[first], body_ids[second]
+    return replace(draw(any_joint), id=id, iri=Iri(MAP + id), parent=parent, child=child)
 
 
-def _neighbors(bodily: Sequence[BodyId]) -> SearchStrategy[tuple[PropertyAssertion, ...]]:
-    """What a body has to do with at most one other, or itself."""
-    facts = [(PropertyAssertion(Iri(TERMS + "beside"), IriRef(Iri(MAP + id))),) for id in bodily]
+def _neighbors(body_ids: Sequence[BodyId]) -> SearchStrategy[tuple[PropertyAssertion, ...]]:
+    """At most one fact that relates a body to a body."""
+    facts = [(PropertyAssertion(Iri(TERMS + "beside"), IriRef(Iri(MAP + id))),) for id in body_ids]
     return st.sampled_from([(), *facts])
 
 
 @st.composite
-def _forests(draw: st.DrawFn, bodily: Sequence[BodyId]) -> tuple[Attachment, ...]:
-    """Each hangs on one that comes before it in some order, or on none: no circle, one parent each."""
-    order = draw(st.permutations(bodily))
-    above = [draw(st.sampled_from((None, *order[:place]))) for place in range(len(order))]
+def _forests(draw: st.DrawFn, body_ids: Sequence[BodyId]) -> tuple[Attachment, ...]:
+    """Attachments to an earlier body in a random order: no cycles, at most one parent each."""
+    order = draw(st.permutations(body_ids))
+    parents = [draw(st.sampled_from((None, *order[:index]))) for index in range(len(order))]
     return tuple(
-        Attachment(parent=parent, child=child) for parent, child in zip(above, order, strict=True) if parent is not None
+        Attachment(parent=parent, child=child)
+        for parent, child in zip(parents, order, strict=True)
+        if parent is not None
     )
 
 
 @st.composite
-def _resources(draw: st.DrawFn, nameless: tuple[str, ...]) -> tuple[NamedResource, ...]:
-    """Classes and other things that something is said about, and what is said about some labels."""
-    told = draw(st.lists(st.sampled_from((*CLASSES, *NAMED_RESOURCES, *map(Iri, nameless))), max_size=4, unique=True))
-    return tuple(NamedResource(iri, draw(facts(nameless, min_size=1, max_size=2))) for iri in told)
+def _resources(draw: st.DrawFn, blank_ids: tuple[str, ...]) -> tuple[NamedResource, ...]:
+    """Described classes, other resources and blank nodes."""
+    iris = draw(st.lists(st.sampled_from((*CLASSES, *NAMED_RESOURCES, *map(Iri, blank_ids))), max_size=4, unique=True))
+    return tuple(NamedResource(iri, draw(facts(blank_ids, min_size=1, max_size=2))) for iri in iris)

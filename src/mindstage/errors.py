@@ -804,7 +804,7 @@ class InvalidColorError(MindstageError):
     """Neither a color name nor a color value."""
 
     code = "ColourUnknown"
-    template = "no color {colour!r}{hint}"
+    template = "no color {color!r}{hint}"
     color: str
     _: KW_ONLY
     known: Iterable[str]

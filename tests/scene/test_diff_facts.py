@@ -1,4 +1,4 @@
-"""Statements compared by what they say: numbers, texts, things without a name, and how often."""
+"""The comparison of statements: numbers, strings, blank nodes, and repetitions."""
 
 from __future__ import annotations
 
@@ -38,13 +38,13 @@ def number(text: str, kind: str = "float") -> Literal:
     return Literal(text, Iri(XSD + kind))
 
 
-def saying(*facts: PropertyAssertion) -> World:
-    """A world that says this of itself."""
+def world_with_facts(*facts: PropertyAssertion) -> World:
+    """Returns a world with these facts about itself."""
     return World(iri=Iri("urn:map"), facts=facts)
 
 
-def same(a: FactValue, b: FactValue) -> bool:
-    return diff(saying(fact(a)), saying(fact(b))).identical()
+def are_equal(a: FactValue, b: FactValue) -> bool:
+    return diff(world_with_facts(fact(a)), world_with_facts(fact(b))).identical()
 
 
 # -- literals ----------------------------------------------------------------------------------------------------------
@@ -66,8 +66,8 @@ def same(a: FactValue, b: FactValue) -> bool:
 )
 @pytest.mark.parametrize("kind", ["float", "double", "decimal", "integer"])
 def test_numbers_are_compared_by_value(a: str, b: str, kind: str) -> None:
-    assert same(number(a, kind), number(b, kind))
-    assert same(number(b, kind), number(a, kind))
+    assert are_equal(number(a, kind), number(b, kind))
+    assert are_equal(number(b, kind), number(a, kind))
 
 
 @pytest.mark.parametrize(
@@ -88,53 +88,55 @@ def test_numbers_are_compared_by_value(a: str, b: str, kind: str) -> None:
         ("0.01", "0.1"),
     ],
 )
-def test_other_numbers_and_what_is_no_number_are_told_apart(a: str, b: str) -> None:
-    assert not same(number(a), number(b))
-    assert same(number(a), number(a))
+def test_different_numbers_and_malformed_ones_are_different(a: str, b: str) -> None:
+    assert not are_equal(number(a), number(b))
+    assert are_equal(number(a), number(a))
 
 
 @given(value=st.floats(allow_nan=False, allow_infinity=False), other=st.floats(allow_nan=False, allow_infinity=False))
-def test_two_numbers_are_the_same_when_python_says_so(value: float, other: float) -> None:
-    assert same(number(repr(value)), number(f"{value:.20e}")) == (float(f"{value:.20e}") == value and _short(value))
-    assert same(number(repr(value)), number(repr(other))) == (value == other)
+def test_numbers_are_equal_if_they_are_equal_in_python(value: float, other: float) -> None:
+    assert are_equal(number(repr(value)), number(f"{value:.20e}")) == (
+        float(f"{value:.20e}") == value and _is_exact(value)
+    )
+    assert are_equal(number(repr(value)), number(repr(other))) == (value == other)
 
 
-def _short(value: float) -> bool:
-    """Whether 21 digits say exactly the same number as the shortest text that rounds to it."""
+def _is_exact(value: float) -> bool:
+    """Returns whether 21 digits represent exactly the number of the shortest repr."""
     return Decimal(repr(value)) == Decimal(f"{value:.20e}")
 
 
-def test_a_number_is_not_the_text_that_it_is_written_with() -> None:
-    assert not same(number("1"), number("1", "integer"))
-    assert not same(number("1"), Literal("1"))
-    assert not same(Literal("1.0"), Literal("1"))
-    assert not same(number("1", "boolean"), number("true", "boolean"))
+def test_a_number_differs_from_a_string_with_the_same_text() -> None:
+    assert not are_equal(number("1"), number("1", "integer"))
+    assert not are_equal(number("1"), Literal("1"))
+    assert not are_equal(Literal("1.0"), Literal("1"))
+    assert not are_equal(number("1", "boolean"), number("true", "boolean"))
 
 
-def test_a_plain_text_may_say_that_it_is_a_string() -> None:
-    assert same(Literal("a"), number("a", "string"))
-    assert not same(Literal("1"), number("1.0", "string"))
+def test_a_plain_literal_equals_a_literal_of_type_string() -> None:
+    assert are_equal(Literal("a"), number("a", "string"))
+    assert not are_equal(Literal("1"), number("1.0", "string"))
 
 
-def test_a_language_is_part_of_a_text_whatever_its_case() -> None:
-    assert same(Literal("a", language="en-GB"), Literal("a", language="en-gb"))
-    assert not same(Literal("a", language="en"), Literal("a", language="de"))
-    assert not same(Literal("a", language="en"), Literal("a"))
+def test_language_tags_are_compared_without_case() -> None:
+    assert are_equal(Literal("a", language="en-GB"), Literal("a", language="en-gb"))
+    assert not are_equal(Literal("a", language="en"), Literal("a", language="de"))
+    assert not are_equal(Literal("a", language="en"), Literal("a"))
 
 
-def test_a_thing_is_not_its_name_as_a_text() -> None:
-    assert not same(Literal("urn:a"), IriRef(Iri("urn:a")))
+def test_an_iri_differs_from_a_literal_with_its_text() -> None:
+    assert not are_equal(Literal("urn:a"), IriRef(Iri("urn:a")))
 
 
-# -- things without a name ---------------------------------------------------------------------------------------------
+# -- blank nodes -------------------------------------------------------------------------------------------------------
 
 
-def test_a_thing_without_a_name_is_what_is_said_of_it_in_any_order() -> None:
+def test_blank_nodes_are_equal_if_their_facts_are_in_any_order() -> None:
     a, b = fact(number("1.0")), fact(Literal("x"), "urn:q")
-    assert same(BlankNode((a, b)), BlankNode((b, fact(number("1")))))
-    assert not same(BlankNode((a, b)), BlankNode((a,)))
-    assert not same(BlankNode((a, a)), BlankNode((a,)))
-    assert not same(BlankNode(), IriRef(Iri("_:x")))
+    assert are_equal(BlankNode((a, b)), BlankNode((b, fact(number("1")))))
+    assert not are_equal(BlankNode((a, b)), BlankNode((a,)))
+    assert not are_equal(BlankNode((a, a)), BlankNode((a,)))
+    assert not are_equal(BlankNode(), IriRef(Iri("_:x")))
 
 
 def nested(depth: int, end: str) -> FactValue:
@@ -144,14 +146,14 @@ def nested(depth: int, end: str) -> FactValue:
     return value
 
 
-def test_a_list_of_thousands_is_no_difficulty() -> None:
-    assert same(nested(5000, "end"), nested(5000, "end"))
-    found = diff(saying(fact(nested(5000, "end"))), saying(fact(nested(5000, "END"))))
+def test_a_nested_list_of_thousands_is_compared() -> None:
+    assert are_equal(nested(5000, "end"), nested(5000, "end"))
+    found = diff(world_with_facts(fact(nested(5000, "end"))), world_with_facts(fact(nested(5000, "END"))))
     assert found.lost_facts == found.gained_facts == 1
     assert len(found.to_json()) < 5000
 
 
-# -- counting ----------------------------------------------------------------------------------------------------------
+# -- repetitions -------------------------------------------------------------------------------------------------------
 
 
 @given(world=worlds(min_bodies=1), data=st.data())
@@ -175,20 +177,20 @@ def test_removing_a_tag_loses_one(world: World, tag: Tag) -> None:
     assert [change.field for change in diff(richer, world).changed] == ["tags"]
 
 
-def test_what_is_said_twice_and_then_once_is_lost_once() -> None:
+def test_a_repeated_fact_that_loses_one_copy_is_lost_once() -> None:
     once = fact(Literal("x"))
-    found = diff(saying(once, once), saying(once))
+    found = diff(world_with_facts(once, once), world_with_facts(once))
     assert (found.lost_facts, found.gained_facts) == (1, 0)
 
 
 def test_a_changed_fact_is_lost_and_gained() -> None:
-    found = diff(saying(fact(number("1.5"))), saying(fact(number("1.25"))))
+    found = diff(world_with_facts(fact(number("1.5"))), world_with_facts(fact(number("1.25"))))
     assert (found.lost_facts, found.gained_facts) == (1, 1)
     (change,) = found.changed
     assert (change.a, change.b) == ((fact(number("1.5")),), (fact(number("1.25")),))
 
 
-def test_what_is_said_of_one_resource_in_two_places_counts_together() -> None:
+def test_facts_of_one_resource_in_two_entries_are_merged() -> None:
     a, b = fact(Literal("a")), fact(Literal("b"))
     apart = World(iri=Iri("urn:map"), resources=(NamedResource(Iri("urn:r"), (a,)), NamedResource(Iri("urn:r"), (b,))))
     together = World(iri=Iri("urn:map"), resources=(NamedResource(Iri("urn:r"), (b, a)),))
@@ -196,7 +198,7 @@ def test_what_is_said_of_one_resource_in_two_places_counts_together() -> None:
 
 
 @pytest.mark.parametrize(
-    ("said", "line"),
+    ("statement", "line"),
     [
         (fact(IriRef(Iri("urn:a"))), "<urn:p> <urn:a>"),
         (fact(IriRef(Iri("_:x"))), "<urn:p> _:x"),
@@ -212,5 +214,5 @@ def test_what_is_said_of_one_resource_in_two_places_counts_together() -> None:
     ],
     ids=str,
 )
-def test_a_statement_can_be_read(said: PropertyAssertion | Tag, line: str) -> None:
-    assert str(Statement("body", said)) == line
+def test_a_statement_is_formatted_as_one_line(statement: PropertyAssertion | Tag, line: str) -> None:
+    assert str(Statement("body", statement)) == line

@@ -1,4 +1,4 @@
-"""The judge: what it must see, what it must not mind, and how large it says that an error is."""
+"""The comparison of worlds: which differences it reports, and how large their errors are."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import random
 from math import cos, inf, nan, pi, sin
 
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 from tests.kitchenette import MAP, kitchenette
@@ -46,9 +46,9 @@ def rows(found: WorldDiff) -> list[tuple[str, str, float | None]]:
     return [(change.id, change.field, change.error) for change in found.changed]
 
 
-def shuffled(world: World, chance: random.Random) -> World:
+def shuffled(world: World, rng: random.Random) -> World:
     def mixed(items: tuple) -> tuple:
-        return tuple(chance.sample(items, len(items)))
+        return tuple(rng.sample(items, len(items)))
 
     def inside(items: tuple) -> tuple:
         return mixed(tuple(replace(item, tags=mixed(item.tags), facts=mixed(item.facts)) for item in items))
@@ -64,7 +64,7 @@ def shuffled(world: World, chance: random.Random) -> World:
     )
 
 
-# -- the same ----------------------------------------------------------------------------------------------------------
+# -- equal worlds ------------------------------------------------------------------------------------------------------
 
 
 @given(world=worlds(wild_tags=True, labels=True))
@@ -76,14 +76,14 @@ def test_a_world_is_identical_to_itself(world: World) -> None:
     assert found.lost_facts == 0
 
 
-@given(a=worlds(labels=True), b=worlds(labels=True), chance=st.randoms(use_true_random=False))
-def test_the_order_of_things_changes_nothing(a: World, b: World, chance: random.Random) -> None:
-    assert diff(a, shuffled(a, chance)) == WorldDiff()
-    assert diff(shuffled(a, chance), shuffled(b, chance)) == diff(a, b)
+@given(a=worlds(labels=True), b=worlds(labels=True), rng=st.randoms(use_true_random=False))
+def test_the_order_of_parts_does_not_affect_the_diff(a: World, b: World, rng: random.Random) -> None:
+    assert diff(a, shuffled(a, rng)) == WorldDiff()
+    assert diff(shuffled(a, rng), shuffled(b, rng)) == diff(a, b)
 
 
 @given(a=worlds(max_bodies=3), b=worlds(max_bodies=3))
-def test_from_the_other_side_it_is_the_same_difference(a: World, b: World) -> None:
+def test_swapping_the_worlds_mirrors_the_diff(a: World, b: World) -> None:
     there, back = diff(a, b), diff(b, a)
     assert there.max_error == back.max_error
     assert (there.only_in_a, there.only_in_b) == (back.only_in_b, back.only_in_a)
@@ -91,21 +91,21 @@ def test_from_the_other_side_it_is_the_same_difference(a: World, b: World) -> No
     assert there.identical() == back.identical()
 
 
-def test_nothing_is_identical_to_nothing() -> None:
+def test_empty_worlds_are_identical() -> None:
     assert diff(World(iri=Iri(MAP + "map")), World(iri=Iri(MAP + "map"))) == WorldDiff()
 
 
-# -- how much ----------------------------------------------------------------------------------------------------------
+# -- errors ------------------------------------------------------------------------------------------------------------
 
 
-@given(world=worlds(min_bodies=1), way=st.floats(1e-6, 100.0))
-def test_moving_a_body_by_some_way_is_an_error_of_that_way(world: World, way: float) -> None:
+@given(world=worlds(min_bodies=1), distance=st.floats(1e-6, 100.0))
+def test_the_error_of_a_moved_body_is_its_displacement(world: World, distance: float) -> None:
     body = replace(world.bodies[0], pose=Pose((0.0, 2.0, 3.0)))
     before = replace(world, bodies=(body, *world.bodies[1:]))
-    after = with_body(before, body.id, pose=Pose((way, 2.0, 3.0)))
+    after = with_body(before, body.id, pose=Pose((distance, 2.0, 3.0)))
     found = diff(before, after)
-    assert rows(found) == [(body.id, "pose.position", way)]
-    assert found.max_error == {**diff(before, before).max_error, "translation_m": way}
+    assert rows(found) == [(body.id, "pose.position", distance)]
+    assert found.max_error == {**diff(before, before).max_error, "translation_m": distance}
 
 
 @given(here=vectors(-1000.0, 1000.0), there=vectors(-1000.0, 1000.0))
@@ -115,14 +115,14 @@ def test_the_error_of_a_translation_is_the_distance(here: Vector, there: Vector)
     assert found.max_error["translation_m"] == pytest.approx(distance, rel=1e-12, abs=1e-150)
 
 
-@pytest.mark.parametrize("way", [5e-324, 1e-200, 1e200])
-def test_no_way_is_too_short_or_too_long_to_be_measured(way: float) -> None:
-    found = diff(with_mug(pose=Pose((0.0, 0.0, 0.0))), with_mug(pose=Pose((0.0, way, 0.0))))
-    assert found.max_error["translation_m"] == way
+@pytest.mark.parametrize("distance", [5e-324, 1e-200, 1e200])
+def test_tiny_and_huge_translations_are_measured_exactly(distance: float) -> None:
+    found = diff(with_mug(pose=Pose((0.0, 0.0, 0.0))), with_mug(pose=Pose((0.0, distance, 0.0))))
+    assert found.max_error["translation_m"] == distance
 
 
 @pytest.mark.parametrize("angle", [1e-12, 1e-6, 0.5, pi])
-def test_turning_a_body_by_some_angle_is_an_error_of_that_angle(angle: float) -> None:
+def test_the_error_of_a_rotated_body_is_the_angle(angle: float) -> None:
     turned = Pose(MUG.pose.position, (cos(angle / 2), 0.0, sin(angle / 2), 0.0))
     found = diff(KITCHEN, with_mug(pose=turned))
     assert found.max_error["rotation_rad"] == pytest.approx(angle, rel=1e-12)
@@ -130,30 +130,31 @@ def test_turning_a_body_by_some_angle_is_an_error_of_that_angle(angle: float) ->
 
 
 @given(pose=poses(), factor=st.sampled_from((-1.0, 2.0, -0.5, 2.0**-700, 2.0**700)))
-def test_sign_and_length_of_a_quaternion_are_no_difference(pose: Pose, factor: float) -> None:
+def test_sign_and_norm_of_a_quaternion_are_ignored(pose: Pose, factor: float) -> None:
+    assume(all(part * factor / factor == part for part in pose.quaternion))  # no underflow
     w, x, y, z = pose.quaternion
     other = Pose(pose.position, (w * factor, x * factor, y * factor, z * factor))
     assert diff(with_mug(pose=pose), with_mug(pose=other)) == WorldDiff()
 
 
 def test_a_unit_in_the_sixth_decimal_of_a_quaternion_is_measured() -> None:
-    # The very pair that the thesis's two kitchens differ in.
+    # The difference between the two kitchens of the thesis.
     a, b = (with_mug(pose=Pose((0.0, 0.0, 0.0), (w, 0.0, 0.0, 0.707107))) for w in (0.707106, 0.707107))
     assert diff(a, b).max_error["rotation_rad"] == pytest.approx(1e-6 / 0.707107, rel=1e-5)
 
 
-def test_zeros_are_another_rotation_than_any_but_the_same_as_themselves() -> None:
+def test_a_zero_quaternion_equals_only_itself() -> None:
     zeros = with_mug(pose=Pose(MUG.pose.position, (0.0, 0.0, 0.0, 0.0)))
     assert rows(diff(KITCHEN, zeros)) == [("Mug", "pose.quaternion", None)]
     assert diff(zeros, zeros) == WorldDiff()
 
 
-def test_a_size_is_as_wrong_as_its_worst_extent() -> None:
+def test_the_error_of_a_size_is_its_largest_difference() -> None:
     a, b = with_mug(size=(177.512833, 177.512833, 60.0)), with_mug(size=(29.585472, 29.585472, 10.0))
     assert diff(a, b).max_error["size_m"] == 177.512833 - 29.585472
 
 
-def test_the_largest_error_is_kept_of_each_kind() -> None:
+def test_max_error_has_the_largest_error_of_each_kind() -> None:
     after = with_body(with_mug(physics=replace(MUG.physics, mass_kg=0.5)), "Drawer", pose=Pose((1.95, 0.0, 0.75)))
     after = with_body(after, "Fridge", pose=Pose((2.5, 1.0, 0.9)), size=(0.6, 0.6, 1.75))
     found = diff(KITCHEN, after).max_error
@@ -163,16 +164,16 @@ def test_the_largest_error_is_kept_of_each_kind() -> None:
     assert found["rotation_rad"] == found["limit"] == found["stiffness"] == 0.0
 
 
-def test_the_color_of_a_material_has_a_number_and_its_name_has_none() -> None:
+def test_material_colors_have_an_error_and_names_have_none() -> None:
     wood, steel = (Material(name=name, color=(0.5, 0.25, 0.0)) for name in ("Wood", "Steel"))
     paler = replace(wood, color=(0.5, 0.5, 0.125))
     found = diff(with_mug(materials=(steel, wood)), with_mug(materials=(steel, paler)))
-    assert rows(found) == [("Mug", "materials[1].colour", 0.25)]
+    assert rows(found) == [("Mug", "materials[1].color", 0.25)]
     assert found.max_error["colour"] == 0.25
     found = diff(with_mug(materials=(wood,)), with_mug(materials=(steel,)))
     assert rows(found) == [("Mug", "materials", None)]
     found = diff(with_mug(materials=(wood,)), with_mug(materials=(replace(wood, color=None),)))
-    assert rows(found) == [("Mug", "materials[0].colour", None)]
+    assert rows(found) == [("Mug", "materials[0].color", None)]
 
 
 def test_materials_keep_their_order() -> None:
@@ -186,7 +187,7 @@ def test_materials_keep_their_order() -> None:
 
 
 @pytest.mark.parametrize("other", [None, nan, inf, -inf])
-def test_a_mass_against_none_is_forgiven_by_no_tolerance(other: float | None) -> None:
+def test_a_missing_mass_exceeds_any_tolerance(other: float | None) -> None:
     found = diff(KITCHEN, with_mug(physics=replace(MUG.physics, mass_kg=other)))
     assert rows(found) == [("Mug", "physics.mass_kg", None)]
     assert not found.identical(inf)
@@ -194,48 +195,48 @@ def test_a_mass_against_none_is_forgiven_by_no_tolerance(other: float | None) ->
 
 
 @pytest.mark.parametrize("number", [None, nan, inf])
-def test_what_is_no_number_is_the_same_as_itself(number: float | None) -> None:
-    strange = with_mug(physics=BodyPhysics(mass_kg=number), pose=Pose((number or nan, 0.0, 0.0)))
-    # A copy through text, so that no part of the two is the same object.
+def test_nan_equals_nan(number: float | None) -> None:
+    odd = with_mug(physics=BodyPhysics(mass_kg=number), pose=Pose((number or nan, 0.0, 0.0)))
+    # A copy through text, so that the two share no objects.
     again = with_mug(physics=BodyPhysics(mass_kg=number and float(str(number))), pose=Pose((number or nan, -0.0, 0.0)))
-    assert diff(strange, again) == WorldDiff()
+    assert diff(odd, again) == WorldDiff()
 
 
-def test_nan_in_one_part_of_a_vector_is_not_forgiven() -> None:
+def test_nan_in_a_vector_exceeds_any_tolerance() -> None:
     found = diff(with_mug(size=(1.0, nan, 3.0)), with_mug(size=(1.0, 2.0, 3.0)))
     assert rows(found) == [("Mug", "size", None)]
     found = diff(with_mug(size=(1.0, nan, 3.0)), with_mug(size=(1.0, nan, 3.5)))
     assert rows(found) == [("Mug", "size", None)]
 
 
-def test_no_size_is_not_a_size_of_nan() -> None:
+def test_a_missing_size_differs_from_nan() -> None:
     assert rows(diff(with_mug(size=None), with_mug(size=(nan, nan, nan)))) == [("Mug", "size", None)]
 
 
-# -- what there is -----------------------------------------------------------------------------------------------------
+# -- structure ---------------------------------------------------------------------------------------------------------
 
 
 @given(world=worlds(min_bodies=1))
-def test_a_body_that_is_gone_stands_only_in_a_with_all_that_was_said_of_it(world: World) -> None:
-    gone, *rest = world.bodies
+def test_a_removed_body_is_only_in_a_and_its_statements_are_lost(world: World) -> None:
+    removed, *rest = world.bodies
     without = replace(world, bodies=tuple(rest))
     found = diff(world, without)
-    assert found.only_in_a == (gone.id,)
+    assert found.only_in_a == (removed.id,)
     assert found.only_in_b == ()
-    assert found.lost_facts == len(gone.facts) + len(gone.tags)
-    assert {statement.id for statement in found.lost} <= {gone.id}
+    assert found.lost_facts == len(removed.facts) + len(removed.tags)
+    assert {statement.id for statement in found.lost} <= {removed.id}
     assert not found.identical(inf)
-    assert diff(without, world).only_in_b == (gone.id,)
+    assert diff(without, world).only_in_b == (removed.id,)
 
 
-def test_constraints_and_lights_can_stand_in_one_world_only() -> None:
+def test_removed_joints_and_lights_are_only_in_a() -> None:
     lamp = Light(id=BodyId("Lamp"), iri=Iri(MAP + "Lamp"), type=LightType.POINT, pose=Pose())
     found = diff(replace(KITCHEN, lights=(lamp,)), replace(KITCHEN, joints=KITCHEN.joints[:1]))
     assert found.only_in_a == ("FridgeHinge", "Lamp")
     assert diff(KITCHEN, replace(KITCHEN, lights=(lamp,))).only_in_b == ("Lamp",)
 
 
-def test_a_body_is_not_the_constraint_of_the_same_id() -> None:
+def test_a_body_is_not_matched_with_a_joint_of_the_same_id() -> None:
     slide, hinge = KITCHEN.joints
     swapped = replace(KITCHEN, joints=(slide, replace(hinge, id=BodyId("Mug"))), bodies=KITCHEN.bodies[:-1])
     found = diff(KITCHEN, swapped)
@@ -252,12 +253,12 @@ def test_another_parent_is_a_change_of_the_child() -> None:
     assert found.changed[0].kind is ChangeKind.STRUCTURE
 
 
-def test_a_child_that_lost_its_parent_hangs_on_none() -> None:
+def test_a_removed_attachment_is_a_change_of_the_child() -> None:
     found = diff(KITCHEN, replace(KITCHEN, attachments=KITCHEN.attachments[1:]))
     assert [(change.id, change.a, change.b) for change in found.changed] == [("DrawerHandle", "Drawer", None)]
 
 
-def test_two_parents_of_one_child_are_both_compared() -> None:
+def test_two_parents_of_one_child_are_compared() -> None:
     second = Attachment(parent=BodyId("Mug"), child=BodyId("DrawerHandle"))
     both = replace(KITCHEN, attachments=(*KITCHEN.attachments, second))
     assert diff(both, replace(both, attachments=both.attachments[::-1])) == WorldDiff()
@@ -265,7 +266,7 @@ def test_two_parents_of_one_child_are_both_compared() -> None:
     assert (change.a, change.b) == (("Drawer", "Mug"), "Drawer")
 
 
-def test_an_id_used_twice_is_compared_in_its_order() -> None:
+def test_objects_with_equal_ids_are_compared_in_order() -> None:
     twice = replace(KITCHEN, bodies=(*KITCHEN.bodies, replace(MUG, label="the second")))
     assert diff(twice, twice) == WorldDiff()
     assert diff(twice, KITCHEN).only_in_a == ("Mug",)
@@ -273,10 +274,10 @@ def test_an_id_used_twice_is_compared_in_its_order() -> None:
     assert rows(diff(twice, other)) == [("Mug", "label", None)]
 
 
-# -- how it is asked ---------------------------------------------------------------------------------------------------
+# -- arguments and output-----------------------------------------------------------------------------------------------
 
 
-def test_a_tolerance_forgives_errors_up_to_itself() -> None:
+def test_errors_up_to_the_tolerance_are_accepted() -> None:
     found = diff(with_mug(pose=Pose((0.0, 0.0, 0.0))), with_mug(pose=Pose((0.25, 0.0, 0.0))))
     assert not found.identical()
     assert not found.identical(0.2499)
@@ -286,12 +287,12 @@ def test_a_tolerance_forgives_errors_up_to_itself() -> None:
 
 
 @pytest.mark.parametrize("tolerance", [-1e-9, nan])
-def test_a_tolerance_below_nothing_is_refused(tolerance: float) -> None:
+def test_a_negative_or_nan_tolerance_raises_an_error(tolerance: float) -> None:
     with pytest.raises(ValueError, match="give 0 or more"):
         WorldDiff().identical(tolerance)
 
 
-def test_one_may_look_at_some_kinds_only() -> None:
+def test_the_comparison_can_be_restricted_to_kinds() -> None:
     after = with_mug(size=(1.0, 1.0, 1.0), mesh="another", label="Mug", pose=Pose((2.0, 0.0, 0.85 + 1e-6)))
     found = diff(KITCHEN, after)
     assert not found.identical(2e-6)
@@ -304,24 +305,24 @@ def test_one_may_look_at_some_kinds_only() -> None:
     ]
 
 
-def test_what_is_gone_counts_whatever_kinds_one_looks_at() -> None:
+def test_removed_objects_count_for_any_kinds() -> None:
     assert not diff(KITCHEN, replace(KITCHEN, bodies=KITCHEN.bodies[1:])).identical(inf, kinds={ChangeKind.APPEARANCE})
 
 
-def test_the_json_is_what_the_design_promises() -> None:
+def test_the_json_has_the_documented_fields() -> None:
     after = with_mug(pose=Pose((2.5, 0.0, 0.85)), tags=MUG.tags[:1], physics=BodyPhysics(mass_kg=inf))
     found = diff(KITCHEN, replace(after, bodies=after.bodies[1:]))
-    told = json.loads(found.to_json(0.25))
-    assert told["identical"] is False
-    assert told["delta"] == 0.25
-    assert told["max_error"] == 0.5
-    assert told["errors"]["translation_m"] == 0.5
-    assert {"translation_m", "rotation_rad", "size_m", "mass_kg", "limit"} <= told["errors"].keys()
-    assert told["only_in_a"] == ["Floor"]
-    assert told["only_in_b"] == []
-    assert told["lost_facts"] == 3
-    assert {"id": "Mug", "said": "SemLog;Id,Mug"} in told["lost"]
-    by_field = {row["field"]: row for row in told["changed"]}
+    data = json.loads(found.to_json(0.25))
+    assert data["identical"] is False
+    assert data["delta"] == 0.25
+    assert data["max_error"] == 0.5
+    assert data["errors"]["translation_m"] == 0.5
+    assert {"translation_m", "rotation_rad", "size_m", "mass_kg", "limit"} <= data["errors"].keys()
+    assert data["only_in_a"] == ["Floor"]
+    assert data["only_in_b"] == []
+    assert data["lost_facts"] == 3
+    assert {"id": "Mug", "said": "SemLog;Id,Mug"} in data["lost"]
+    by_field = {row["field"]: row for row in data["changed"]}
     assert by_field["pose.position"] == {
         "id": "Mug",
         "field": "pose.position",
@@ -337,15 +338,15 @@ def test_the_json_is_what_the_design_promises() -> None:
 
 
 @given(a=worlds(wild_tags=True, labels=True, max_bodies=3), b=worlds(wild_tags=True, labels=True, max_bodies=3))
-def test_any_difference_can_be_written_as_json(a: World, b: World) -> None:
+def test_any_diff_can_be_encoded_as_json(a: World, b: World) -> None:
     found = diff(a, b)
-    told = json.loads(found.to_json())
-    assert told == json.loads(json.dumps(found.to_builtins(), allow_nan=False))
-    assert len(told["changed"]) == len(found.changed)
-    assert len(told["lost"]) == told["lost_facts"]
+    data = json.loads(found.to_json())
+    assert data == json.loads(json.dumps(found.to_builtins(), allow_nan=False))
+    assert len(data["changed"]) == len(found.changed)
+    assert len(data["lost"]) == data["lost_facts"]
 
 
-def test_a_difference_is_a_value() -> None:
+def test_a_diff_is_hashable_and_comparable() -> None:
     found = diff(KITCHEN, with_mug(label="Mug"))
     assert found == diff(KITCHEN, with_mug(label="Mug"))
     assert hash(found) == hash(diff(KITCHEN, with_mug(label="Mug")))

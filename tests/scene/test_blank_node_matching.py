@@ -1,4 +1,4 @@
-"""Names that mean something only inside one world: they may differ, what they stand for may not."""
+"""Blank nodes and renamed resources: labels may differ between worlds, what they stand for may not."""
 
 from __future__ import annotations
 
@@ -38,8 +38,8 @@ def label(name: str) -> IriRef:
     return IriRef(Iri(f"_:{name}"))
 
 
-def saying(*facts: PropertyAssertion, **resources: Sequence[PropertyAssertion]) -> World:
-    """A world that says this of itself, and that of some labels."""
+def world_with_facts(*facts: PropertyAssertion, **resources: Sequence[PropertyAssertion]) -> World:
+    """Returns a world with these facts about itself, and with facts about blank nodes."""
     return World(
         iri=Iri(MAP + "map"),
         facts=facts,
@@ -48,7 +48,7 @@ def saying(*facts: PropertyAssertion, **resources: Sequence[PropertyAssertion]) 
 
 
 def renamed(world: World, name: Callable[[str], str]) -> World:
-    """The same world with other names for things; what is a property or a class keeps its own."""
+    """Returns the world with renamed individuals; properties and classes keep their names."""
 
     def value(old: FactValue) -> FactValue:
         if isinstance(old, IriRef):
@@ -58,92 +58,95 @@ def renamed(world: World, name: Callable[[str], str]) -> World:
     def facts(old: tuple[PropertyAssertion, ...]) -> tuple[PropertyAssertion, ...]:
         return tuple(PropertyAssertion(fact.property, value(fact.value)) for fact in old)
 
-    def things(old: tuple[Any, ...]) -> tuple[Any, ...]:
-        return tuple(replace(thing, iri=Iri(name(thing.iri)), facts=facts(thing.facts)) for thing in old)
+    def parts(old: tuple[Any, ...]) -> tuple[Any, ...]:
+        return tuple(replace(part, iri=Iri(name(part.iri)), facts=facts(part.facts)) for part in old)
 
     return replace(
         world,
         iri=Iri(name(world.iri)),
-        bodies=things(world.bodies),
-        joints=things(world.joints),
-        lights=things(world.lights),
+        bodies=parts(world.bodies),
+        joints=parts(world.joints),
+        lights=parts(world.lights),
         facts=facts(world.facts),
-        resources=things(world.resources),
+        resources=parts(world.resources),
     )
 
 
-@given(world=worlds(labels=True), order=st.permutations(BLANK_NODE_IDS), chance=st.randoms(use_true_random=False))
-def test_labels_may_be_others_and_even_change_places(world: World, order: list[str], chance: random.Random) -> None:
+@given(world=worlds(labels=True), order=st.permutations(BLANK_NODE_IDS), rng=st.randoms(use_true_random=False))
+def test_blank_node_labels_may_differ_and_be_swapped(world: World, order: list[str], rng: random.Random) -> None:
     other = renamed(world, lambda name: dict(zip(BLANK_NODE_IDS, order, strict=True)).get(name, name))
-    other = replace(other, resources=tuple(chance.sample(other.resources, len(other.resources))))
+    other = replace(other, resources=tuple(rng.sample(other.resources, len(other.resources))))
     assert diff(world, other) == WorldDiff()
     assert diff(other, world) == WorldDiff()
 
 
 @given(world=worlds(labels=True), order=st.permutations(BLANK_NODE_IDS))
-def test_under_other_labels_one_lost_fact_is_one_lost_fact(world: World, order: list[str]) -> None:
+def test_with_other_labels_one_lost_fact_is_one_lost_fact(world: World, order: list[str]) -> None:
     richer = replace(world, facts=(*world.facts, fact(Literal("only here"))))
     other = renamed(world, lambda name: dict(zip(BLANK_NODE_IDS, order, strict=True)).get(name, name))
     assert diff(richer, other).lost_facts == 1
 
 
-def test_two_labels_are_not_one() -> None:
+def test_two_blank_nodes_differ_from_one() -> None:
     assert not diff(
-        saying(fact(label("x")), fact(label("x"), "urn:q")), saying(fact(label("x")), fact(label("y"), "urn:q"))
+        world_with_facts(fact(label("x")), fact(label("x"), "urn:q")),
+        world_with_facts(fact(label("x")), fact(label("y"), "urn:q")),
     ).identical()
 
 
-def test_a_label_is_what_is_said_of_it_and_not_its_text() -> None:
+def test_blank_nodes_are_matched_by_their_facts_not_by_their_label() -> None:
     red, blue = [fact(Literal("red"))], [fact(Literal("blue"))]
-    a = saying(fact(label("x")), fact(label("y"), "urn:q"), x=red, y=blue)
-    b = saying(fact(label("y")), fact(label("x"), "urn:q"), x=blue, y=red)
-    crossed = saying(fact(label("x")), fact(label("y"), "urn:q"), x=blue, y=red)
+    a = world_with_facts(fact(label("x")), fact(label("y"), "urn:q"), x=red, y=blue)
+    b = world_with_facts(fact(label("y")), fact(label("x"), "urn:q"), x=blue, y=red)
+    crossed = world_with_facts(fact(label("x")), fact(label("y"), "urn:q"), x=blue, y=red)
     assert diff(a, b) == WorldDiff()
     assert diff(a, crossed).lost_facts == 2
 
 
-def test_a_label_that_lost_a_fact_is_still_found_at_its_place() -> None:
-    a = saying(fact(label("x")), x=[fact(Literal("red")), fact(label("y"), "urn:next")], y=[fact(Literal("blue"))])
-    b = saying(fact(label("1")), **{"1": [fact(label("2"), "urn:next")], "2": [fact(Literal("blue"))]})
+def test_a_blank_node_that_lost_a_fact_is_matched_by_its_mention_site() -> None:
+    a = world_with_facts(
+        fact(label("x")), x=[fact(Literal("red")), fact(label("y"), "urn:next")], y=[fact(Literal("blue"))]
+    )
+    b = world_with_facts(fact(label("1")), **{"1": [fact(label("2"), "urn:next")], "2": [fact(Literal("blue"))]})
     found = diff(a, b)
     assert [statement.id for statement in found.lost] == ["_:x"]
     assert found.gained == ()
 
 
 def ring(*names: str) -> World:
-    """Each knows its two neighbors, and nothing else tells them apart."""
-    links = {name: (names[place - 1], names[(place + 1) % len(names)]) for place, name in enumerate(names)}
-    return saying(**{name: [fact(label(other)) for other in links[name]] for name in sorted(links)})
+    """Returns a world with a ring of blank nodes, each with facts about its two neighbors only."""
+    links = {name: (names[index - 1], names[(index + 1) % len(names)]) for index, name in enumerate(names)}
+    return world_with_facts(**{name: [fact(label(other)) for other in links[name]] for name in sorted(links)})
 
 
-def test_a_ring_of_labels_that_all_look_alike_is_the_ring_in_another_order() -> None:
+def test_a_ring_of_symmetric_blank_nodes_equals_a_permuted_ring() -> None:
     assert diff(ring("a", "b", "c", "d", "e", "f"), ring("c", "a", "f", "b", "d", "e")) == WorldDiff()
 
 
-def test_two_rings_are_not_one() -> None:
+def test_two_rings_differ_from_one() -> None:
     two = replace(ring("a", "b", "c"), resources=(*ring("a", "b", "c").resources, *ring("d", "e", "f").resources))
     assert not diff(ring("a", "b", "c", "d", "e", "f"), two).identical()
 
 
-def test_a_chain_of_thousands_of_labels_is_followed() -> None:
+def test_a_chain_of_thousands_of_blank_nodes_is_matched() -> None:
     def chain(name: Callable[[int], str]) -> World:
-        return saying(
-            fact(label(name(0))), **{name(place): [fact(label(name(place + 1)), "urn:next")] for place in range(3000)}
+        return world_with_facts(
+            fact(label(name(0))), **{name(index): [fact(label(name(index + 1)), "urn:next")] for index in range(3000)}
         )
 
-    assert diff(chain(lambda place: f"a{place}"), chain(lambda place: f"b{3000 - place}")) == WorldDiff()
+    assert diff(chain(lambda index: f"a{index}"), chain(lambda index: f"b{3000 - index}")) == WorldDiff()
 
 
-def test_thousands_of_labels_that_nothing_tells_apart_are_the_same() -> None:
-    a = saying(*(fact(label(f"a{place}")) for place in range(2000)))
-    b = saying(*(fact(label(f"b{place}")) for place in range(2000)))
+def test_thousands_of_indistinguishable_blank_nodes_are_matched() -> None:
+    a = world_with_facts(*(fact(label(f"a{index}")) for index in range(2000)))
+    b = world_with_facts(*(fact(label(f"b{index}")) for index in range(2000)))
     assert diff(a, b) == WorldDiff()
     assert diff(a, replace(b, facts=b.facts[1:])).lost_facts == 1
 
 
 @given(world=worlds(labels=True))
-def test_another_name_of_the_map_changes_only_the_name_of_the_map(world: World) -> None:
-    # A logger makes a new name for the map each time, and every individual says in which map it is described.
+def test_renaming_the_map_changes_only_the_name_of_the_map(world: World) -> None:
+    # Loggers create a new IRI for the map each time, and each individual has a fact that refers to it.
     said = fact(IriRef(world.iri), "urn:describedInMap")
     world = replace(world, bodies=tuple(replace(body, facts=(*body.facts, said)) for body in world.bodies))
     other = renamed(world, lambda name: MAP + "new" if name == world.iri else name)
@@ -153,7 +156,7 @@ def test_another_name_of_the_map_changes_only_the_name_of_the_map(world: World) 
 
 
 def with_pose_named(name: str, *more: PropertyAssertion, **resources: Sequence[PropertyAssertion]) -> World:
-    """The mug of a kitchen that gives its pose a name, as maps do."""
+    """Returns the kitchenette with a named pose of the mug, as in maps."""
     said = (fact(IriRef(Iri(name)), KNOWROB + "pose"), *more)
     return replace(
         KITCHEN,
@@ -162,13 +165,13 @@ def with_pose_named(name: str, *more: PropertyAssertion, **resources: Sequence[P
     )
 
 
-def test_a_pose_may_have_another_name_but_not_none() -> None:
+def test_a_pose_may_have_another_name_but_must_have_one() -> None:
     a, b = with_pose_named(MAP + "p1"), with_pose_named(MAP + "p2")
     assert diff(a, b) == WorldDiff()
     assert diff(a, KITCHEN).lost_facts == 1
 
 
-def test_what_is_said_of_a_pose_is_compared_under_its_other_name() -> None:
+def test_facts_of_a_renamed_pose_are_compared() -> None:
     precise = [fact(Literal("measured"), RDFS + "comment")]
     a = with_pose_named(MAP + "p1", p1=precise)
     assert diff(a, with_pose_named(MAP + "p2", p2=precise)) == WorldDiff()
@@ -176,20 +179,20 @@ def test_what_is_said_of_a_pose_is_compared_under_its_other_name() -> None:
     assert diff(a, with_pose_named(MAP + "p2", p1=precise)).lost_facts == 1
 
 
-def test_the_other_name_of_a_pose_is_its_name_wherever_it_stands() -> None:
+def test_a_renamed_pose_is_matched_wherever_it_is_mentioned() -> None:
     a = with_pose_named(MAP + "p1", fact(IriRef(Iri(MAP + "p1")), "urn:seenAt"))
     assert diff(a, with_pose_named(MAP + "p2", fact(IriRef(Iri(MAP + "p2")), "urn:seenAt"))) == WorldDiff()
     assert diff(a, with_pose_named(MAP + "p2", fact(IriRef(Iri(MAP + "p1")), "urn:seenAt"))).lost_facts == 1
 
 
-def test_another_name_for_anything_else_is_another_thing() -> None:
+def test_other_renamed_resources_are_different_resources() -> None:
     wooden, made_of_steel = (
         replace(KITCHEN, facts=(fact(IriRef(Iri(MAP + name)), "urn:madeOf"),)) for name in ("Wood", "Steel")
     )
     assert diff(wooden, made_of_steel).lost_facts == 1
 
 
-def test_two_things_that_swapped_their_names_are_not_the_same() -> None:
+def test_two_resources_with_swapped_names_differ() -> None:
     swap = {MAP + "Mug": MAP + "Fridge", MAP + "Fridge": MAP + "Mug"}
     world = replace(KITCHEN, facts=(fact(IriRef(Iri(MAP + "Mug"))),))
     names_only = renamed(world, lambda name: swap.get(name, name))
@@ -201,38 +204,37 @@ def test_two_things_that_swapped_their_names_are_not_the_same() -> None:
     assert diff(world, meaning).lost_facts == 1
 
 
-def test_a_name_that_another_thing_took_over_stands_for_that_thing() -> None:
-    # In b the map is called as the mug in a, and the fact is about the map.
+def test_a_reused_name_refers_to_its_new_owner() -> None:
+    # In b the map has the IRI that the fact mentions, so the fact is about the map.
     world = replace(KITCHEN, facts=(fact(IriRef(Iri("urn:other"))),))
     other = replace(KITCHEN, iri=Iri("urn:other"), facts=(fact(IriRef(Iri("urn:other"))),))
     assert diff(world, other).lost_facts == 1
 
 
-def made_on_the_fly(prefix: str) -> World:
-    """The kitchenette as if its ids had been made up by whoever read it."""
+def with_generated_ids(prefix: str) -> World:
+    """Returns the kitchenette with ids that a reader generated, and blank nodes."""
     ids = {
-        thing.id: BodyId(f"{prefix}{place}")
-        for place, thing in enumerate((*KITCHEN.bodies[::-1], *KITCHEN.joints[::-1]))
+        part.id: BodyId(f"{prefix}{index}") for index, part in enumerate((*KITCHEN.bodies[::-1], *KITCHEN.joints[::-1]))
     }
 
-    def thing(old: Any, **more: Any) -> Any:
+    def part(old: Any, **more: Any) -> Any:
         return replace(old, id=ids[old.id], iri=Iri(f"_:{ids[old.id]}"), **more)
 
     return replace(
         KITCHEN,
-        bodies=tuple(thing(body) for body in KITCHEN.bodies),
-        joints=tuple(thing(c, parent=ids[c.parent], child=ids[c.child]) for c in KITCHEN.joints),
+        bodies=tuple(part(body) for body in KITCHEN.bodies),
+        joints=tuple(part(c, parent=ids[c.parent], child=ids[c.child]) for c in KITCHEN.joints),
         attachments=tuple(Attachment(parent=ids[a.parent], child=ids[a.child]) for a in KITCHEN.attachments),
         facts=(fact(IriRef(Iri(f"_:{ids[BodyId('Mug')]}"))),),
     )
 
 
-def test_ids_made_on_the_fly_may_differ() -> None:
-    assert diff(made_on_the_fly("a"), made_on_the_fly("b")) == WorldDiff()
+def test_generated_ids_may_differ() -> None:
+    assert diff(with_generated_ids("a"), with_generated_ids("b")) == WorldDiff()
 
 
-def test_what_ids_made_on_the_fly_connect_may_not_differ() -> None:
-    a, b = made_on_the_fly("a"), made_on_the_fly("b")
+def test_the_bodies_of_joints_with_generated_ids_are_compared() -> None:
+    a, b = with_generated_ids("a"), with_generated_ids("b")
     handle, other = b.attachments
     found = diff(a, replace(b, attachments=(replace(handle, parent=other.parent), other)))
     assert [change.field for change in found.changed] == ["attachment.parent"]
@@ -243,10 +245,10 @@ def test_what_ids_made_on_the_fly_connect_may_not_differ() -> None:
     assert found.lost_facts == 1
 
 
-def test_a_name_that_became_a_label_is_lost() -> None:
-    nameless = replace(
+def test_a_resource_that_became_a_blank_node_is_lost() -> None:
+    anonymous = replace(
         KITCHEN,
         bodies=tuple(replace(b, iri=Iri("_:b")) if b.id == "Mug" else b for b in KITCHEN.bodies),
     )
-    for found in (diff(KITCHEN, nameless), diff(nameless, KITCHEN)):
+    for found in (diff(KITCHEN, anonymous), diff(anonymous, KITCHEN)):
         assert [(change.id, change.field) for change in found.changed] == [("Mug", "iri")]

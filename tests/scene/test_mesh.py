@@ -1,4 +1,4 @@
-"""The meshes of markers and of what is known by its size alone."""
+"""Meshes of primitives."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ sizes = st.tuples(lengths, lengths, lengths)
 
 
 def volume(mesh: TriangleMesh) -> float:
-    """Of a mesh whose triangles look outwards; negative, if they look inwards."""
+    """Returns the volume of a closed mesh; negative if its faces point inwards."""
     a, b, c = np.moveaxis(mesh.points.astype(float)[mesh.faces], 1, 0)
     return float(np.einsum("ij,ij->i", a, np.cross(b, c)).sum() / 6)
 
@@ -25,7 +25,7 @@ def extents(mesh: TriangleMesh) -> np.ndarray:
 
 
 def is_closed(mesh: TriangleMesh) -> bool:
-    """Whether each edge between two places is run along as often forth as back."""
+    """Returns whether each edge is used equally often in both directions."""
     places = np.unique(mesh.points.round(5), axis=0, return_inverse=True)[1].reshape(-1)
     face = places[mesh.faces]
     face = face[(face[:, 0] != face[:, 1]) & (face[:, 1] != face[:, 2]) & (face[:, 2] != face[:, 0])]
@@ -38,7 +38,7 @@ def is_closed(mesh: TriangleMesh) -> bool:
 
 
 @given(size=sizes)
-def test_a_box_is_closed_looks_outwards_and_fills_its_size(size: Vector) -> None:
+def test_a_box_is_closed_faces_outwards_and_fills_its_size(size: Vector) -> None:
     mesh = box(size)
     assert is_closed(mesh)
     assert np.allclose(extents(mesh), size, atol=1e-5)
@@ -54,14 +54,14 @@ def test_a_cylinder_fills_its_size(size: Vector) -> None:
 
 
 @given(size=sizes)
-def test_a_ball_fills_its_size(size: Vector) -> None:
+def test_a_sphere_fills_its_size(size: Vector) -> None:
     mesh = sphere(size)
     assert is_closed(mesh)
     assert np.allclose(extents(mesh), size, rtol=0.02, atol=1e-5)
     assert 0.95 * np.pi / 6 * np.prod(size) < volume(mesh) <= np.pi / 6 * np.prod(size)
 
 
-def test_an_arrow_starts_at_its_place_and_a_cone_has_its_tip_at_the_top() -> None:
+def test_an_arrow_starts_at_the_origin_and_a_cone_has_its_apex_at_the_top() -> None:
     vertices = arrow((2.0, 0.2, 0.1)).points
     assert vertices.min(axis=0) == pytest.approx([0.0, -0.1, -0.05])
     assert vertices.max(axis=0) == pytest.approx([2.0, 0.1, 0.05])
@@ -87,7 +87,7 @@ def test_every_primitive_is_closed_and_has_unit_normals(size: Vector) -> None:
         assert np.allclose(np.linalg.norm(mesh.normals, axis=1), 1.0)
 
 
-def test_faces_look_where_their_normals_do() -> None:
+def test_faces_and_vertex_normals_agree() -> None:
     size = (0.3, 0.2, 0.5)
     for mesh in (box(size), cylinder(size), sphere(size), arrow((1.0, 0.1, 0.1)), cone((0.1, 0.1, 0.3))):
         assert mesh.normals is not None
@@ -104,7 +104,7 @@ def test_a_box_has_twelve_edges() -> None:
 
 
 @given(size=st.tuples(*[st.sampled_from([0.0, 1e-9, 1e-3, 200.0])] * 3))
-def test_no_size_breaks_a_mesh(size: Vector) -> None:
+def test_meshes_of_any_size_are_finite(size: Vector) -> None:
     for mesh in (box(size), cylinder(size), sphere(size), arrow(size), cone(size)):
         assert np.isfinite(mesh.points).all()
         assert mesh.faces.max() < len(mesh.points)

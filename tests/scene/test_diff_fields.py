@@ -1,4 +1,4 @@
-"""Every field of every value is compared: each is changed once, and the judge must name it."""
+"""Every field of every part of a world is compared: each is changed once and must be reported."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ from mindstage.scene import (
 )
 from mindstage.scene.diff import BODY_FIELDS, JOINT_FIELDS, LIGHT_FIELDS, MEASURED_KINDS, WORLD_FIELDS, ChangeKind
 
-SAID: Mapping[str, Any] = {
+STATEMENTS: Mapping[str, Any] = {
     "tags": (Tag(type="SemLog", key="Id", value="x"),),
     "facts": (PropertyAssertion(Iri("urn:p"), Literal("1")),),
 }
@@ -55,11 +55,11 @@ BODY = Body(
     shape=PrimitiveShape(type=PrimitiveType.CYLINDER),
     physics=BodyPhysics(mobility=Mobility.DYNAMIC, gravity=True, overlap_events=False, mass_kg=2.0),
     materials=(Material(name="Clay"),),
-    **SAID,
+    **STATEMENTS,
 )
-CONSTRAINT = Joint(
-    id=BodyId("constraint"),
-    iri=Iri("urn:constraint"),
+JOINT = Joint(
+    id=BodyId("joint"),
+    iri=Iri("urn:joint"),
     parent=BodyId("body"),
     child=BodyId("other"),
     pose=POSE,
@@ -68,30 +68,32 @@ CONSTRAINT = Joint(
         swing1_limit=0.1, swing2_limit=0.2, twist_limit=0.3, swing_soft_limit=SOFT, twist_soft_limit=SOFT
     ),
     disable_collision=True,
-    **SAID,
+    **STATEMENTS,
 )
-LIGHT = Light(id=BodyId("light"), iri=Iri("urn:light"), type=LightType.SPOT, pose=POSE, color=(0.5, 0.5, 0.5), **SAID)
+LIGHT = Light(
+    id=BodyId("light"), iri=Iri("urn:light"), type=LightType.SPOT, pose=POSE, color=(0.5, 0.5, 0.5), **STATEMENTS
+)
 WORLD = World(
     iri=Iri("urn:map"),
     name="a map",
     bodies=(BODY,),
-    joints=(CONSTRAINT,),
+    joints=(JOINT,),
     attachments=(Attachment(parent=BodyId("other"), child=BodyId("body")),),
     lights=(LIGHT,),
-    facts=SAID["facts"],
-    resources=(NamedResource(Iri("urn:resource"), SAID["facts"]),),
+    facts=STATEMENTS["facts"],
+    resources=(NamedResource(Iri("urn:resource"), STATEMENTS["facts"]),),
 )
 
-THINGS = (
+PARTS = (
     ("bodies", BODY, BODY_FIELDS),
-    ("constraints", CONSTRAINT, JOINT_FIELDS),
+    ("joints", JOINT, JOINT_FIELDS),
     ("lights", LIGHT, LIGHT_FIELDS),
 )
 OPTIONAL = {
     *("label", "size", "mesh", "shape", "disable_collision"),
     *("physics.mobility", "physics.gravity", "physics.overlap_events", "physics.mass_kg"),
 }
-NOT_IN_A_COLUMN = {"id", "tags", "facts", "materials", "bodies", "constraints", "attachments", "lights", "resources"}
+NOT_IN_A_COLUMN = {"id", "tags", "facts", "materials", "bodies", "joints", "attachments", "lights", "resources"}
 
 
 def leaves(value: msgspec.Struct, prefix: str = "") -> Iterator[str]:
@@ -124,35 +126,33 @@ def other_than(value: Any) -> Any:
     raise AssertionError(f"nothing else than {value!r}")
 
 
-def with_field(thing: msgspec.Struct, field: str, value: Any) -> Any:
+def with_field(part: msgspec.Struct, field: str, value: Any) -> Any:
     head, _, tail = field.partition(".")
-    return replace(thing, **{head: with_field(getattr(thing, head), tail, value) if tail else value})
+    return replace(part, **{head: with_field(getattr(part, head), tail, value) if tail else value})
 
 
-def in_world(place: str, thing: Any) -> World:
-    return replace(WORLD, **{place: (thing,)})
+def in_world(collection: str, part: Any) -> World:
+    return replace(WORLD, **{collection: (part,)})
 
 
-@pytest.mark.parametrize(
-    ("value", "fields"), [(WORLD, WORLD_FIELDS), *((thing, fields) for _, thing, fields in THINGS)]
-)
-def test_no_field_is_forgotten(value: msgspec.Struct, fields: Mapping[str, ChangeKind]) -> None:
+@pytest.mark.parametrize(("value", "fields"), [(WORLD, WORLD_FIELDS), *((part, fields) for _, part, fields in PARTS)])
+def test_every_field_is_compared(value: msgspec.Struct, fields: Mapping[str, ChangeKind]) -> None:
     assert set(leaves(value)) - NOT_IN_A_COLUMN == set(fields)
 
 
 @pytest.mark.parametrize(
-    ("place", "thing", "field", "kind"),
+    ("collection", "part", "field", "kind"),
     [
-        pytest.param(place, thing, field, kind, id=f"{thing.id}: {field}")
-        for place, thing, fields in THINGS
+        pytest.param(collection, part, field, kind, id=f"{part.id}: {field}")
+        for collection, part, fields in PARTS
         for field, kind in fields.items()
     ],
 )
-def test_a_changed_field_is_named_and_measured(place: str, thing: Any, field: str, kind: ChangeKind) -> None:
-    before = _get(thing, field)
+def test_a_changed_field_is_named_and_measured(collection: str, part: Any, field: str, kind: ChangeKind) -> None:
+    before = _get(part, field)
     after = other_than(before)
-    (change,) = diff(WORLD, in_world(place, with_field(thing, field, after))).changed
-    assert (change.id, change.field, change.kind, change.a, change.b) == (thing.id, field, kind, before, after)
+    (change,) = diff(WORLD, in_world(collection, with_field(part, field, after))).changed
+    assert (change.id, change.field, change.kind, change.a, change.b) == (part.id, field, kind, before, after)
     expected = None if kind not in MEASURED_KINDS else math.pi / 1.5 if kind is ChangeKind.ROTATION else 0.25
     assert change.error == (expected if expected is None else pytest.approx(expected))
 
@@ -165,48 +165,48 @@ def test_a_field_against_none_is_a_change_without_a_number(field: str) -> None:
     assert diff(without, without).identical()
 
 
-def test_a_collision_that_is_not_told_is_a_change() -> None:
-    without = in_world("constraints", replace(CONSTRAINT, disable_collision=None))
+def test_an_unstated_collision_flag_is_a_change() -> None:
+    without = in_world("joints", replace(JOINT, disable_collision=None))
     assert [change.field for change in diff(WORLD, without).changed] == ["disable_collision"]
 
 
 @pytest.mark.parametrize("field", WORLD_FIELDS)
-def test_the_world_itself_is_compared(field: str) -> None:
+def test_fields_of_the_world_are_compared(field: str) -> None:
     changed = replace(WORLD, **{field: other_than(getattr(WORLD, field))})
     assert [(change.id, change.field) for change in diff(WORLD, changed).changed] == [("urn:map", field)]
 
 
-@pytest.mark.parametrize(("place", "thing"), [(place, thing) for place, thing, _ in THINGS], ids=str)
-@pytest.mark.parametrize("said", SAID)
-def test_what_is_said_of_each_thing_is_compared(place: str, thing: Any, said: str) -> None:
-    found = diff(WORLD, in_world(place, replace(thing, **{said: ()})))
-    assert [(change.id, change.field, change.kind) for change in found.changed] == [(thing.id, said, said)]
-    assert found.changed[0].a == SAID[said]
+@pytest.mark.parametrize(("collection", "part"), [(collection, part) for collection, part, _ in PARTS], ids=str)
+@pytest.mark.parametrize("field", STATEMENTS)
+def test_facts_and_tags_of_each_object_are_compared(collection: str, part: Any, field: str) -> None:
+    found = diff(WORLD, in_world(collection, replace(part, **{field: ()})))
+    assert [(change.id, change.field, change.kind) for change in found.changed] == [(part.id, field, field)]
+    assert found.changed[0].a == STATEMENTS[field]
     assert found.lost_facts == 1
-    assert found.lost[0].id == thing.id
-    assert found.lost[0].assertion == SAID[said][0]
+    assert found.lost[0].id == part.id
+    assert found.lost[0].assertion == STATEMENTS[field][0]
 
 
-def test_what_is_said_of_the_world_is_compared() -> None:
+def test_facts_of_the_world_are_compared() -> None:
     found = diff(WORLD, replace(WORLD, facts=()))
     assert [(change.id, change.field) for change in found.changed] == [("urn:map", "facts")]
     assert found.lost_facts == 1
 
 
-def test_what_is_said_of_a_resource_is_compared() -> None:
-    silent = replace(WORLD, resources=(NamedResource(Iri("urn:resource")),))
-    found = diff(WORLD, silent)
+def test_facts_of_resources_are_compared() -> None:
+    without_facts = replace(WORLD, resources=(NamedResource(Iri("urn:resource")),))
+    found = diff(WORLD, without_facts)
     assert [(change.id, change.field) for change in found.changed] == [("urn:resource", "facts")]
     assert found.lost_facts == 1
-    gone = replace(WORLD, resources=())
-    found = diff(WORLD, gone)
+    without_resource = replace(WORLD, resources=())
+    found = diff(WORLD, without_resource)
     assert [(change.id, change.field, change.b) for change in found.changed] == [("urn:resource", "resource", None)]
     assert found.lost_facts == 1
-    assert [change.field for change in diff(silent, gone).changed] == ["resource"]
-    assert diff(gone, WORLD).gained_facts == 1
+    assert [change.field for change in diff(without_facts, without_resource).changed] == ["resource"]
+    assert diff(without_resource, WORLD).gained_facts == 1
 
 
-def _get(thing: Any, field: str) -> Any:
+def _get(part: Any, field: str) -> Any:
     for name in field.split("."):
-        thing = getattr(thing, name)
-    return thing
+        part = getattr(part, name)
+    return part

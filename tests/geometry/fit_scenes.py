@@ -1,4 +1,4 @@
-"""Small places to fit forms to, and what can be seen of a form."""
+"""Small scenes for fitting geometry, and measurements of geometry."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ from tests.kitchenette import KNOWROB
 MY = "http://example.org/my#"
 UPRIGHT: Quaternion = (1.0, 0.0, 0.0, 0.0)
 QUARTERS = tuple((cos(quarter * pi / 4), 0.0, 0.0, sin(quarter * pi / 4)) for quarter in range(4))
-"""Turned about the upright by 0, 90, 180 and 270 degrees."""
+"""Rotated about z by 0, 90, 180 and 270 degrees."""
 
 
 def make_body(
@@ -59,52 +59,52 @@ def slide_joint(parent: str, child: str, *, middle: float = 0.0, turn: Quaternio
     )
 
 
-def world(bodies: Iterable[Body], constraints: Sequence[Joint] = (), attached: Sequence[tuple[str, str]] = ()) -> World:
+def world(bodies: Iterable[Body], joints: Sequence[Joint] = (), attached: Sequence[tuple[str, str]] = ()) -> World:
     attachments = tuple(Attachment(parent=BodyId(parent), child=BodyId(child)) for parent, child in attached)
-    return World(iri=Iri(MY + "map"), bodies=tuple(bodies), joints=tuple(constraints), attachments=attachments)
+    return World(iri=Iri(MY + "map"), bodies=tuple(bodies), joints=tuple(joints), attachments=attachments)
 
 
 def fit(knowledge: KnowledgeBase, *bodies: Body) -> FittedGeometry:
     return fit_geometry(world(bodies), knowledge)
 
 
-# -- what can be seen of a form ----------------------------------------------------------------------------------------
+# -- measurements ------------------------------------------------------------------------------------------------------
 
 
-def box_of(solid: CollisionShape) -> tuple[Array, Array]:
-    """The lower and upper corner of a solid, in the body's frame."""
-    pose = normalized_pose_array(solid.pose)
-    if solid.points:
-        points = quat_rotate(pose[3:], np.array(solid.points)) + pose[:3]
+def box_of(shape: CollisionShape) -> tuple[Array, Array]:
+    """Returns the bounds of a collision shape in the body frame."""
+    pose = normalized_pose_array(shape.pose)
+    if shape.points:
+        points = quat_rotate(pose[3:], np.array(shape.points)) + pose[:3]
         return points.min(axis=0), points.max(axis=0)
-    reach = np.abs(rotation_matrix(pose[3:])) @ np.array(solid.size) / 2
+    reach = np.abs(rotation_matrix(pose[3:])) @ np.array(shape.size) / 2
     return pose[:3] - reach, pose[:3] + reach
 
 
-def has_clearance(form: BodyGeometry, point: Vector, clearance: float = 0.0) -> bool:
-    """Whether no solid's box comes nearer to a point than that, along each axis."""
-    boxes = [box_of(solid) for solid in form.collision_shapes]
+def has_clearance(geometry: BodyGeometry, point: Vector, clearance: float = 0.0) -> bool:
+    """Returns whether the bounds of all collision shapes keep a distance from a point, along some axis."""
+    boxes = [box_of(shape) for shape in geometry.collision_shapes]
     return not any(
         np.all(low - clearance < point) and np.all(np.array(point) < high + clearance) for low, high in boxes
     )
 
 
-def open_sides(form: BodyGeometry, size: Vector) -> set[BodySide]:
-    """The sides of a body through whose middle one can reach into it."""
-    reached = set()
+def open_sides(geometry: BodyGeometry, size: Vector) -> set[BodySide]:
+    """Returns the sides of a body that are open at their center."""
+    open_sides = set()
     for side in BodySide:
         point = [0.0, 0.0, 0.0]
         point[side.axis] = side.sign * (size[side.axis] / 2 - 0.0002)
-        if has_clearance(form, (point[0], point[1], point[2])):
-            reached.add(side)
-    return reached
+        if has_clearance(geometry, (point[0], point[1], point[2])):
+            open_sides.add(side)
+    return open_sides
 
 
-def panel_side(form: BodyGeometry, size: Vector) -> BodySide:
-    """The side of a drawer that its front closes: the only one with a solid that covers all of it."""
+def panel_side(geometry: BodyGeometry, size: Vector) -> BodySide:
+    """Returns the side of a drawer with the front panel: the only one that a shape covers completely."""
     covering = []
     for side in (BodySide.FRONT, BodySide.BACK, BodySide.LEFT, BodySide.RIGHT):
-        for low, high in map(box_of, form.collision_shapes):
+        for low, high in map(box_of, geometry.collision_shapes):
             across = [axis for axis in range(3) if axis != side.axis]
             covers = np.allclose((high - low)[across], np.array(size)[across])
             outer = (high if side.sign > 0 else -low)[side.axis]

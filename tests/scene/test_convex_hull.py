@@ -1,4 +1,4 @@
-"""Hulls: closed, convex, round all points, and as heavy as they are."""
+"""Convex hulls: closed, convex, containing all points, with analytic volumes and moments."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ CUBE = np.array([(x, y, z) for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-
 
 
 @given(clouds)
-def test_a_hull_is_closed_and_holds_all_its_points(cloud: list[tuple[float, float, float]]) -> None:
+def test_a_hull_is_closed_and_contains_all_points(cloud: list[tuple[float, float, float]]) -> None:
     points = np.array(cloud)
     hull = convex_hull(points)
     if hull is None:
@@ -38,7 +38,7 @@ def test_a_hull_is_closed_and_holds_all_its_points(cloud: list[tuple[float, floa
 @given(
     st.tuples(*[st.floats(0.1, 3.0)] * 3), st.tuples(*[st.floats(0.1, 1.0)] * 4), st.tuples(numbers, numbers, numbers)
 )
-def test_a_hull_of_a_boxs_corners_weighs_what_the_box_does(
+def test_the_hull_of_box_corners_has_the_moments_of_the_box(
     size: tuple[float, ...], turn: tuple[float, ...], center: tuple[float, ...]
 ) -> None:
     turned = rotation_matrix(normalize(turn))
@@ -51,7 +51,7 @@ def test_a_hull_of_a_boxs_corners_weighs_what_the_box_does(
     np.testing.assert_allclose(second, expected, atol=1e-9 * max(1.0, volume))
 
 
-def test_a_tetrahedron_has_its_middle_at_the_mean_of_its_corners() -> None:
+def test_the_centroid_of_a_tetrahedron_is_the_mean_of_its_vertices() -> None:
     corners = np.array([(0.0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)])
     hull = convex_hull(corners)
     assert hull is not None
@@ -75,7 +75,7 @@ def cylinder(radius: float, height: float, around: int) -> np.ndarray:
 def test_a_tilted_cylinder_in_single_precision_has_its_analytic_volume(
     turn: tuple[float, ...], center: tuple[float, ...], around: int
 ) -> None:
-    """Faces of many points, coplanar but for rounding, as STL files have them."""
+    """Returns a cylinder with caps of many points that are coplanar except for rounding, as in STL files."""
     radius, height = 0.03, 0.2
     tilted = cylinder(radius, height, around) @ rotation_matrix(normalize(turn)).T + center
     hull = convex_hull(tilted.astype(np.float32).astype(np.float64))
@@ -96,7 +96,7 @@ def test_the_volume_grows_with_the_points_and_with_the_scale(turn: tuple[float, 
     assert large.moments()[0] == pytest.approx(1e9 * many.moments()[0])
 
 
-def test_points_inside_are_no_corners() -> None:
+def test_interior_points_are_not_vertices() -> None:
     hull = convex_hull(np.concatenate([CUBE * 0.5, CUBE, np.zeros((1, 3))]))
     assert hull is not None
     np.testing.assert_array_equal(hull.points, CUBE)
@@ -108,7 +108,7 @@ def tilted_plate(thickness: float) -> np.ndarray:
     return turned.astype(np.float32).astype(np.float64)
 
 
-def test_a_tilted_plate_of_a_millimeter_is_a_body() -> None:
+def test_a_tilted_plate_of_one_millimeter_has_a_hull() -> None:
     hull = convex_hull(tilted_plate(0.001))
     assert hull is not None
     assert hull.moments()[0] == pytest.approx(0.0005, rel=1e-2)
@@ -119,5 +119,5 @@ def test_a_tilted_plate_of_a_millimeter_is_a_body() -> None:
     [np.zeros((0, 3)), np.zeros((9, 3)), CUBE[:3], CUBE * (1, 1, 0), CUBE * (1, 0, 0), tilted_plate(0.0),
      np.outer(np.arange(9), (1.0, 2.0, 3.0)), CUBE * (1, 1, np.nan), CUBE * (1, 1, np.inf)],
 )  # fmt: skip
-def test_what_is_flat_has_no_hull(flat: np.ndarray) -> None:
+def test_coplanar_points_have_no_hull(flat: np.ndarray) -> None:
     assert convex_hull(flat) is None

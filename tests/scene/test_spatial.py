@@ -1,4 +1,4 @@
-"""Where things are relative to one another: each rule at its limits, and what all of them keep."""
+"""Spatial relations: each rule at its threshold, and invariants of all of them."""
 
 from __future__ import annotations
 
@@ -18,13 +18,14 @@ from mindstage.scene.transforms import normalized_pose_array, pose_from_array, p
 ON, INSIDE, ABOVE, BELOW, NEXT_TO = SpatialRelation
 
 
-def told(scene: World, **only: object) -> set[tuple[str, SpatialRelation, str]]:
+def relation_keys(scene: World, **only: object) -> set[tuple[str, SpatialRelation, str]]:
     return {(each.body.id, each.relation, each.other.id) for each in SpatialRelations(scene).related(**only)}  # type: ignore[arg-type]
 
 
 def between(a: Body, b: Body, *more: object) -> set[SpatialRelation]:
-    """How the first stands to the second."""
-    return {how for thing, how, other in told(world(a, b, *more)) if (thing, other) == (a.id, b.id)}  # type: ignore[arg-type]
+    """Returns the relations of the first body to the second."""
+    keys = relation_keys(world(a, b, *more))  # type: ignore[arg-type]
+    return {relation for body_id, relation, other in keys if (body_id, other) == (a.id, b.id)}
 
 
 TABLE = body("table", (0, 0, 0.5), (1, 1, 1))
@@ -35,7 +36,7 @@ def cup(x: float, y: float, z: float, size: Vector = (0.1, 0.1, 0.1), **more: ob
 
 
 @pytest.mark.parametrize(
-    ("thing", "expected"),
+    ("item", "expected"),
     [
         (cup(0, 0, 1.05), {ON}),
         (cup(0, 0, 1.0549), {ON}),
@@ -61,12 +62,12 @@ def cup(x: float, y: float, z: float, size: Vector = (0.1, 0.1, 0.1), **more: ob
         (cup(0.5401, 0, 0.5), {NEXT_TO}),
     ],
 )
-def test_each_relation_holds_up_to_its_limit_and_no_farther(thing: Body, expected: set[SpatialRelation]) -> None:
-    assert between(thing, TABLE) == expected
-    assert between(TABLE, thing) == {BELOW for each in expected if each in {ON, ABOVE}} | (expected & {NEXT_TO})
+def test_each_relation_holds_up_to_its_threshold(item: Body, expected: set[SpatialRelation]) -> None:
+    assert between(item, TABLE) == expected
+    assert between(TABLE, item) == {BELOW for each in expected if each in {ON, ABOVE}} | (expected & {NEXT_TO})
 
 
-def test_the_numbers_are_gaps_in_meters_and_shares() -> None:
+def test_relations_report_gap_and_overlap() -> None:
     scene = world(
         TABLE, cup(0.45, 0, 1.052), body("in", (0.4, 0, 0.3), (0.2, 0.1, 0.1)), body("by", (0, 0.7, 0.9), (1, 0.2, 0.4))
     )
@@ -81,7 +82,7 @@ def test_the_numbers_are_gaps_in_meters_and_shares() -> None:
     assert [(each.relation, each.gap, each.overlap) for each in half_over] == [(ABOVE, 0.1, 0.25)]
 
 
-def test_a_turned_box_is_measured_along_its_own_axes() -> None:
+def test_rotated_boxes_are_measured_along_their_own_axes() -> None:
     eighth = (cos(np.pi / 8), 0.0, 0.0, sin(np.pi / 8))
     stick = body("stick", (0, 0, 1.01), (2.0, 0.02, 0.02), quaternion=eighth)
     # The stick runs from corner to corner: the upright box around it meets the cup, the stick does not.
@@ -100,98 +101,98 @@ HINGE = revolute_joint("hinge", "fridge", "door", (0.32, 0.3, 1))
 GRIP = body("grip", (0.36, 0.2, 1), (0.04, 0.04, 0.3), "kinematic")
 
 
-def test_what_is_inside_is_beside_nothing_outside() -> None:
+def test_bodies_inside_are_not_next_to_bodies_outside() -> None:
     milk, jar = body("milk", (0, 0.2, 1), (0.1, 0.1, 0.2)), body("jar", (0, 0, 1), (0.1, 0.1, 0.2))
     outside = body("outside", (0, 0.4, 1), (0.1, 0.1, 0.2))
-    found = told(world(FRIDGE, milk, jar, outside))
+    found = relation_keys(world(FRIDGE, milk, jar, outside))
     assert {("milk", INSIDE, "fridge"), ("milk", NEXT_TO, "jar"), ("outside", NEXT_TO, "fridge")} <= found
     assert not {("milk", NEXT_TO, "outside"), ("milk", NEXT_TO, "fridge"), ("outside", INSIDE, "fridge")} & found
 
 
-def test_what_is_in_a_box_in_a_fridge_is_in_both() -> None:
+def test_containment_is_transitive() -> None:
     box, egg = body("box", (0, 0, 1), (0.3, 0.3, 0.2)), body("egg", (0, 0, 1), (0.05, 0.05, 0.06))
     beside = body("beside", (0.05, 0.2, 1), (0.05, 0.05, 0.2))
-    found = told(world(FRIDGE, box, egg, beside))
+    found = relation_keys(world(FRIDGE, box, egg, beside))
     assert {("egg", INSIDE, "box"), ("egg", INSIDE, "fridge"), ("box", NEXT_TO, "beside")} <= found
     assert ("egg", NEXT_TO, "beside") not in found
 
 
-def test_a_door_is_not_beside_what_it_closes_nor_its_handle_beside_it() -> None:
+def test_a_door_is_next_to_neither_its_cabinet_nor_its_handle() -> None:
     scene = world(FRIDGE, DOOR, GRIP, HINGE, attachment("door", "grip"))
-    assert told(scene, relations=[NEXT_TO]) == set()
-    assert told(world(FRIDGE, DOOR, GRIP), relations=[NEXT_TO], things=["door"]) == {
+    assert relation_keys(scene, relations=[NEXT_TO]) == set()
+    assert relation_keys(world(FRIDGE, DOOR, GRIP), relations=[NEXT_TO], subjects=["door"]) == {
         ("door", NEXT_TO, "fridge"),
         ("door", NEXT_TO, "grip"),
     }
 
 
-def test_what_hangs_in_a_constraint_rests_on_nothing_and_carries_only_what_is_loose() -> None:
+def test_jointed_bodies_are_on_nothing_and_support_only_dynamic_ones() -> None:
     floor, counter = body("floor", (0, 0, -0.05), (9, 9, 0.1)), body("counter", (0.3, 0, 2.02), (0.8, 0.8, 0.04))
     scene = world(floor, FRIDGE, DOOR, HINGE, counter, body("cup", (0.32, 0, 2.09), (0.02, 0.1, 0.1), "dynamic"))
-    found = told(scene, relations=[ON])
+    found = relation_keys(scene, relations=[ON])
     assert found == {("fridge", ON, "floor"), ("counter", ON, "fridge"), ("cup", ON, "counter")}
     without = replace(scene, bodies=tuple(each for each in scene.bodies if each.id != "counter"))
     lower = replace(without.body("cup"), pose=Pose((0.32, 0.0, 2.05)))
     on_door = replace(without, bodies=(*(each for each in without.bodies if each.id != "cup"), lower))
-    assert ("cup", ON, "door") in told(on_door)
+    assert ("cup", ON, "door") in relation_keys(on_door)
 
 
-def test_roles_may_stand_upside_down() -> None:
+def test_parent_and_child_of_a_joint_may_be_swapped() -> None:
     upside_down = prismatic_joint("slide", "drawer", "cabinet", (0, 0, 0.2))
     cabinet, drawer = (
         body("cabinet", (0, 0, 0.5), (0.6, 0.6, 1)),
         body("drawer", (0.7, 0, 0.2), (0.5, 0.5, 0.2), "dynamic"),
     )
     low = body("low", (0.7, 0, 0.05), (0.5, 0.5, 0.1))
-    assert ("drawer", ON, "low") not in told(world(cabinet, drawer, low, upside_down))
-    assert ("drawer", ON, "low") in told(world(cabinet, drawer, low))
+    assert ("drawer", ON, "low") not in relation_keys(world(cabinet, drawer, low, upside_down))
+    assert ("drawer", ON, "low") in relation_keys(world(cabinet, drawer, low))
 
 
-# -- what takes no part ------------------------------------------------------------------------------------------------
+# -- excluded bodies ---------------------------------------------------------------------------------------------------
 
 
-def test_a_shell_is_where_everything_is_and_takes_no_part() -> None:
+def test_enclosing_bodies_take_part_in_no_relation() -> None:
     walls = body("walls", (0, 0, 1.5), (5, 5, 3))
     shelves = [body(f"shelf{n}", (n - 1.0, 0, 0.5), (0.3, 0.3, 1)) for n in range(3)]
     scene = world(walls, *shelves)
     assert SpatialRelations(scene).enclosing_bodies == ("walls",)
-    assert told(scene) == set()
-    assert told(scene, things=["walls"]) == set()
+    assert relation_keys(scene) == set()
+    assert relation_keys(scene, subjects=["walls"]) == set()
     two = replace(scene, bodies=scene.bodies[:-1])
-    assert ("shelf0", INSIDE, "walls") in told(two), "two pieces of furniture make no room"
+    assert ("shelf0", INSIDE, "walls") in relation_keys(two), "two pieces of furniture are too few"
 
 
-def test_what_has_no_size_takes_no_part() -> None:
-    assert told(world(TABLE, replace(cup(0, 0, 1.05), size=None))) == set()
-    assert told(world()) == set()
+def test_bodies_without_a_size_take_part_in_no_relation() -> None:
+    assert relation_keys(world(TABLE, replace(cup(0, 0, 1.05), size=None))) == set()
+    assert relation_keys(world()) == set()
 
 
-def test_flat_things_that_lie_in_one_plane_are_not_on_each_other() -> None:
+def test_coplanar_flat_bodies_are_not_on_each_other() -> None:
     sheets = [body(name, (0, 0, 1), (1, 1, 0)) for name in ("a", "b")]
-    assert told(world(*sheets), relations=[ON, ABOVE, BELOW]) == set()
+    assert relation_keys(world(*sheets), relations=[ON, ABOVE, BELOW]) == set()
 
 
-def test_only_what_was_asked_for_is_told() -> None:
+def test_only_requested_relations_are_returned() -> None:
     scene = world(TABLE, cup(0, 0, 1.05), body("jar", (0.2, 0, 1.05), (0.1, 0.1, 0.1)))
-    everything = told(scene)
-    for thing in ("table", "cup", "jar", "nobody"):
-        assert told(scene, things=[thing]) == {each for each in everything if each[0] == thing}
-        assert told(scene, others=[thing]) == {each for each in everything if each[2] == thing}
-    assert told(scene, relations=[BELOW]) == {each for each in everything if each[1] is BELOW}
+    all_relations = relation_keys(scene)
+    for body_id in ("table", "cup", "jar", "missing"):
+        assert relation_keys(scene, subjects=[body_id]) == {each for each in all_relations if each[0] == body_id}
+        assert relation_keys(scene, others=[body_id]) == {each for each in all_relations if each[2] == body_id}
+    assert relation_keys(scene, relations=[BELOW]) == {each for each in all_relations if each[1] is BELOW}
 
 
-# -- what always holds -------------------------------------------------------------------------------------------------
+# -- invariants --------------------------------------------------------------------------------------------------------
 
-# No sum of these is a limit of a rule, so that rounding cannot make the difference.
+# No sum of these equals a threshold, so rounding does not matter.
 lengths = st.integers(1, 120).map(lambda n: n * 0.0137)
 places = st.integers(-90, 90).map(lambda n: n * 0.0137)
 turns = st.integers(0, 23).map(lambda n: n * np.pi / 12)
 leans = st.sampled_from([0.0, 0.0, 0.0, 0.3, 1.0])
-things = st.tuples(places, places, places, turns, leans, lengths, lengths, lengths)
+placements = st.tuples(places, places, places, turns, leans, lengths, lengths, lengths)
 
 
 def _turned(turn: float, lean: float) -> Quaternion:
-    """Leaning about x, then turned about the vertical."""
+    """Returns a rotation about x, followed by one about the vertical."""
     lean_x, turn_z = (cos(lean / 2), sin(lean / 2), 0.0, 0.0), (cos(turn / 2), 0.0, 0.0, sin(turn / 2))
     w, x, y, z = quat_multiply(turn_z, lean_x).tolist()
     return w, x, y, z
@@ -199,7 +200,7 @@ def _turned(turn: float, lean: float) -> Quaternion:
 
 @st.composite
 def scenes(draw: st.DrawFn) -> World:
-    drawn = draw(st.lists(things, min_size=2, max_size=6))
+    drawn = draw(st.lists(placements, min_size=2, max_size=6))
     mobilities = st.sampled_from(["static", "dynamic"])
     return world(
         *(
@@ -210,12 +211,12 @@ def scenes(draw: st.DrawFn) -> World:
 
 
 @given(scenes())
-def test_nothing_stands_to_itself_and_opposites_come_in_pairs(scene: World) -> None:
-    found = told(scene)
-    for thing, how, other in found:
-        assert thing != other
-        back = {each for one, each, two in found if (one, two) == (other, thing)}
-        match how:
+def test_relations_are_irreflexive_and_inverses_come_in_pairs(scene: World) -> None:
+    found = relation_keys(scene)
+    for body_id, relation, other in found:
+        assert body_id != other
+        back = {each for one, each, two in found if (one, two) == (other, body_id)}
+        match relation:
             case SpatialRelation.ON | SpatialRelation.ABOVE:
                 assert back == {BELOW}
             case SpatialRelation.BELOW:
@@ -227,7 +228,7 @@ def test_nothing_stands_to_itself_and_opposites_come_in_pairs(scene: World) -> N
 
 
 @given(scenes(), st.tuples(*(st.integers(-500, 500).map(lambda n: n * 0.1) for _ in range(3))), turns)
-def test_a_place_that_is_moved_and_turned_as_a_whole_stays_the_same(scene: World, by: Vector, turn: float) -> None:
+def test_relations_are_invariant_under_a_rigid_motion_of_the_scene(scene: World, by: Vector, turn: float) -> None:
     pose = normalized_pose_array(Pose(by, (cos(turn / 2), 0.0, 0.0, sin(turn / 2))))
     moved = tuple(
         replace(each, pose=pose_from_array(pose_multiply(pose, normalized_pose_array(each.pose))))
@@ -244,11 +245,11 @@ def test_a_place_that_is_moved_and_turned_as_a_whole_stays_the_same(scene: World
 
 
 @given(scenes())
-def test_the_order_of_the_bodies_means_nothing(scene: World) -> None:
-    assert told(replace(scene, bodies=scene.bodies[::-1])) == told(scene)
+def test_the_order_of_bodies_does_not_affect_relations(scene: World) -> None:
+    assert relation_keys(replace(scene, bodies=scene.bodies[::-1])) == relation_keys(scene)
 
 
-def test_a_thousand_things_are_as_many_answers_as_their_parts() -> None:
+def test_relations_of_a_large_scene_are_those_of_its_parts() -> None:
     tables = [
         part
         for n in range(500)
@@ -257,6 +258,6 @@ def test_a_thousand_things_are_as_many_answers_as_their_parts() -> None:
             body(f"cup{n}", (n % 25 * 3.0, n // 25 * 3.0, 1.05), (0.1, 0.1, 0.1)),
         )
     ]
-    found = told(world(*tables))
+    found = relation_keys(world(*tables))
     assert len(found) == 1000
-    assert all(thing.strip("tablecup") == other.strip("tablecup") for thing, _, other in found)
+    assert all(body_id.strip("tablecup") == other.strip("tablecup") for body_id, _, other in found)

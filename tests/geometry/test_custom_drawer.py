@@ -1,13 +1,14 @@
-"""Ten lines of Turtle teach a new class to be a drawer, and it works as one: a mug in it rides along."""
+"""Ten lines of Turtle define a class with the shape of a drawer, which works in simulation with a mug in it."""
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from mindstage.engines import MujocoEngine, SpawnNoteKind
+from mindstage.engines import Engine, MujocoEngine, SpawnNoteKind
 from mindstage.knowledge import KnowledgeBase
 from mindstage.scene import (
     AxisMotion,
@@ -44,16 +45,16 @@ def body(id: str, cls: str, at: Vector, size: Vector, mobility: Mobility, mass: 
     return Body(id=BodyId(id), iri=Iri(MY + id), cls=Iri(cls), pose=Pose(at), size=size, physics=physics)
 
 
-def place() -> World:
-    """A cupboard with one pullout, which opens along x, and a mug that stands in it."""
-    way = LinearLimits(x=AxisMotion.LIMITED, limit=0.2, x_middle=0.2)
+def scene() -> World:
+    """A cupboard with one pullout, which opens along x and contains a mug."""
+    limits = LinearLimits(x=AxisMotion.LIMITED, limit=0.2, x_middle=0.2)
     slide = Joint(
         id=BodyId("slide"),
         iri=Iri(MY + "slide"),
         parent=BodyId("cupboard"),
         child=BodyId("pullout"),
         pose=Pose((0.04, 0, 0.4)),
-        linear=way,
+        linear=limits,
     )
     return World(
         iri=Iri(MY + "map"),
@@ -66,25 +67,29 @@ def place() -> World:
     )
 
 
-def test_ten_lines_of_turtle_give_a_drawer_that_works(knowledge: KnowledgeBase) -> None:
-    with Simulation(knowledge, MujocoEngine()) as stage:
-        report = stage.spawn(place())
-        assert stage.geometry[BodyId("pullout")].shape_name == "drawer"
-        assert stage.geometry[BodyId("pullout")].reason.startswith("Pullout is shaped as ms:DrawerForm")
+def test_ten_lines_of_turtle_define_a_working_drawer(knowledge: KnowledgeBase) -> None:
+    with Simulation(knowledge, MujocoEngine()) as simulation:
+        report = simulation.spawn(scene())
+        assert simulation.geometry[BodyId("pullout")].shape_name == "drawer"
+        assert simulation.geometry[BodyId("pullout")].reason.startswith("Pullout is shaped as ms:DrawerForm")
         assert [note for note in report.notes if note.kind is SpawnNoteKind.OVERLAP] == []
-        start = positions(stage)
+        start = positions(simulation)
         for force, reached in ((6.0, 0.4), (-6.0, 0.0)):
             for _ in range(80):
-                stage.run_on_engine(lambda engine, force=force: engine.push(BodyId("pullout"), (force, 0.0, 0.0)))  # type: ignore[misc]
-                stage.step(0.05)
-            moved = positions(stage) - start
+                simulation.run_on_engine(partial(push, force=force))
+                simulation.step(0.05)
+            moved = positions(simulation) - start
             assert moved[1, 0] == pytest.approx(reached, abs=0.01)
             assert np.all(np.abs(moved[2] - moved[1]) < (0.24, 0.27, 0.02)), "the mug is in the drawer, upright"
-        assert float(np.abs(positions(stage)[0] - start[0]).max()) == 0.0
+        assert float(np.abs(positions(simulation)[0] - start[0]).max()) == 0.0
 
 
-def positions(stage: Simulation) -> np.ndarray:
-    """Of cupboard, pullout and mug."""
-    frame = stage.state
-    rows = [frame.ids.index(BodyId(id)) for id in ("cupboard", "pullout", "mug")]
-    return frame.poses[rows, :3].copy()
+def push(engine: Engine, force: float) -> None:
+    engine.apply_force(BodyId("pullout"), (force, 0.0, 0.0))
+
+
+def positions(simulation: Simulation) -> np.ndarray:
+    """Returns the positions of cupboard, pullout and mug."""
+    snapshot = simulation.state
+    rows = [snapshot.ids.index(BodyId(id)) for id in ("cupboard", "pullout", "mug")]
+    return snapshot.poses[rows, :3].copy()

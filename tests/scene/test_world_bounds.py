@@ -1,4 +1,4 @@
-"""How far a world reaches, and what is tallest in it."""
+"""The bounds of a world, and its tallest body."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ def world_of(**bodies: tuple[Pose, Vector | None]) -> World:
     )
 
 
-def test_an_empty_world_has_no_extent() -> None:
+def test_an_empty_world_has_no_bounds() -> None:
     assert world_bounds(world_of()) is None
 
 
-def test_the_extent_goes_round_all_bodies_as_they_are_turned() -> None:
+def test_bounds_contain_all_rotated_bodies() -> None:
     half = math.sqrt(0.5)
     cupboard = Pose((1.0, 2.0, 1.0)), (1.0, 0.5, 2.0)
     plank = Pose((0.0, 0.0, 0.0), (half, 0.0, half, 0.0)), (3.0, 0.2, 0.1)  # upright, though long
@@ -37,7 +37,7 @@ def test_the_extent_goes_round_all_bodies_as_they_are_turned() -> None:
     assert extent.height_m == pytest.approx(3.0)
 
 
-def test_what_has_no_size_is_a_point_and_lengths_of_quaternions_do_not_count() -> None:
+def test_a_body_without_a_size_is_a_point_and_quaternion_norms_are_ignored() -> None:
     extent = world_bounds(
         world_of(a=(Pose((-1.0, 0.0, 0.0), (3.0, 0.0, 0.0, 0.0)), None), b=(Pose((0.0, 4.0, 0.0)), None))
     )

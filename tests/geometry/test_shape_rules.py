@@ -1,4 +1,4 @@
-"""Which shape a class gets is said by triples; what nobody says is guessed by name, and said to be a guess."""
+"""Shape rules of classes: ontology statements, inheritance, and guesses from class names."""
 
 from __future__ import annotations
 
@@ -31,60 +31,60 @@ TOO_GENERAL = {
     *("PhysicalDevice", "NonPoweredDevice", "PoweredDevice", "ElectricalDevice", "ElectricalComponent"),
     *("CleaningDevice", "CleaningImplement"),
 }
-"""What things of these classes look like nobody can say; each is one of those below them."""
+"""Abstract classes without a shape of their own."""
 
-Teach = Callable[[str], KnowledgeBase]
+LoadTurtle = Callable[[str], KnowledgeBase]
 
 
 @pytest.fixture(scope="module")
-def household() -> KnowledgeBase:
+def bundled_knowledge() -> KnowledgeBase:
     return KnowledgeBase()
 
 
 @pytest.fixture
-def teach(tmp_path: Path) -> Teach:
-    """A knowledge base that knows the household, and some lines of Turtle."""
+def load_turtle(tmp_path: Path) -> LoadTurtle:
+    """A knowledge base that knows the bundled_knowledge, and some lines of Turtle."""
 
-    def taught(text: str, *, bundled: bool = True) -> KnowledgeBase:
+    def load(text: str, *, bundled: bool = True) -> KnowledgeBase:
         path = tmp_path / "mine.ttl"
         path.write_text(HEAD + text, encoding="utf-8")
         knowledge = KnowledgeBase(bundled_ontology=bundled)
         knowledge.load([], ontologies=path)
         return knowledge
 
-    return taught
+    return load
 
 
 def rule(knowledge: KnowledgeBase, name: str) -> ShapeRule:
     return knowledge.shape_rule(Iri(name if "//" in name else KNOWROB + name))
 
 
-# -- what is told ------------------------------------------------------------------------------------------------------
+# -- statements --------------------------------------------------------------------------------------------------------
 
 
-def test_a_drawer_is_shaped_as_one_and_so_is_all_below_it(household: KnowledgeBase) -> None:
-    told, inherited = rule(household, "Drawer"), rule(household, "IAIDrawerW60H29")
+def test_a_shape_is_inherited_by_subclasses(bundled_knowledge: KnowledgeBase) -> None:
+    told, inherited = rule(bundled_knowledge, "Drawer"), rule(bundled_knowledge, "IAIDrawerW60H29")
     assert (told.shape_type, told.source) == ("drawer", GeometrySource.ONTOLOGY)
     assert told.reason == "knowrob:Drawer is shaped as ms:DrawerForm"
     assert (inherited.shape_type, inherited.materials) == (told.shape_type, told.materials)
     assert inherited.reason == "it is a knowrob:Drawer, shaped as ms:DrawerForm"
 
 
-def test_one_line_teaches_the_shape_of_a_new_class(teach: Teach) -> None:
-    known = rule(teach("my:Schub ms:shapedAs ms:DrawerForm ."), MY + "Schub")
+def test_one_statement_defines_the_shape_of_a_new_class(load_turtle: LoadTurtle) -> None:
+    known = rule(load_turtle("my:Schub ms:shapedAs ms:DrawerForm ."), MY + "Schub")
     assert (known.shape_type, known.source) == ("drawer", GeometrySource.ONTOLOGY)
     assert known.default_material.pbr_material.name == "wood"  # as drawers are, unless somebody says
 
 
-def test_a_class_shaped_like_another_one_has_all_that_is_told_of_that(teach: Teach) -> None:
-    known = rule(teach("my:Kettle2000 ms:shapedAs knowrob:Milk ."), MY + "Kettle2000")
+def test_a_class_shaped_as_another_class_has_its_rule(load_turtle: LoadTurtle) -> None:
+    known = rule(load_turtle("my:Kettle2000 ms:shapedAs knowrob:Milk ."), MY + "Kettle2000")
     milk = rule(KnowledgeBase(), "Milk")
     assert (known.shape_type, known.parameters, known.materials) == (milk.shape_type, milk.parameters, milk.materials)
     assert known.reason == "Kettle2000 is shaped as knowrob:Milk, which is shaped as ms:CartonForm"
 
 
-def test_each_statement_is_inherited_on_its_own(teach: Teach) -> None:
-    knowledge = teach("""
+def test_each_statement_is_inherited_separately(load_turtle: LoadTurtle) -> None:
+    knowledge = load_turtle("""
         my:Cupboard ms:shapedAs ms:CaseForm ; ms:madeOf ms:SteelMaterial ; ms:shelves 3 ; ms:wall 0.02 .
         my:LowCupboard rdfs:subClassOf my:Cupboard ; ms:shelves 1 .
         my:RedLowCupboard rdfs:subClassOf my:LowCupboard ; ms:inColour "#cc0000" .
@@ -97,8 +97,8 @@ def test_each_statement_is_inherited_on_its_own(teach: Teach) -> None:
     )
 
 
-def test_of_two_superclasses_the_more_special_one_counts_however_they_are_reached(teach: Teach) -> None:
-    knowledge = teach("""
+def test_the_most_specific_superclass_takes_precedence(load_turtle: LoadTurtle) -> None:
+    knowledge = load_turtle("""
         my:General ms:shapedAs ms:BoxForm .
         my:Special rdfs:subClassOf my:General ; ms:shapedAs ms:BallForm .
         my:Between rdfs:subClassOf my:Special .
@@ -107,26 +107,26 @@ def test_of_two_superclasses_the_more_special_one_counts_however_they_are_reache
     assert rule(knowledge, MY + "Thing").shape_type == "ball"
 
 
-def test_a_color_told_of_a_wider_class_than_the_material_says_nothing(teach: Teach) -> None:
-    knowledge = teach("""
+def test_a_color_of_a_wider_class_than_the_material_is_ignored(load_turtle: LoadTurtle) -> None:
+    knowledge = load_turtle("""
         my:Mug rdfs:subClassOf knowrob:DrinkingMug ; ms:madeOf ms:SteelMaterial .
     """)
     steel = rule(knowledge, MY + "Mug").default_material.pbr_material
     assert (steel.name, hex_color(steel.color)) == ("steel", "#c0c6ca")
 
 
-def test_whoever_paints_a_drawer_paints_its_front(teach: Teach) -> None:
-    knowledge = teach('my:Orange rdfs:subClassOf knowrob:Drawer ; ms:inColour "#ff8800" .')
+def test_the_color_of_a_drawer_applies_to_its_front(load_turtle: LoadTurtle) -> None:
+    knowledge = load_turtle('my:Orange rdfs:subClassOf knowrob:Drawer ; ms:inColour "#ff8800" .')
     assert "front" in rule(knowledge, "Drawer").materials
     assert set(rule(knowledge, MY + "Orange").materials) == {DEFAULT_ROLE}
 
 
-def test_what_a_user_says_of_a_known_class_comes_before_what_is_bundled(teach: Teach) -> None:
-    knowledge = teach("knowrob:DrinkingMug ms:shapedAs ms:BowlForm .")
+def test_user_statements_override_the_bundled_ontology(load_turtle: LoadTurtle) -> None:
+    knowledge = load_turtle("knowrob:DrinkingMug ms:shapedAs ms:BowlForm .")
     assert rule(knowledge, "DrinkingMug").shape_type == "bowl"
 
 
-def test_shapes_told_at_run_time_are_known_at_once_and_forgotten_when_taken_back() -> None:
+def test_shape_statements_at_run_time_take_effect_and_can_be_retracted() -> None:
     knowledge = KnowledgeBase()
     assert rule(knowledge, "DrinkingMug").shape_type == "mug"
     assert knowledge.tell("DrinkingMug", "shapedAs", "knowrob:Bowl")
@@ -135,27 +135,30 @@ def test_shapes_told_at_run_time_are_known_at_once_and_forgotten_when_taken_back
     assert rule(knowledge, "DrinkingMug").shape_type == "mug"
 
 
-def test_materials_tell_how_things_weigh_slide_and_bounce(household: KnowledgeBase) -> None:
-    mug, milk = rule(household, "DrinkingMug").default_material, rule(household, "CowsMilk").default_material
+def test_materials_define_density_friction_and_restitution(bundled_knowledge: KnowledgeBase) -> None:
+    mug, milk = (
+        rule(bundled_knowledge, "DrinkingMug").default_material,
+        rule(bundled_knowledge, "CowsMilk").default_material,
+    )
     assert (mug.density, mug.friction, mug.restitution) == (2400.0, 0.35, 0.4)
     assert milk.density == 1000.0  # it weighs what milk does, not what paper does
 
 
-def test_lamps_give_light_and_their_kinds_differ(household: KnowledgeBase) -> None:
-    ceiling, candle = rule(household, "CeilingLight").light, rule(household, "Candle").light
+def test_lamps_have_lights_of_different_types(bundled_knowledge: KnowledgeBase) -> None:
+    ceiling, candle = rule(bundled_knowledge, "CeilingLight").light, rule(bundled_knowledge, "Candle").light
     assert ceiling is not None
     assert candle is not None
     assert (ceiling.light_type, ceiling.intensity, candle.intensity) == (LightType.POINT, 120.0, 1.0)
-    assert rule(household, "Flashlight").light is None  # told to give none: it is switched off
-    assert rule(household, "DrinkingMug").light is None
+    assert rule(bundled_knowledge, "Flashlight").light is None  # told to give none: it is switched off
+    assert rule(bundled_knowledge, "DrinkingMug").light is None
 
 
-def test_typical_sizes_are_known(household: KnowledgeBase) -> None:
-    assert rule(household, "CowsMilk").size == (0.07, 0.07, 0.2)
-    assert rule(household, "Artifact").size is None
+def test_typical_sizes_are_known(bundled_knowledge: KnowledgeBase) -> None:
+    assert rule(bundled_knowledge, "CowsMilk").size == (0.07, 0.07, 0.2)
+    assert rule(bundled_knowledge, "Artifact").size is None
 
 
-# -- what is guessed ---------------------------------------------------------------------------------------------------
+# -- guesses -----------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -168,48 +171,50 @@ def test_typical_sizes_are_known(household: KnowledgeBase) -> None:
         ("Faucet-Chrome", "tap", "faucet"),
     ],
 )
-def test_a_word_in_the_name_of_an_unknown_class_is_the_last_resort(
-    household: KnowledgeBase, name: str, kind: str, word: str
+def test_the_shape_of_an_unknown_class_is_guessed_from_its_name(
+    bundled_knowledge: KnowledgeBase, name: str, kind: str, word: str
 ) -> None:
-    guessed = rule(household, MY + name)
+    guessed = rule(bundled_knowledge, MY + name)
     assert (guessed.shape_type, guessed.source) == (kind, GeometrySource.CLASS_NAME)
     assert guessed.reason.startswith(f'"{word}" in its name is the word for ')
 
 
-def test_what_is_known_comes_before_what_a_name_says(teach: Teach) -> None:
-    knowledge = teach("my:DrawerLamp rdfs:subClassOf knowrob:Candle .")
+def test_a_shape_rule_takes_precedence_over_the_class_name(load_turtle: LoadTurtle) -> None:
+    knowledge = load_turtle("my:DrawerLamp rdfs:subClassOf knowrob:Candle .")
     assert rule(knowledge, MY + "DrawerLamp").source is GeometrySource.ONTOLOGY
     assert rule(knowledge, MY + "DrawerLamp").shape_type == "lamp"
 
 
-def test_a_material_in_the_name_comes_before_that_of_the_kind(teach: Teach) -> None:
-    knowledge = teach("my:SteelBowl rdfs:subClassOf knowrob:Bowl . my:GlassCupboard rdfs:subClassOf knowrob:Cupboard .")
+def test_a_material_in_the_class_name_overrides_that_of_the_shape(load_turtle: LoadTurtle) -> None:
+    knowledge = load_turtle(
+        "my:SteelBowl rdfs:subClassOf knowrob:Bowl . my:GlassCupboard rdfs:subClassOf knowrob:Cupboard ."
+    )
     assert rule(knowledge, MY + "SteelBowl").default_material.pbr_material.name == "steel"
     assert (
         rule(knowledge, MY + "GlassCupboard").default_material.pbr_material.name == "lacquer"
     )  # it is one for glasses
 
 
-def test_what_nobody_knows_is_a_box_in_a_quiet_color_of_its_own(household: KnowledgeBase) -> None:
-    one, other = rule(household, MY + "Gizmo"), rule(household, MY + "Qwertz")
+def test_an_unknown_class_is_a_box_in_its_own_color(bundled_knowledge: KnowledgeBase) -> None:
+    one, other = rule(bundled_knowledge, MY + "Gizmo"), rule(bundled_knowledge, MY + "Qwertz")
     assert (one.shape_type, one.source, one.reason) == ("box", GeometrySource.MAP, "no annotation for its shape")
     assert one.default_material.pbr_material.color != other.default_material.pbr_material.color
     assert one.default_material.pbr_material == rule(KnowledgeBase(), MY + "Gizmo").default_material.pbr_material
 
 
-def test_without_the_bundled_ontology_only_the_user_s_own_words_count(teach: Teach) -> None:
-    knowledge = teach(
+def test_without_the_bundled_ontology_only_user_statements_apply(load_turtle: LoadTurtle) -> None:
+    knowledge = load_turtle(
         'my:Form a owl:NamedIndividual ; ms:builtAs "ball" . my:Thing ms:shapedAs my:Form .', bundled=False
     )
     assert rule(knowledge, MY + "Thing").shape_type == "ball"
     assert rule(knowledge, "Drawer").source is GeometrySource.MAP
 
 
-# -- what cannot be ----------------------------------------------------------------------------------------------------
+# -- invalid statements------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
-    ("line", "doubt"),
+    ("line", "issue"),
     [
         ('ms:inColour "greenish"', "inColour cannot be"),
         ('ms:typicalSize "1 2"', 'typicalSize cannot be "1 2"; it is depth, width and height in meters'),
@@ -218,24 +223,24 @@ def test_without_the_bundled_ontology_only_the_user_s_own_words_count(teach: Tea
         ('ms:madeOf "wood"', 'madeOf cannot be "wood"; it is an IRI'),
     ],
 )
-def test_what_cannot_be_is_doubted_aloud_and_the_rest_counts(teach: Teach, line: str, doubt: str) -> None:
-    known = rule(teach(f"my:Thing ms:shapedAs ms:BallForm ; {line} ."), MY + "Thing")
+def test_invalid_statements_are_reported_and_the_rest_applies(load_turtle: LoadTurtle, line: str, issue: str) -> None:
+    known = rule(load_turtle(f"my:Thing ms:shapedAs ms:BallForm ; {line} ."), MY + "Thing")
     assert known.shape_type == "ball"
-    assert any(each.startswith(f"Thing: {doubt}") for each in known.issues), known.issues
+    assert any(each.startswith(f"Thing: {issue}") for each in known.issues), known.issues
 
 
-def test_classes_shaped_like_one_another_end_as_boxes_and_it_is_said(teach: Teach) -> None:
-    knowledge = teach("my:Hen ms:shapedAs my:Egg . my:Egg ms:shapedAs my:Hen .")
+def test_circular_shape_statements_give_a_box_with_an_issue(load_turtle: LoadTurtle) -> None:
+    knowledge = load_turtle("my:Hen ms:shapedAs my:Egg . my:Egg ms:shapedAs my:Hen .")
     assert rule(knowledge, MY + "Hen").shape_type == "box"
     assert "no annotation for its shape" in rule(knowledge, MY + "Hen").reason
     assert rule(knowledge, MY + "Hen").issues
 
 
-# -- all of it ---------------------------------------------------------------------------------------------------------
+# -- all classes -------------------------------------------------------------------------------------------------------
 
 
-def physical(knowledge: KnowledgeBase) -> list[Iri]:
-    """The classes of the bundled ontology that a map may hold."""
+def physical_classes(knowledge: KnowledgeBase) -> list[Iri]:
+    """Returns the classes of the bundled ontology that a body can have."""
     kinds = knowledge.store.quads_for_pattern(
         None,
         NamedNode("http://www.w3.org/1999/02/22-rdf-syntax-ns#type"),
@@ -245,8 +250,8 @@ def physical(knowledge: KnowledgeBase) -> list[Iri]:
     return sorted(cls for cls in named if knowledge.is_a(cls, Iri(KNOWROB + "EnduringThing-Localized")))
 
 
-def test_every_class_that_a_map_may_hold_has_a_shape_that_can_be_built(household: KnowledgeBase) -> None:
-    rules = {cls: household.shape_rule(cls) for cls in physical(household)}
+def test_every_physical_class_has_a_valid_shape(bundled_knowledge: KnowledgeBase) -> None:
+    rules = {cls: bundled_knowledge.shape_rule(cls) for cls in physical_classes(bundled_knowledge)}
     assert len(rules) > 500
     vague = {cls.rpartition("#")[2] for cls, known in rules.items() if known.source is not GeometrySource.ONTOLOGY}
     assert vague == TOO_GENERAL
@@ -254,29 +259,34 @@ def test_every_class_that_a_map_may_hold_has_a_shape_that_can_be_built(household
     assert [known.issues for known in rules.values() if known.issues] == []
 
 
-def test_every_parameter_that_is_told_can_be_read_by_some_builder_that_it_is_told_for(household: KnowledgeBase) -> None:
+def test_every_stated_parameter_is_valid_for_its_shape(bundled_knowledge: KnowledgeBase) -> None:
     used = set()
-    for cls in physical(household):
-        known = household.shape_rule(cls)
+    for cls in physical_classes(bundled_knowledge):
+        known = bundled_knowledge.shape_rule(cls)
         fields = SHAPE_TEMPLATES[known.shape_type].__struct_fields__
         template_by_name(known.shape_type, {name: value for name, value in known.parameters.items() if name in fields})
         used |= known.parameters.keys() & set(fields)
-    told = {name for cls in physical(household) for name in household.shape_rule(cls).parameters}
+    told = {
+        name for cls in physical_classes(bundled_knowledge) for name in bundled_knowledge.shape_rule(cls).parameters
+    }
     assert told - used == set()
 
 
-def test_all_that_can_be_seen_is_made_of_something(household: KnowledgeBase) -> None:
-    made = {cls.rpartition("#")[2]: rule(household, cls).default_material.pbr_material for cls in physical(household)}
+def test_every_physical_class_has_a_material(bundled_knowledge: KnowledgeBase) -> None:
+    made = {
+        cls.rpartition("#")[2]: rule(bundled_knowledge, cls).default_material.pbr_material
+        for cls in physical_classes(bundled_knowledge)
+    }
     bare = {name for name, surface in made.items() if not surface.name}
     assert bare - TOO_GENERAL == {"Cube"}  # of which nobody knows anything
 
 
-def test_forms_and_materials_are_no_individuals_that_questions_could_find(household: KnowledgeBase) -> None:
-    known = household.reasoner.individuals
+def test_shapes_and_materials_are_not_individuals_for_queries(bundled_knowledge: KnowledgeBase) -> None:
+    known = bundled_knowledge.reasoner.individuals
     assert [name for name in known.types if name.endswith(("Form", "Material"))] == []
 
 
-def test_the_community_s_ontologies_beside_ours_change_no_shape(shared_data: Path) -> None:
+def test_additional_community_ontologies_change_no_shape(shared_data: Path) -> None:
     map = shared_data / "maps" / "iai-kitchen-original.owl"
     alone, beside = KnowledgeBase(), KnowledgeBase()
     alone.load(map)

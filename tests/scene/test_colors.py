@@ -1,4 +1,4 @@
-"""Colors by name and by number."""
+"""Parsing and formatting of colors."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from mindstage.scene import Color
 from mindstage.scene.colors import COLORS, NO_COLOR, color_name, parse_color
 
 
-def test_the_named_colors_are_those_of_the_wire_in_its_order() -> None:
+def test_named_colors_are_in_the_order_of_their_message_numbers() -> None:
     assert list(COLORS) == ["black", "red", "blue", "green", "yellow"]
     assert len(set(COLORS.values())) == 5
     assert parse_color(NO_COLOR) is None
@@ -29,28 +29,28 @@ def test_the_named_colors_are_those_of_the_wire_in_its_order() -> None:
         ("none", None),
     ],
 )
-def test_a_color_is_read_as_people_write_it(text: str, color: Color | None) -> None:
+def test_a_color_is_parsed_from_a_name_hex_digits_or_numbers(text: str, color: Color | None) -> None:
     assert parse_color(text) == color
 
 
 @pytest.mark.parametrize(
     "text", ["", "purple", "#12345", "#12345g", "ff8000", "1,2,3", "-0.1,0,0", "nan,0,0", "0,0", "0,0,0,0", "a,b,c"]
 )
-def test_what_is_no_color_is_refused_with_what_is(text: str) -> None:
+def test_an_invalid_color_raises_an_error_that_lists_valid_ones(text: str) -> None:
     with pytest.raises(InvalidColorError, match="there is black, red, blue, green, yellow, none, #rrggbb, or r,g,b"):
         parse_color(text)
 
 
-def test_a_misspelt_color_gets_the_near_one() -> None:
+def test_a_misspelled_color_name_raises_an_error_with_a_suggestion() -> None:
     with pytest.raises(InvalidColorError, match="near: 'yellow'"):
         parse_color("yelow")
 
 
 @given(st.tuples(*(st.integers(0, 255).map(lambda part: part / 255) for _ in range(3))))
-def test_a_color_that_is_written_is_read_again(color: Color) -> None:
+def test_a_formatted_color_parses_to_the_same_color(color: Color) -> None:
     assert parse_color(color_name(color)) == color
 
 
-def test_a_known_color_is_called_by_its_name() -> None:
+def test_a_named_color_is_formatted_as_its_name() -> None:
     assert color_name(COLORS["green"]) == "green"
     assert color_name((2.0, -1.0, 0.5)) == "#ff0080"

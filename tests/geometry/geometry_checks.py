@@ -1,4 +1,4 @@
-"""Judging forms: what is true of every form, worked out anew from its numbers alone."""
+"""Independent checks of geometry, computed from its numbers only."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ __all__ = ["is_closed", "is_convex", "is_inside", "shape_bounds", "visual_bounds
 
 
 def visual_bounds(geometry: BodyGeometry) -> tuple[Array, Array]:
-    """The corners of the box round all skins."""
-    points = np.concatenate([skin.points for skin in geometry.visuals])
+    """Returns the bounds of all visual meshes."""
+    points = np.concatenate([visual.points for visual in geometry.visuals])
     return points.min(axis=0), points.max(axis=0)
 
 
 def is_closed(visual: VisualMesh) -> bool:
-    """Whether each edge runs just once each way."""
+    """Returns whether each edge is used exactly once in each direction."""
     edges = visual.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2).astype(np.int64)
     there = edges[:, 0] * len(visual.points) + edges[:, 1]
     back = edges[:, 1] * len(visual.points) + edges[:, 0]
@@ -28,19 +28,19 @@ def is_closed(visual: VisualMesh) -> bool:
 
 
 def volume(visual: VisualMesh) -> float:
-    """What a closed skin encloses [m³]; negative if it looks inwards."""
+    """Returns the volume of a closed mesh [m³]; negative if its faces point inwards."""
     a, b, c = (visual.points[visual.faces[:, corner]] for corner in range(3))
     return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)
 
 
 def shape_bounds(shape: CollisionShape) -> tuple[Array, Array]:
-    """The corners of the box round a solid, in the body's frame."""
+    """Returns the bounds of a collision shape in the body frame."""
     corners = _in_body(shape, _corners(shape))
     return corners.min(axis=0), corners.max(axis=0)
 
 
 def is_convex(shape: CollisionShape) -> bool:
-    """Whether each point of a hull is a corner of it; what is no hull is convex by its kind."""
+    """Returns whether each point of a hull is a vertex of it; other types are convex by definition."""
     if shape.type is not CollisionShapeType.HULL:
         return not shape.points and min(shape.size) > 0.0
     points = np.array(shape.points)
@@ -50,7 +50,7 @@ def is_convex(shape: CollisionShape) -> bool:
 
 
 def is_inside(shape: CollisionShape, point: Array, *, margin: float = 0.0) -> bool:
-    """Whether a point of the body's frame is in a solid, at least by a margin [m]."""
+    """Returns whether a point in the body frame is inside a shape by at least a margin [m]."""
     local = _turn(shape.pose).T @ (point - np.array(shape.pose.position))
     half = np.array(shape.size) / 2 - margin
     match shape.type:
@@ -67,7 +67,7 @@ def is_inside(shape: CollisionShape, point: Array, *, margin: float = 0.0) -> bo
 
 @lru_cache(maxsize=64)
 def _facets(corners: tuple[Vector, ...]) -> tuple[Array, Array]:
-    """The planes of a hull with few points: every three of them are tried."""
+    """Returns the facet planes of a hull with few points, by testing every three of them."""
     points = np.array(corners)
     chosen = points[np.array(list(combinations(range(len(points)), 3)))]
     normals = np.cross(chosen[:, 1] - chosen[:, 0], chosen[:, 2] - chosen[:, 0])
@@ -81,14 +81,14 @@ def _facets(corners: tuple[Vector, ...]) -> tuple[Array, Array]:
     return np.concatenate([normals[below], -normals[above]]), np.concatenate([offsets[below], -offsets[above]])
 
 
-def _corners(solid: CollisionShape) -> Array:
-    if solid.type is CollisionShapeType.HULL:
-        return np.array(solid.points)
-    return np.array(list(product((-0.5, 0.5), repeat=3))) * solid.size
+def _corners(shape: CollisionShape) -> Array:
+    if shape.type is CollisionShapeType.HULL:
+        return np.array(shape.points)
+    return np.array(list(product((-0.5, 0.5), repeat=3))) * shape.size
 
 
-def _in_body(solid: CollisionShape, local: Array) -> Array:
-    return np.asarray(local @ _turn(solid.pose).T + solid.pose.position)
+def _in_body(shape: CollisionShape, local: Array) -> Array:
+    return np.asarray(local @ _turn(shape.pose).T + shape.pose.position)
 
 
 def _turn(pose: Pose) -> Array:

@@ -1,4 +1,4 @@
-"""What the shared strategies draw is valid and varied, and values are what they promise to be."""
+"""Generated worlds are valid and varied, and the values of the model are immutable and serializable."""
 
 from __future__ import annotations
 
@@ -21,42 +21,42 @@ KITCHEN = kitchenette()
 SEARCH = settings(max_examples=3000, database=None, derandomize=True, deadline=None, phases=[Phase.generate])
 
 
-def things(world: World) -> list:
+def parts(world: World) -> list:
     return [*world.bodies, *world.joints, *world.lights]
 
 
 def all_facts(world: World) -> Iterator[tuple[str, tuple[PropertyAssertion, ...]]]:
-    """Every group of facts about one thing, nameless ones included."""
-    waiting = [(owner.iri, owner.facts) for owner in (world, *things(world), *world.resources)]
+    """Yields all facts by owner, including those of blank nodes."""
+    waiting = [(owner.iri, owner.facts) for owner in (world, *parts(world), *world.resources)]
     while waiting:
         owner, facts = waiting.pop()
         yield owner, facts
         waiting.extend(("", fact.value.facts) for fact in facts if isinstance(fact.value, BlankNode))
 
 
-def texts_in(value: object) -> Iterator[str]:
+def strings_in(value: object) -> Iterator[str]:
     if isinstance(value, str):
         yield value
     elif isinstance(value, list):
         for part in value:
-            yield from texts_in(part)
+            yield from strings_in(part)
     elif isinstance(value, dict):
         for part in value.values():
-            yield from texts_in(part)
+            yield from strings_in(part)
 
 
-# -- what every world keeps --------------------------------------------------------------------------------------------
+# -- invariants --------------------------------------------------------------------------------------------------------
 
 
 def ids_are_unique(world: World) -> bool:
-    return len({thing.id for thing in things(world)}) == len(things(world))
+    return len({part.id for part in parts(world)}) == len(parts(world))
 
 
-def names_are_those_of_the_map(world: World) -> bool:
-    return world.iri == MAP + world.name and all(thing.iri == MAP + thing.id for thing in things(world))
+def iris_are_those_of_the_map(world: World) -> bool:
+    return world.iri == MAP + world.name and all(part.iri == MAP + part.id for part in parts(world))
 
 
-def constraints_join_two_bodies(world: World) -> bool:
+def joints_connect_two_bodies(world: World) -> bool:
     ids = {body.id for body in world.bodies}
     return all(c.parent != c.child and {c.parent, c.child} <= ids for c in world.joints)
 
@@ -75,7 +75,7 @@ def attachments_are_a_forest(world: World) -> bool:
 
 
 def numbers_are_within_bounds(world: World) -> bool:
-    poses = pose_array(thing.pose for thing in things(world))
+    poses = pose_array(part.pose for part in parts(world))
     norms = (poses[:, 3:] ** 2).sum(axis=1) ** 0.5
     sizes = [extent for body in world.bodies for extent in body.size or ()]
     return bool(
@@ -86,63 +86,63 @@ def numbers_are_within_bounds(world: World) -> bool:
     )
 
 
-def texts_can_stand_in_xml(world: World) -> bool:
+def strings_are_valid_in_xml(world: World) -> bool:
     return not any(
         ord(letter) < 32 or 127 <= ord(letter) < 160 or 0xD800 <= ord(letter) < 0xE000 or letter in "\ufffe\uffff"
-        for text in texts_in(msgspec.to_builtins(world))
+        for text in strings_in(msgspec.to_builtins(world))
         for letter in text
     )
 
 
-def tags_fit_into_a_line(world: World) -> bool:
+def tags_fit_into_tags_data(world: World) -> bool:
     return all(
         tag.type and tag.key and not set(";,") & set(tag.type + tag.key + tag.value)
-        for thing in things(world)
-        for tag in thing.tags
+        for part in parts(world)
+        for tag in part.tags
     )
 
 
-def nothing_is_said_twice(world: World) -> bool:
-    said = [(owner, fact) for owner, facts in all_facts(world) if owner for fact in facts]
-    return len(set(said)) == len(said) and len({r.iri for r in world.resources}) == len(world.resources)
+def no_statement_is_repeated(world: World) -> bool:
+    statements = [(owner, fact) for owner, facts in all_facts(world) if owner for fact in facts]
+    return len(set(statements)) == len(statements) and len({r.iri for r in world.resources}) == len(world.resources)
 
 
-def every_resource_has_something_said_about_it(world: World) -> bool:
+def every_resource_has_facts(world: World) -> bool:
     return all(resource.facts for resource in world.resources)
 
 
 RULES: list[Callable[[World], bool]] = [
     ids_are_unique,
-    names_are_those_of_the_map,
-    constraints_join_two_bodies,
+    iris_are_those_of_the_map,
+    joints_connect_two_bodies,
     attachments_are_a_forest,
     numbers_are_within_bounds,
-    texts_can_stand_in_xml,
-    tags_fit_into_a_line,
-    nothing_is_said_twice,
-    every_resource_has_something_said_about_it,
+    strings_are_valid_in_xml,
+    tags_fit_into_tags_data,
+    no_statement_is_repeated,
+    every_resource_has_facts,
 ]
 
 
 @given(world=worlds())
-def test_every_world_keeps_the_rules(world: World) -> None:
+def test_generated_worlds_are_valid(world: World) -> None:
     for rule in RULES:
         assert rule(world), rule.__name__
 
 
-def test_the_kitchenette_keeps_the_rules() -> None:
+def test_the_kitchenette_is_valid() -> None:
     for rule in RULES:
         assert rule(KITCHEN), rule.__name__
 
 
-@given(world=worlds(min_bodies=2, max_bodies=3, max_constraints=1, max_lights=0))
-def test_a_world_is_as_large_as_asked_for(world: World) -> None:
+@given(world=worlds(min_bodies=2, max_bodies=3, max_joints=1, max_lights=0))
+def test_a_generated_world_has_the_requested_size(world: World) -> None:
     assert 2 <= len(world.bodies) <= 3
     assert len(world.joints) <= 1
     assert world.lights == ()
 
 
-# -- what some world has -----------------------------------------------------------------------------------------------
+# -- variants ----------------------------------------------------------------------------------------------------------
 
 
 def same_class_two_sizes(world: World) -> bool:
@@ -154,7 +154,7 @@ def any_value(world: World, wanted: Callable[[PropertyAssertion], object]) -> bo
     return any(wanted(fact) for _, facts in all_facts(world) for fact in facts)
 
 
-SOMETIMES: dict[str, Callable[[World], object]] = {
+VARIANTS: dict[str, Callable[[World], object]] = {
     "every mobility": lambda w: {b.physics.mobility for b in w.bodies} >= {None, *list(Mobility)[:3]},
     "a mass of zero": lambda w: any(b.physics.mass_kg == 0.0 for b in w.bodies),
     "no size": lambda w: any(b.size is None for b in w.bodies),
@@ -170,43 +170,43 @@ SOMETIMES: dict[str, Callable[[World], object]] = {
     "a light": lambda w: w.lights,
     "tags of two types": lambda w: any(len({tag.type for tag in b.tags}) > 1 for b in w.bodies),
     "unicode": lambda w: any(not tag.value.isascii() for b in w.bodies for tag in b.tags),
-    "a nameless thing": lambda w: any_value(w, lambda f: isinstance(f.value, BlankNode) and f.value.facts),
+    "a blank node": lambda w: any_value(w, lambda f: isinstance(f.value, BlankNode) and f.value.facts),
     "a language": lambda w: any_value(w, lambda f: isinstance(f.value, Literal) and f.value.language),
     "a datatype": lambda w: any_value(w, lambda f: isinstance(f.value, Literal) and f.value.datatype),
-    "a body that is spoken of": lambda w: any_value(
+    "a body that a fact mentions": lambda w: any_value(
         w, lambda f: isinstance(f.value, IriRef) and f.value.iri in {b.iri for b in w.bodies}
     ),
 }
 
 
-@pytest.mark.parametrize("wanted", SOMETIMES.values(), ids=SOMETIMES.keys())
-def test_some_world_has(wanted: Callable[[World], object]) -> None:
+@pytest.mark.parametrize("wanted", VARIANTS.values(), ids=VARIANTS.keys())
+def test_generated_worlds_cover(wanted: Callable[[World], object]) -> None:
     find(worlds(), wanted, settings=SEARCH)
 
 
-def test_labels_and_wild_tags_come_when_asked_for() -> None:
+def test_blank_nodes_and_arbitrary_tags_are_generated_on_request() -> None:
     find(worlds(labels=True), lambda w: any(r.iri.startswith("_:") for r in w.resources), settings=SEARCH)
-    find(worlds(wild_tags=True), lambda w: not tags_fit_into_a_line(w), settings=SEARCH)
+    find(worlds(wild_tags=True), lambda w: not tags_fit_into_tags_data(w), settings=SEARCH)
 
 
 # -- values ------------------------------------------------------------------------------------------------------------
 
 
 @given(world=worlds(wild_tags=True, labels=True))
-def test_a_world_survives_the_way_through_json_to_the_last_bit(world: World) -> None:
+def test_a_world_survives_json_exactly(world: World) -> None:
     again = msgspec.json.decode(msgspec.json.encode(world), type=World)
     assert again == world
     assert hash(again) == hash(world)
     assert repr(again) == repr(world)
 
 
-def test_an_unknown_field_is_refused_with_the_way_to_it() -> None:
+def test_an_unknown_field_is_rejected_with_its_path() -> None:
     text = msgspec.json.encode(KITCHEN).replace(b'"mass_kg"', b'"mass"', 1)
     with pytest.raises(msgspec.ValidationError, match=r"unknown field `mass` - at `\$.bodies\[.*\].physics`"):
         msgspec.json.decode(text, type=World)
 
 
-def test_the_parts_of_a_world_are_made_by_keyword_and_cannot_be_changed() -> None:
+def test_parts_of_a_world_are_frozen_with_keyword_only_fields() -> None:
     with pytest.raises(TypeError, match="positional"):
         Tag("SemLog", "Id", "x")  # type: ignore[misc]
     with pytest.raises(AttributeError, match="immutable"):
@@ -214,11 +214,11 @@ def test_the_parts_of_a_world_are_made_by_keyword_and_cannot_be_changed() -> Non
     assert isinstance(KITCHEN.body("Mug"), Body)
 
 
-def test_a_body_that_is_not_there_is_missed_with_what_is_near() -> None:
+def test_a_missing_body_raises_an_error_with_a_suggestion() -> None:
     with pytest.raises(BodyNotFoundError, match="no body 'Mugg' in 'map'; near: 'Mug'"):
         KITCHEN.body("Mugg")
 
 
 @given(position=st.tuples(*(st.floats(),) * 3))
-def test_a_pose_keeps_what_it_was_given(position: tuple[float, float, float]) -> None:
+def test_a_pose_keeps_its_values_unchanged(position: tuple[float, float, float]) -> None:
     assert Pose(position).position is position

@@ -1,4 +1,4 @@
-"""Forms of whole worlds: where they come from, what is told of them, and what becomes of odd bodies."""
+"""Geometry of whole worlds: its sources, notes and special cases."""
 
 from __future__ import annotations
 
@@ -34,12 +34,12 @@ from mindstage.scene.transforms import (
     quat_rotate,
     rotation_matrix,
 )
-from tests.geometry.fitting_scenes import MY, box_of, fit, make_body, slide_joint, world
+from tests.geometry.fit_scenes import MY, box_of, fit, make_body, slide_joint, world
 from tests.kitchenette import KNOWROB, kitchenette
 
 
 @pytest.fixture(scope="module")
-def household() -> KnowledgeBase:
+def bundled_knowledge() -> KnowledgeBase:
     return KnowledgeBase()
 
 
@@ -50,60 +50,66 @@ def kitchen() -> World:
     return knowledge.world()
 
 
-# -- what it is taken from ---------------------------------------------------------------------------------------------
+# -- sources -----------------------------------------------------------------------------------------------------------
 
 
-def test_an_unknown_class_guessed_by_its_name_is_reported_once_for_all(household: KnowledgeBase) -> None:
+def test_a_guess_from_a_class_name_is_one_note_for_all_bodies(bundled_knowledge: KnowledgeBase) -> None:
     mugs = [make_body(f"mug_{number}", MY + "FancyMug", (number, 0, 0), (0.08, 0.08, 0.1)) for number in range(5)]
-    fitted = fit(household, *mugs)
-    assert {form.source for form in fitted.geometry.values()} == {GeometrySource.CLASS_NAME}
+    fitted = fit(bundled_knowledge, *mugs)
+    assert {geometry.source for geometry in fitted.geometry.values()} == {GeometrySource.CLASS_NAME}
     (note,) = fitted.notes
     assert note.ids == tuple(mug.id for mug in mugs)
     assert note.text.startswith("mug_0, mug_1, mug_2 and 2 more: is shaped as a mug by a guess")
 
 
-def test_the_map_s_own_shape_counts_where_nobody_knows_better(household: KnowledgeBase) -> None:
-    kinds = {
-        shape: fit(household, replace(make_body("it", MY + "Gizmo", (0, 0, 0), (0.1, 0.1, 0.1)), shape=shape)).geometry
+def test_the_primitive_shape_of_the_map_is_used_without_a_shape_rule(bundled_knowledge: KnowledgeBase) -> None:
+    by_primitive = {
+        shape: fit(
+            bundled_knowledge, replace(make_body("it", MY + "Gizmo", (0, 0, 0), (0.1, 0.1, 0.1)), shape=shape)
+        ).geometry
         for shape in (None, PrimitiveShape(type=PrimitiveType.CYLINDER), PrimitiveShape(type=PrimitiveType.SPHERE))
     }
-    assert [forms[BodyId("it")].shape_name for forms in kinds.values()] == ["box", "cylinder", "ball"]
-    assert {forms[BodyId("it")].source for forms in kinds.values()} == {GeometrySource.MAP}
+    assert [geometries[BodyId("it")].shape_name for geometries in by_primitive.values()] == ["box", "cylinder", "ball"]
+    assert {geometries[BodyId("it")].source for geometries in by_primitive.values()} == {GeometrySource.MAP}
 
 
-def test_a_color_that_the_map_tells_is_the_body_s(household: KnowledgeBase) -> None:
+def test_a_color_in_the_map_overrides_that_of_the_class(bundled_knowledge: KnowledgeBase) -> None:
     red = (1.0, 0.0, 0.0)
     mug = replace(
         make_body("mug", "DrinkingMug", (0, 0, 0), (0.08, 0.08, 0.1)), materials=(Material(name="red", color=red),)
     )
-    assert fit(household, mug).geometry[mug.id].visuals[0].material.color == red
+    assert fit(bundled_knowledge, mug).geometry[mug.id].visuals[0].material.color == red
 
 
-def test_a_lamp_s_light_is_a_part_of_its_form(household: KnowledgeBase) -> None:
-    form = fit(household, make_body("lamp", "CeilingLight", (0, 0, 2.4), (0.4, 0.4, 0.06))).geometry[BodyId("lamp")]
-    assert [glow.intensity for glow in form.lights] == [120.0]
+def test_the_geometry_of_a_lamp_includes_its_light(bundled_knowledge: KnowledgeBase) -> None:
+    geometry = fit(bundled_knowledge, make_body("lamp", "CeilingLight", (0, 0, 2.4), (0.4, 0.4, 0.06))).geometry[
+        BodyId("lamp")
+    ]
+    assert [light.intensity for light in geometry.lights] == [120.0]
 
 
-def test_forms_feel_as_their_material_does(household: KnowledgeBase) -> None:
-    form = fit(household, make_body("mug", "DrinkingMug", (0, 0, 0), (0.08, 0.08, 0.1))).geometry[BodyId("mug")]
-    assert (form.friction, form.restitution, form.density) == (0.35, 0.4, 2400.0)
+def test_geometry_has_the_physical_properties_of_its_material(bundled_knowledge: KnowledgeBase) -> None:
+    geometry = fit(bundled_knowledge, make_body("mug", "DrinkingMug", (0, 0, 0), (0.08, 0.08, 0.1))).geometry[
+        BodyId("mug")
+    ]
+    assert (geometry.friction, geometry.restitution, geometry.density) == (0.35, 0.4, 2400.0)
 
 
-def test_meshes_come_first_and_are_asked_for_once(household: KnowledgeBase) -> None:
+def test_meshes_take_precedence_and_are_requested_once(bundled_knowledge: KnowledgeBase) -> None:
     mug, plate = (
         make_body("mug", "DrinkingMug", (0, 0, 0), (0.08, 0.08, 0.1)),
         make_body("plate", "DinnerPlate", (1, 0, 0), (0.2, 0.2, 0.02)),
     )
     mesh = BodyGeometry(key="00", visuals=(), collision_shapes=(), source=GeometrySource.MESH, shape_name="mesh")
-    asked = []
+    requests = []
 
     class Meshes:
-        def forms(self, bodies: Sequence[Body]) -> FoundMeshes:
-            asked.append(tuple(bodies))
+        def geometry_for(self, bodies: Sequence[Body]) -> FoundMeshes:
+            requests.append(tuple(bodies))
             return FoundMeshes({mug.id: mesh}, ("mug.obj is scaled",))
 
-    fitted = fit_geometry(world([mug, plate]), household, meshes=Meshes())
-    assert asked == [(mug, plate)]
+    fitted = fit_geometry(world([mug, plate]), bundled_knowledge, meshes=Meshes())
+    assert requests == [(mug, plate)]
     assert fitted.geometry[mug.id] is mesh
     assert fitted.geometry[plate.id].shape_name == "plate"
     assert [note.text for note in fitted.notes] == ["mug.obj is scaled"]
@@ -114,53 +120,53 @@ class FoundMeshes(NamedTuple):
     notes: tuple[str, ...]
 
 
-def test_the_door_of_an_oven_is_of_glass_because_the_oven_says_so(household: KnowledgeBase) -> None:
+def test_the_material_of_a_door_follows_from_its_cabinet(bundled_knowledge: KnowledgeBase) -> None:
     oven, door = (
         make_body("oven", "Oven", (0, 0, 0), (0.6, 0.6, 0.6)),
         make_body("door", "Door", (0.31, 0, 0), (0.02, 0.6, 0.6)),
     )
     fridge = replace(oven, cls=Iri(KNOWROB + "Refrigerator"))
     joint = replace(slide_joint("oven", "door"), linear=LinearLimits())
-    made = [
-        fit_geometry(world([holder, door], [joint]), household).geometry[door.id].visuals[0].material.name
+    names = [
+        fit_geometry(world([holder, door], [joint]), bundled_knowledge).geometry[door.id].visuals[0].material.name
         for holder in (oven, fridge)
     ]
-    assert made == ["black glass", "lacquer"]
+    assert names == ["black glass", "lacquer"]
 
 
 @pytest.mark.parametrize("name", ["iai-kitchen-original", "ameva-task-two", "soma-iai-room", "knowrob1-ccrl"])
-def test_maps_of_all_dialects_get_forms_and_what_is_guessed_is_told(shared_data: Path, name: str) -> None:
+def test_maps_of_all_dialects_get_geometry_and_guesses_are_noted(shared_data: Path, name: str) -> None:
     knowledge = KnowledgeBase()
     knowledge.load(shared_data / "maps" / f"{name}.owl")
-    described = knowledge.world()
-    fitted = fit_geometry(described, knowledge)
-    sized = {body.id for body in described.bodies if body.size and min(body.size) > 0.0}
+    scene = knowledge.world()
+    fitted = fit_geometry(scene, knowledge)
+    sized = {body.id for body in scene.bodies if body.size and min(body.size) > 0.0}
     assert fitted.geometry.keys() == sized
-    guessed = {id for id, form in fitted.geometry.items() if form.source is GeometrySource.CLASS_NAME}
+    guessed = {id for id, geometry in fitted.geometry.items() if geometry.source is GeometrySource.CLASS_NAME}
     assert guessed == {id for note in fitted.notes for id in note.ids if "by a guess" in note.text}
     assert not any("cannot be built" in note.text for note in fitted.notes)
 
 
-# -- odd worlds --------------------------------------------------------------------------------------------------------
+# -- special cases -----------------------------------------------------------------------------------------------------
 
 
-def test_a_world_without_bodies_has_no_forms(household: KnowledgeBase) -> None:
-    assert (dict(fit(household).geometry), fit(household).notes) == ({}, ())
+def test_a_world_without_bodies_has_no_geometry(bundled_knowledge: KnowledgeBase) -> None:
+    assert (dict(fit(bundled_knowledge).geometry), fit(bundled_knowledge).notes) == ({}, ())
 
 
-def test_what_has_no_size_or_no_extent_stays_as_it_is(household: KnowledgeBase) -> None:
+def test_bodies_without_a_size_or_extent_get_no_geometry(bundled_knowledge: KnowledgeBase) -> None:
     fitted = fit(
-        household,
+        bundled_knowledge,
         make_body("mug", "DrinkingMug", (0, 0, 0), None),
         make_body("door", "Door", (1, 0, 0), (0.0, 0.6, 0.8)),
     )
     assert dict(fitted.geometry) == {}
     assert [(note.ids, note.text) for note in fitted.notes] == [
-        (("door",), "door: has no extent along one of its axes, so it stays as the map has it")
+        (("door",), "door: has no extent along one of its axes, so it keeps the shape of the map")
     ]
 
 
-def test_a_form_that_no_builder_makes_becomes_a_box_and_it_is_said(tmp_path: Path) -> None:
+def test_an_unknown_shape_name_becomes_a_box_with_a_note(tmp_path: Path) -> None:
     (tmp_path / "mine.ttl").write_text(
         """@prefix ms: <http://mindstage.org/ontology#> . @prefix my: <http://example.org/my#> .
         my:Form ms:builtAs "drawr" . my:Thing ms:shapedAs my:Form .""",
@@ -175,42 +181,49 @@ def test_a_form_that_no_builder_makes_becomes_a_box_and_it_is_said(tmp_path: Pat
     assert "drawer" in note.text
 
 
-def test_a_crowd_is_told_of_and_left_alone(household: KnowledgeBase) -> None:
+def test_bodies_with_too_many_neighbors_are_noted(bundled_knowledge: KnowledgeBase) -> None:
     drawers = [
         make_body(f"drawer_{number}", "Drawer", (0, 0, 0), (0.5, 0.5, 0.2), is_free=True) for number in range(600)
     ]
-    fitted = fit(household, *drawers)
+    fitted = fit(bundled_knowledge, *drawers)
     assert len(fitted.geometry) == 600
-    assert [len(note.ids) for note in fitted.notes if "crowd" in note.text] == [600]
+    assert [len(note.ids) for note in fitted.notes if "neighbors" in note.text] == [600]
 
 
-def test_forms_do_not_depend_on_the_order_of_bodies(household: KnowledgeBase) -> None:
-    described = kitchenette()
-    backwards = replace(described, bodies=described.bodies[::-1])
-    forms, again = fit_geometry(described, household).geometry, fit_geometry(backwards, household).geometry
-    assert {id: form.key for id, form in forms.items()} == {id: form.key for id, form in again.items()}
+def test_geometry_does_not_depend_on_the_order_of_bodies(bundled_knowledge: KnowledgeBase) -> None:
+    scene = kitchenette()
+    backwards = replace(scene, bodies=scene.bodies[::-1])
+    geometries, again = (
+        fit_geometry(scene, bundled_knowledge).geometry,
+        fit_geometry(backwards, bundled_knowledge).geometry,
+    )
+    assert {id: geometry.key for id, geometry in geometries.items()} == {
+        id: geometry.key for id, geometry in again.items()
+    }
 
 
-# -- the whole kitchen -------------------------------------------------------------------------------------------------
+# -- the bundled kitchen -----------------------------------------------------------------------------------------------
 
 
-def test_in_the_bundled_kitchen_nobody_has_to_guess_how_to_open_something(kitchen: World) -> None:
+def test_the_bundled_kitchen_needs_no_guesses_for_cabinets_and_doors(kitchen: World) -> None:
     knowledge = KnowledgeBase()
     knowledge.load(bundled_kitchen())
     fitted = fit_geometry(knowledge.world(), knowledge)
     assert set(fitted.geometry) == {body.id for body in kitchen.bodies}
-    assert {form.source for form in fitted.geometry.values()} == {GeometrySource.ONTOLOGY}
+    assert {geometry.source for geometry in fitted.geometry.values()} == {GeometrySource.ONTOLOGY}
     guessed = {id for note in fitted.notes for id in note.ids}
     assert not any(fitted.geometry[id].shape_name in (*CLOSING_SHAPES, "case", "shelf") for id in guessed)
 
 
-def test_in_the_bundled_kitchen_nothing_loose_stands_in_the_walls_of_a_case_or_drawer(kitchen: World) -> None:
+def test_free_bodies_of_the_bundled_kitchen_do_not_penetrate_cabinet_walls(kitchen: World) -> None:
     knowledge = KnowledgeBase()
     knowledge.load(bundled_kitchen())
-    forms = fit_geometry(kitchen, knowledge).geometry
-    hosts = [body for body in kitchen.bodies if forms[body.id].shape_name in ("case", "drawer")]
+    geometries = fit_geometry(kitchen, knowledge).geometry
+    hosts = [body for body in kitchen.bodies if geometries[body.id].shape_name in ("case", "drawer")]
     loose = [
-        body for body in kitchen.bodies if body.physics.is_dynamic and forms[body.id].shape_name not in CLOSING_SHAPES
+        body
+        for body in kitchen.bodies
+        if body.physics.is_dynamic and geometries[body.id].shape_name not in CLOSING_SHAPES
     ]
     poses = pose_array(body.pose for body in kitchen.bodies)
     where = dict(
@@ -218,7 +231,7 @@ def test_in_the_bundled_kitchen_nothing_loose_stands_in_the_walls_of_a_case_or_d
     )
     deepest = 0.0
     for host in hosts:
-        boxes = [box_of(solid) for solid in forms[host.id].collision_shapes]
+        boxes = [box_of(shape) for shape in geometries[host.id].collision_shapes]
         for body in loose:
             pose = pose_multiply(_inverse(where[host.id]), where[body.id])
             reach = np.abs(rotation_matrix(pose[3:])) @ np.array(body.size) / 2

@@ -1,4 +1,4 @@
-"""Designs for tests: any kind, with any parameters that its class allows."""
+"""Hypothesis strategies for shape templates with any valid parameters."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ __all__ = ["materials_for", "orientations", "sizes", "templates"]
 _EXTENTS_M = st.floats(-2.6, 0.8).map(lambda power: 10.0**power)
 
 sizes: st.SearchStrategy[Vector] = st.tuples(_EXTENTS_M, _EXTENTS_M, _EXTENTS_M)
-"""From a quarter of a centimetre to some meters, each way."""
+"""Extents from a quarter of a centimeter to a few meters."""
 
 orientations = st.permutations(list(BodySide)).map(
     lambda sides: (sides[0], next(side for side in sides if side.axis != sides[0].axis))
 )
-"""Up and front."""
+"""Pairs of up and front sides."""
 
 
 def templates(shape_name: str) -> st.SearchStrategy[ShapeTemplate]:
-    """Designs of one kind: some parameters are told, the others keep their defaults."""
-    design = SHAPE_TEMPLATES[shape_name]
-    fields = {field.name: _values(field.type, field.name) for field in msgspec.structs.fields(design)}
-    return st.fixed_dictionaries({}, optional=fields).map(lambda told: design(**told))
+    """Returns templates of one shape with some parameters; the others keep their defaults."""
+    template = SHAPE_TEMPLATES[shape_name]
+    fields = {field.name: _values(field.type, field.name) for field in msgspec.structs.fields(template)}
+    return st.fixed_dictionaries({}, optional=fields).map(lambda parameters: template(**parameters))
 
 
 def _values(type_: Any, name: str) -> st.SearchStrategy[Any]:
@@ -48,8 +48,8 @@ def _of_info(info: Any, name: str) -> st.SearchStrategy[Any]:
         case msgspec.inspect.EnumType():
             return st.sampled_from([BodySide.LEFT, BodySide.RIGHT, BodySide.TOP, BodySide.BOTTOM])
         case msgspec.inspect.UnionType(types=types):
-            told = [_of_info(each, name) for each in types if not isinstance(each, msgspec.inspect.NoneType)]
-            return st.none() | st.one_of(told)
+            members = [_of_info(each, name) for each in types if not isinstance(each, msgspec.inspect.NoneType)]
+            return st.none() | st.one_of(members)
         case msgspec.inspect.VarTupleType(item_type=item):
             return st.lists(_of_info(item, name), max_size=3).map(tuple)
         case msgspec.inspect.TupleType(item_types=items):
@@ -68,5 +68,5 @@ def _cutout(corners: tuple[Vector, Vector]) -> Cutout:
 
 
 def materials_for(template: ShapeTemplate) -> tuple[str, ...]:
-    """The roles of a design."""
+    """Returns the material roles of a template."""
     return tuple(template.roles)

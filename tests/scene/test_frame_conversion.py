@@ -1,4 +1,4 @@
-"""Frames: literal poses, what a conversion may not break, and the way back."""
+"""Frame conversions: literal poses, invariants, and round trips."""
 
 from __future__ import annotations
 
@@ -53,38 +53,40 @@ each_way = pytest.mark.parametrize("conversion", CONVERSIONS.values(), ids=CONVE
     ],
     ids=["unreal, yaw", "unreal, all axes", "godot, yaw", "godot, all axes"],
 )
-def test_one_literal_pose_there_and_back(there: FrameConversion, back: FrameConversion, ros: Pose, other: Pose) -> None:
+def test_a_literal_pose_is_converted_there_and_back(
+    there: FrameConversion, back: FrameConversion, ros: Pose, other: Pose
+) -> None:
     assert there.pose(ros) == other
     assert back.pose(other) == ros
 
 
-def test_a_step_forward_left_and_up_lies_where_each_program_has_it() -> None:
+def test_forward_left_and_up_are_converted_to_the_axes_of_each_program() -> None:
     forward, left, up = np.eye(3)
     assert_allclose(GODOT_FROM_ROS.points([forward, left, up]), [[0, 0, -1], [-1, 0, 0], [0, 1, 0]])
     assert_allclose(UNREAL_FROM_ROS.points([forward, left, up]), [[100, 0, 0], [0, -100, 0], [0, 0, 100]])
 
 
-def test_only_unreal_is_left_handed() -> None:
+def test_only_the_unreal_conversion_flips_handedness() -> None:
     assert UNREAL_FROM_ROS.flips_handedness
     assert ROS_FROM_UNREAL.flips_handedness
     assert not GODOT_FROM_ROS.flips_handedness
     assert not ROS_FROM_GODOT.flips_handedness
 
 
-def test_the_size_of_a_body_follows_its_axes() -> None:
+def test_sizes_are_reordered_with_the_axes() -> None:
     depth_width_height = (0.5, 1.5, 2.5)
     assert_allclose(UNREAL_FROM_ROS.sizes(depth_width_height), [50.0, 150.0, 250.0])
     assert_allclose(GODOT_FROM_ROS.sizes(depth_width_height), [1.5, 2.5, 0.5])
     assert_allclose(ROS_FROM_GODOT.sizes([1.5, 2.5, 0.5]), depth_width_height)
 
 
-def test_a_length_changes_only_its_unit() -> None:
+def test_lengths_are_only_scaled() -> None:
     assert UNREAL_FROM_ROS.lengths(0.45) == pytest.approx(45.0)
     assert ROS_FROM_UNREAL.lengths(45.0) == pytest.approx(0.45)
     assert GODOT_FROM_ROS.lengths(0.45) == 0.45
 
 
-def test_a_direction_keeps_its_length() -> None:
+def test_directions_are_not_scaled() -> None:
     assert_allclose(UNREAL_FROM_ROS.directions([0.6, 0.8, 0.0]), [0.6, -0.8, 0.0])
 
 
@@ -105,7 +107,7 @@ def test_no_poses_are_converted_to_no_poses(conversion: FrameConversion) -> None
 
 @each_way
 @given(pose=poses())
-def test_a_pose_comes_back(conversion: FrameConversion, pose: Pose) -> None:
+def test_poses_survive_a_round_trip(conversion: FrameConversion, pose: Pose) -> None:
     back = conversion.inverse.pose(conversion.pose(pose))
     assert_allclose(back.position, pose.position, rtol=1e-15)
     assert back.quaternion == pose.quaternion
@@ -113,7 +115,7 @@ def test_a_pose_comes_back(conversion: FrameConversion, pose: Pose) -> None:
 
 @each_way
 @given(size=sizes())
-def test_a_size_comes_back_and_stays_positive(conversion: FrameConversion, size: Vector) -> None:
+def test_sizes_survive_a_round_trip_and_stay_positive(conversion: FrameConversion, size: Vector) -> None:
     there = conversion.sizes(size)
     assert (there > 0.0).all()
     assert_allclose(conversion.inverse.sizes(there), size, rtol=1e-15)
@@ -121,9 +123,7 @@ def test_a_size_comes_back_and_stays_positive(conversion: FrameConversion, size:
 
 @each_way
 @given(pose=poses(), vector=vectors(-10.0, 10.0))
-def test_to_turn_and_then_convert_is_to_convert_and_then_turn(
-    conversion: FrameConversion, pose: Pose, vector: Vector
-) -> None:
+def test_conversion_commutes_with_rotation(conversion: FrameConversion, pose: Pose, vector: Vector) -> None:
     q = normalize(pose.quaternion)
     assert_allclose(
         conversion.points(quat_rotate(q, vector)),
@@ -134,7 +134,7 @@ def test_to_turn_and_then_convert_is_to_convert_and_then_turn(
 
 @each_way
 @given(pose=poses())
-def test_the_axes_of_a_body_are_those_of_the_world_there(conversion: FrameConversion, pose: Pose) -> None:
+def test_body_axes_are_converted_like_world_axes(conversion: FrameConversion, pose: Pose) -> None:
     # Independent of quaternions: the matrix of the frame on both sides of the matrix of the turn.
     frame = conversion.directions(np.eye(3)).T
     q = normalize(pose.quaternion)
@@ -143,18 +143,18 @@ def test_the_axes_of_a_body_are_those_of_the_world_there(conversion: FrameConver
 
 @each_way
 @given(many=st.lists(poses(), max_size=5))
-def test_many_poses_at_once_are_each_pose_by_itself(conversion: FrameConversion, many: list[Pose]) -> None:
+def test_conversion_of_many_poses_equals_that_of_each(conversion: FrameConversion, many: list[Pose]) -> None:
     assert_allclose(conversion.poses(pose_array(many)), pose_array(map(conversion.pose, many)), rtol=0.0, atol=0.0)
 
 
-def test_a_scalar_moves_from_one_end_to_the_other() -> None:
+def test_the_scalar_part_of_quaternions_is_moved() -> None:
     assert wxyz_from_xyzw([1, 2, 3, 0]).tolist() == [0, 1, 2, 3]
     assert xyzw_from_wxyz([0, 1, 2, 3]).tolist() == [1, 2, 3, 0]
     many = np.arange(8.0).reshape(2, 4)
     assert_allclose(wxyz_from_xyzw(xyzw_from_wxyz(many)), many)
 
 
-def test_the_turn_of_a_joint_limit_stays_what_it_is() -> None:
+def test_joint_limit_angles_are_preserved() -> None:
     # A hinge about ROS z, 30 degrees: its axis is Godot's y, and the angle is the same.
     hinge = GODOT_FROM_ROS.quaternions(YAWED.quaternion)
     assert 2.0 * np.arctan2(np.linalg.norm(hinge[1:]), hinge[0]) == pytest.approx(pi / 6)
