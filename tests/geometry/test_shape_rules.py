@@ -197,7 +197,7 @@ def test_a_material_in_the_class_name_overrides_that_of_the_shape(load_turtle: L
 
 def test_an_unknown_class_is_a_box_in_its_own_color(bundled_knowledge: KnowledgeBase) -> None:
     one, other = rule(bundled_knowledge, MY + "Gizmo"), rule(bundled_knowledge, MY + "Qwertz")
-    assert (one.shape_type, one.source, one.reason) == ("box", GeometrySource.MAP, "nobody says how it is shaped")
+    assert (one.shape_type, one.source, one.reason) == ("box", GeometrySource.MAP, "no annotation for its shape")
     assert one.default_material.pbr_material.color != other.default_material.pbr_material.color
     assert one.default_material.pbr_material == rule(KnowledgeBase(), MY + "Gizmo").default_material.pbr_material
 

@@ -46,16 +46,16 @@ def at_server(server: SparqlServer) -> KnowledgeBase:
 
 
 @pytest.fixture(scope="module")
-def here() -> KnowledgeBase:
+def local() -> KnowledgeBase:
     kb = KnowledgeBase()
     kb.load(bundled_kitchen())
     return kb
 
 
-def assert_same_answers(there: KnowledgeBase, here: KnowledgeBase) -> None:
+def assert_same_answers(remote: KnowledgeBase, local: KnowledgeBase) -> None:
     """Compares all answers, regardless of order and of the number format (177.512833 may become 177.51283)."""
     for question in list_questions():
-        found, expected = there.ask(question), here.ask(question)
+        found, expected = remote.ask(question), local.ask(question)
         assert sorted(map(rounded, found)) == sorted(map(rounded, expected)), question.name
         assert found.missing == expected.missing
 
@@ -73,8 +73,8 @@ def rounded(value: object) -> str:
         return str(value)
 
 
-def test_every_question_has_the_answers_of_the_bundled_kitchen(at_server: KnowledgeBase, here: KnowledgeBase) -> None:
-    assert_same_answers(at_server, here)
+def test_every_question_has_the_answers_of_the_bundled_kitchen(at_server: KnowledgeBase, local: KnowledgeBase) -> None:
+    assert_same_answers(at_server, local)
 
 
 @pytest.mark.parametrize("options", [(), ("--union-default-graph",)], ids=["graphs", "union"])
@@ -83,24 +83,24 @@ def test_every_question_has_the_answers_of_the_thesis_map(
 ) -> None:
     map = shared_data / "maps" / "iai-kitchen-original.owl"
     ontologies = sorted((shared_data / "ontology").glob("*/owl/*.owl"))
-    here = KnowledgeBase(bundled_ontology=False)
-    here.load(map, ontologies=ontologies)
+    local = KnowledgeBase(bundled_ontology=False)
+    local.load(map, ontologies=ontologies)
     server = SparqlServer(oxigraph, *options)
     try:
         server.load_files(map, *ontologies)
-        assert_same_answers(KnowledgeBase(endpoint=server.url, bundled_ontology=False), here)
+        assert_same_answers(KnowledgeBase(endpoint=server.url, bundled_ontology=False), local)
     finally:
         server.stop()
 
 
-def test_a_map_can_be_in_the_default_graph(oxigraph: Path, here: KnowledgeBase) -> None:
+def test_a_map_can_be_in_the_default_graph(oxigraph: Path, local: KnowledgeBase) -> None:
     server = SparqlServer(oxigraph)
     try:
         server.load_files(bundled_kitchen(), default=True)
-        there = KnowledgeBase(endpoint=server.url)
-        assert there.maps() == here.maps()
-        assert len(there.world().bodies) == len(here.world().bodies)
-        assert {row.individual for row in there.ask("storage_place_in_environment", item="CowsMilk")}
+        remote = KnowledgeBase(endpoint=server.url)
+        assert remote.maps() == local.maps()
+        assert len(remote.world().bodies) == len(local.world().bodies)
+        assert {row.individual for row in remote.ask("storage_place_in_environment", item="CowsMilk")}
     finally:
         server.stop()
 
@@ -108,11 +108,11 @@ def test_a_map_can_be_in_the_default_graph(oxigraph: Path, here: KnowledgeBase) 
 def test_the_bundled_ontology_and_local_files_are_joined(oxigraph: Path, shared_data: Path) -> None:
     server = SparqlServer(oxigraph)
     try:
-        with KnowledgeBase(endpoint=server.url) as there:
-            there.load(shared_data / "maps" / "iai-kitchen-original.owl")
-            assert there.ask("storage_place_in_environment", item="CowsMilk")
-        with KnowledgeBase(endpoint=server.url, bundled_ontology=False) as there:
-            assert there.maps() == ()
+        with KnowledgeBase(endpoint=server.url) as remote:
+            remote.load(shared_data / "maps" / "iai-kitchen-original.owl")
+            assert remote.ask("storage_place_in_environment", item="CowsMilk")
+        with KnowledgeBase(endpoint=server.url, bundled_ontology=False) as remote:
+            assert remote.maps() == ()
     finally:
         server.stop()
 
@@ -126,11 +126,11 @@ def test_few_requests_are_made(server: SparqlServer) -> None:
         assert endpoint.requests < 30, "for 300 individuals and 18 questions"
 
 
-def test_all_triples_come_with_one_request(server: SparqlServer, here: KnowledgeBase) -> None:
+def test_all_triples_come_with_one_request(server: SparqlServer, local: KnowledgeBase) -> None:
     endpoint = Counting(server.url)
     kb = KnowledgeBase(endpoint=endpoint, bundled_ontology=False)
     found = {quad.triple for quad in kb.store.quads_for_pattern(None, None, None) if not has_blank(quad)}
-    assert found == {quad.triple for quad in here.store.quads_for_pattern(None, None, None) if not has_blank(quad)}
+    assert found == {quad.triple for quad in local.store.quads_for_pattern(None, None, None) if not has_blank(quad)}
     assert endpoint.requests == 1
 
 

@@ -21,7 +21,7 @@ REFUSED = {
     "two entities with one id": (world_of(CUP, replace(TABLE, id=CUP.id)), "'cup'"),
     "two entities with one name": (world_of(CUP, replace(TABLE, iri=CUP.iri)), "'table'.*'cup'"),
     "an entity with the name of the map": (world_of(replace(CUP, iri=individual("room"))), "'cup'.*map"),
-    "a child that is not there": (world_of(CUP, attachments=(Attachment(parent=CUP.id, child=A),)), "'a'"),
+    "a missing child": (world_of(CUP, attachments=(Attachment(parent=CUP.id, child=A),)), "'a'"),
     "an endless mass": (world_of(replace(CUP, physics=BodyPhysics(mass_kg=float("inf")))), "inf.*mass"),
     "a negative mass": (world_of(replace(CUP, physics=BodyPhysics(mass_kg=-1.0))), "-1.0.*mass"),
     "an invalid pose": (world_of(replace(CUP, pose=Pose((float("nan"), 0.0, 0.0)))), "nan.*translation"),

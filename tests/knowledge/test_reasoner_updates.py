@@ -120,9 +120,11 @@ def test_an_updated_reasoner_equals_a_new_one(start: list[Triple], steps: list[t
             store.extend(quads(arguments, graph))
             names.add(index.add_graph(graph))
         else:
-            there = sorted(store, key=str)
+            existing = sorted(store, key=str)
             touched = (
-                quads(arguments, RUNTIME) if action == "tell" else [there[at % len(there)] for at in arguments if there]
+                quads(arguments, RUNTIME)
+                if action == "tell"
+                else [existing[at % len(existing)] for at in arguments if existing]
             )
             for quad in touched:
                 store.add(quad) if action == "tell" else store.remove(quad)

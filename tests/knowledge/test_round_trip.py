@@ -143,7 +143,7 @@ UNUSUAL = {
     "tiny and huge": world_of(
         replace(CUP, pose=Pose((5e-324, 1.7e300, 0.1 + 0.2)), physics=BodyPhysics(mass_kg=1e-300))
     ),
-    "a thing": world_of(replace(CUP, cls=Iri("http://www.w3.org/2002/07/owl#Thing"))),
+    "an owl:Thing": world_of(replace(CUP, cls=Iri("http://www.w3.org/2002/07/owl#Thing"))),
     "an empty label": world_of(replace(CUP, label="")),
     "a label in a language only": world_of(
         replace(
@@ -278,7 +278,7 @@ def test_every_statement_of_a_map_comes_back(map_file: Path, format: MapFormat, 
     before, after = set(statements(map_file)), set(statements(out))
     assert before - after == set()
     if any(quad.predicate.value == knowrob_iri("describedInMap") for quad in before):  # else it is of another dialect,
-        assert after - before - implied(before) == set()  # whose maps are told in the words of the first one besides
+        assert after - before - implied(before) == set()  # which is written in the terms of dialect 1 too
 
 
 def test_the_round_trip_needs_no_ontology(shared_data: Path, tmp_path: Path) -> None:
@@ -294,11 +294,11 @@ WRONG = {
     "a bad pose and a good one": ':x a k:Cup ; k:describedInMap :room ; k:pose :b, :x-pose . :b k:translation "a" . '
     ':x-pose k:translation "4 5 6" ; k:quaternion "1 0 0 0" ; a k:Pose, owl:NamedIndividual .',
     "a shared pose": body_turtle("x") + ":y a k:Cup ; k:describedInMap :room ; k:pose :x-pose .",
-    "a pose that is told of": body_turtle("x") + ":cup-pose e:a :x-pose . e:b e:c :x-pose .",
+    "a pose with further statements": body_turtle("x") + ":cup-pose e:a :x-pose . e:b e:c :x-pose .",
     "values that are none": body_turtle(
         "x", 'k:mass "heavy" ; k:mobility "flying" ; k:gravity 7 ; k:tagsData 5, "a;b"'
     ),
-    "values told twice": body_turtle("x", 'k:mass 1, 2 ; k:mobility "static", "dynamic" ; k:gravity true, false'),
+    "duplicate values": body_turtle("x", 'k:mass 1, 2 ; k:mobility "static", "dynamic" ; k:gravity true, false'),
     "a size in part": body_turtle("x", 'k:depthOfObject "1.0"^^xsd:float'),
     "two parents": body_turtle("a") + body_turtle("b") + body_turtle("x", "k:parent :a, :b"),
     "a circle": body_turtle("a", "k:parent :b", "k:child :b") + body_turtle("b", "k:parent :a", "k:child :a"),
@@ -309,7 +309,7 @@ WRONG = {
     + slide_joint("j", "a", "b").replace("k:xMotion 1", 'k:xMotion 2, "x"'),
     "a second end": body_turtle("a") + body_turtle("b") + body_turtle("c") + slide_joint("j", "a", "b", "k:child :c"),
     "bad materials": body_turtle("x", "ms:material [ ms:index 0 ]"),
-    "an end told by the body": body_turtle("a", "k:child :j") + body_turtle("b") + slide_joint("j", "a", "b"),
+    "a joint stated by the body": body_turtle("a", "k:child :j") + body_turtle("b") + slide_joint("j", "a", "b"),
 }
 
 

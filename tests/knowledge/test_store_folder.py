@@ -130,7 +130,7 @@ def test_queries_see_the_folder_and_recent_assertions(folder: Path) -> None:
 def test_a_folder_keeps_the_choice_of_the_bundled_ontology(small: tuple[Path, Path], folder: Path) -> None:
     with reopened(small[0]) as kb:
         assert bundled_ontology() not in kb.sources()
-    with pytest.raises(StoreError, match="it was made with the bundled ontology; make another one"):
+    with pytest.raises(StoreError, match="it was made with the bundled ontology; create another one without it"):
         KnowledgeBase(store=folder, bundled_ontology=False)
 
 
@@ -154,7 +154,7 @@ def test_a_changed_source_is_read_again_and_reported(small: tuple[Path, Path]) -
     with reopened(folder) as kb:
         assert [each.id for each in kb.world().bodies] == ["cup", "jug"]
         (finding,) = changes(kb)
-        assert (finding.individual, finding.action) == (str(map), "it was read anew")
+        assert (finding.individual, finding.action) == (str(map), "it is reloaded")
         assert kb.sources() == (map,), "what it imports no more is gone"
         assert not kb.sparql("ASK { <e:Word> ?p ?o }").boolean
     with reopened(folder) as kb:
@@ -193,7 +193,7 @@ def test_an_unreadable_changed_source_stays_as_it_was_and_is_reported(small: tup
         assert [each.id for each in kb.world().bodies] == ["cup"]
         (finding,) = changes(kb)
         assert "cannot read" in finding.problem
-        assert finding.action == "the stored one stays"
+        assert finding.action == "the stored version is used"
 
 
 def test_a_failed_load_leaves_the_folder_unchanged(small: tuple[Path, Path], tmp_path: Path) -> None:
@@ -323,7 +323,7 @@ def test_a_read_only_folder_answers_but_refuses_changes(
     map.write_text(room_map(body_turtle("cup"), body_turtle("jug")), encoding="utf-8")
     with reopened(folder) as kb:
         assert [each.id for each in kb.world().bodies] == ["cup"]
-        assert changes(kb)[0].action == "the stored one stays: the folder is read-only"
+        assert changes(kb)[0].action == "the stored version is used: the folder is read-only"
         assert kb.sparql("ASK { ?map a knowrob:SemanticEnvironmentMap }").boolean
         kb.load(map)
         with pytest.raises(StoreError, match="it is read-only; copy it, and use the copy"):
