@@ -68,6 +68,22 @@ __all__ = [
 FORMATS = {".owl": "owl", ".rdf": "rdf", ".ttl": "ttl", ".urdf": "urdf"}
 """Formats that can be loaded, by suffix of the file name."""
 _MAX_FILES = 1000
+_MAX_PATTERN = 4096
+"""Largest number of characters of a pattern."""
+_MAX_PROGRAM = 1 << 20
+"""Largest memory of a compiled pattern [byte]."""
+_COLLATING = re.compile(r"\[[^\]]*\[[.=]")
+"""Collating symbols and equivalence classes, which RE2 reads as literal characters."""
+WORLD_FRAME = "world"
+"""Frame id of the world in responses."""
+_TIMEOUT_S = 120.0
+_UNSUPPORTED_FEATURES = {
+    wire.Feature.NAMED_POSES,
+    wire.Feature.POSE_BOUNDS,
+    wire.Feature.ENTITY_BOUNDS_CONVEX,
+    wire.Feature.ENTITY_INFO_SETTING,
+    wire.Feature.SIMULATION_RESET_TIME,
+}
 
 
 class ResourceErrorType(Enum):
@@ -184,14 +200,6 @@ def _guess_suffix(text: str) -> str:
     return ".owl" if text.lstrip().startswith("<") and "<rdf:RDF" in text else ".ttl"
 
 
-_MAX_PATTERN = 4096
-"""Largest number of characters of a pattern."""
-_MAX_PROGRAM = 1 << 20
-"""Largest memory of a compiled pattern [byte]."""
-_COLLATING = re.compile(r"\[[^\]]*\[[.=]")
-"""Collating symbols and equivalence classes, which RE2 reads as literal characters."""
-
-
 def filter_entities(state_reader: StateReader, filters: simulation_interfaces.EntityFilters) -> tuple[BodyId, ...]:
     """Returns the entities that match, in the order of the snapshot.
 
@@ -292,10 +300,6 @@ def _bounds_overlap(bounds: simulation_interfaces.Bounds, low: Array, high: Arra
         case _:
             raise unsupported("entities can be filtered by a box or a sphere, not by a convex hull")
     return np.asarray(overlaps)
-
-
-WORLD_FRAME = "world"
-"""Frame id of the world in responses."""
 
 
 class EntityServices:
@@ -462,14 +466,6 @@ def _clone_attachments(attachments: Iterable[Attachment], new_id: Callable[[Body
     return tuple(Attachment(parent=new_id(each.parent), child=new_id(each.child)) for each in attachments)
 
 
-_TIMEOUT_S = 120.0
-_UNSUPPORTED_FEATURES = {
-    wire.Feature.NAMED_POSES,
-    wire.Feature.POSE_BOUNDS,
-    wire.Feature.ENTITY_BOUNDS_CONVEX,
-    wire.Feature.ENTITY_INFO_SETTING,
-    wire.Feature.SIMULATION_RESET_TIME,
-}
 _RESULT_CODES = {
     ResourceErrorType.NOT_FOUND: wire.SpawnCode.NO_RESOURCE,
     ResourceErrorType.UNSUPPORTED_FORMAT: wire.SpawnCode.UNSUPPORTED_FORMAT,
