@@ -63,6 +63,7 @@ from mindstage.scene.colors import COLORS
 from mindstage.scene.model import FrozenStruct
 
 __all__ = [
+    "FORMAT_VERSION",
     "BodyModelDelta",
     "ConversionNote",
     "JointModelDelta",
