@@ -187,7 +187,7 @@ def test_a_living_world_can_be_looked_at_without_holding_its_time(far_side: Serv
 
 def kept(far_side: ServedSimulation) -> int:
     """How many states the far side still has: it says so when it is asked for another one."""
-    with pytest.raises(Exception, match="no state") as told:
+    with pytest.raises(Exception, match="no saved state") as told:
         far_side.hub.call_service("/unreal/mindstage/restore_state", {"handle": "?"})
     names = str(told.value).partition("there is ")[2].splitlines()[0]
     return 0 if names == "none" else len(names.split(","))
