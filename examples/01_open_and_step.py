@@ -1,4 +1,4 @@
-"""Open a semantic map as a running simulation and let time pass."""
+"""Open a semantic map as a running simulation and step it."""
 
 import mindstage as ms
 

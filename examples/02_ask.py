@@ -1,10 +1,10 @@
-"""Ask declared questions: where milk is kept, what stands on the table, and why."""
+"""Ask declared questions: where milk is stored, what is on the table, and why."""
 
 import mindstage as ms
 
 with ms.open("bundled:kitchen", engine="null") as sim:
     for answer in sim.ask("storage_place_in_environment", item="CowsMilk"):
-        print("milk is kept in", answer.individual)
+        print("milk is stored in", answer.individual)
         for line in sim.knowledge.explain("storage_place_in_environment", answer):
             print("   because", line)
 

@@ -1,4 +1,4 @@
-"""Highlight answers and serve the page on which they are seen. Run with --stay to keep the page open."""
+"""Highlight answers and open the viewer. Run with --stay to keep the viewer open."""
 
 import sys
 
@@ -6,8 +6,8 @@ import mindstage as ms
 
 with ms.open("bundled:kitchen") as sim:
     for answer in sim.ask("storage_place", item="CowsMilk"):
-        sim.highlight(answer.individual, color="green", label="milk is kept here")
+        sim.highlight(answer.individual, color="green", label="milk is stored here")
     result = sim.highlight(sim.ask("handle_of", individual="oven"), "#f5c400")
     print("highlighted:", result.highlighted)
-    page = ms.view(sim, port=0, block="--stay" in sys.argv)  # in a notebook: ms.view(sim)
-    print(f"the page was at {page.url}" if sim.closed else f"the page is at {page.url}")
+    viewer = ms.view(sim, port=0, block="--stay" in sys.argv)  # in a notebook: ms.view(sim)
+    print(f"viewer at {viewer.url}")

@@ -1,4 +1,4 @@
-"""Open a door as a hand would, by a pull, and read the angle of its hinge."""
+"""Open a door by pulling it with a force, and read the position of its hinge."""
 
 import math
 
@@ -10,7 +10,7 @@ with ms.open("bundled:kitchen") as sim:
     if door.open():
         print(f"open by {abs(math.degrees(door.position)):.0f} degrees, {door.openness:.0%} of its range")
     for answer in sim.ask("openings", thing="fridge"):
-        print("the knowledge base says:", answer.state)
+        print("the question `openings` returns:", answer.state)
     door.open(0.5)
     print(f"half open: {door.openness:.0%}")
     print("closed again:", bool(door.close()))

@@ -1,4 +1,4 @@
-"""Place new objects on furniture, or in it, where there is room for them and they stay."""
+"""Place new objects on or in furniture, in free poses where they stay at rest."""
 
 import mindstage as ms
 from mindstage.errors import WorldError
@@ -6,10 +6,10 @@ from mindstage.errors import WorldError
 with ms.open("bundled:kitchen") as sim:
     for cls in ("CoffeeMug", "DinnerPlate", "CoffeeMug"):
         placed = sim.place(cls, on="table")
-        print(f"{placed.id} stands on {placed.support_id} at {[round(part, 2) for part in placed.pose.position]}")
+        print(f"{placed.id} is on {placed.support_id} at {[round(part, 2) for part in placed.pose.position]}")
     milk = sim.place("CowsMilk", into="fridge")
-    print(f"{milk.id} stands in {milk.support_id}")
+    print(f"{milk.id} is in {milk.support_id}")
     try:
         sim.place("Refrigerator", on="table")
-    except WorldError as error:  # the world does not allow it, and is as before
+    except WorldError as error:  # there is no free pose; the world is unchanged
         print(error)

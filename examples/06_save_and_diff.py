@@ -1,4 +1,4 @@
-"""Save a simulation as a map again, and compare the two maps in everything they say."""
+"""Save a simulation as a map, and compare every field and statement of the two maps."""
 
 import tempfile
 from pathlib import Path

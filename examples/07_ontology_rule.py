@@ -1,4 +1,4 @@
-"""Teach the knowledge base a class of your own: ten lines of Turtle, and questions follow from it."""
+"""Add a class and a restriction in Turtle, and ask a question whose answer follows from them."""
 
 import tempfile
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Open a robot description (URDF) like a map, move its joint, and save it as a semantic map."""
+"""Open a URDF file as a map, move its joint, and save it as a semantic map."""
 
 import tempfile
 from pathlib import Path

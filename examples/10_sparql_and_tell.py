@@ -1,4 +1,4 @@
-"""Query with SPARQL, tell the knowledge base something new, and retract it."""
+"""Query with SPARQL, assert a statement, ask a question that uses it, and retract it."""
 
 from mindstage import KnowledgeBase
 

@@ -1,4 +1,4 @@
-"""Export a map for other programs: MuJoCo's MJCF, glTF for viewers, Turtle in the words of SOMA."""
+"""Export a map as MJCF, as glTF, and as Turtle in the vocabulary of SOMA."""
 
 import tempfile
 from pathlib import Path

@@ -1,12 +1,12 @@
 #!/usr/bin/env bash
-# install_godot.sh [FOLDER]: puts Godot 4 into FOLDER (build/godot), ready to run as FOLDER/bin/godot.
+# install_godot.sh [FOLDER]: installs Godot 4 into FOLDER (build/godot); the program is FOLDER/bin/godot.
 #
-# Debian 12 has no Godot 4, its unstable suite has. This takes it from there without touching the system: apt works
-# with lists, cache and state of its own, beside the very archive that this machine's own sources name, and the
-# packages are only unpacked. As they need a newer C library than Debian 12's, FOLDER/bin/godot starts Godot through
-# the loader that came with them. Mesa's software drivers come along, so that it can draw without a graphics card.
+# Debian 12 has no Godot 4, Debian unstable has. The packages are downloaded from there without changing the system: apt
+# uses separate lists, cache and state with the archive of this machine's own sources, and the packages are only
+# unpacked. They need a newer C library than Debian 12 has, so FOLDER/bin/godot starts Godot through the loader of that
+# library. Mesa's software drivers are included, so that Godot can render without a graphics card.
 #
-# No root is needed. Nothing is done twice: a FOLDER that has a working Godot is left as it is.
+# No root is needed. A FOLDER with a working Godot is left unchanged.
 set -euo pipefail
 
 readonly packages=(godot libgl1-mesa-dri libglx-mesa0 libegl1 libegl-mesa0 libgl1 libxcursor1 libxinerama1 libxi6
@@ -17,19 +17,19 @@ mkdir -p "${1:-build/godot}"
 folder=$(cd "${1:-build/godot}" && pwd)
 readonly folder apt=$folder/apt root=$folder/root program=$folder/bin/godot
 
-say() { echo "mindstage: $*" >&2; }
+log() { echo "mindstage: $*" >&2; }
 
 die() {
-    say "$1"
-    say "Godot is missing here; install Godot 4.4 or later and set GODOT to its program, or put it on PATH"
+    log "$1"
+    log "Godot is missing here; install Godot 4.4 or later and set GODOT to its program, or put it on PATH"
     exit 1
 }
 
-again() {  # mirrors fail for a moment now and then
+retry() {  # mirrors fail temporarily
     local try
     for ((try = 1; try < tries; try++)); do
         "$@" && return
-        say "'${*##*/}' failed, trying again in $((try * 5)) s"
+        log "'${*##*/}' failed, trying again in $((try * 5)) s"
         sleep $((try * 5))
     done
     "$@"
@@ -37,27 +37,27 @@ again() {  # mirrors fail for a moment now and then
 
 works() { [[ -x $program ]] && timeout 60 "$program" --headless --version 2>/dev/null | grep -q '^4\.'; }
 
-own_archive() {  # where this machine's own sources get Debian's own release from
+own_archive() {  # the archive of Debian in the apt sources of this machine
     local sources=() release
     release=$(. /etc/os-release && echo "${VERSION_CODENAME:-stable}")
     mapfile -t sources < <(find "$etc" -type f \( -name '*.list' -o -name '*.sources' \) 2>/dev/null | sort)
     [[ ${#sources[@]} -gt 0 ]] || return 0
     awk -v release="$release" '
-        function tell(   i) {
+        function flush(   i) {
             if (suites ~ " " release " " && components ~ / main / && enabled) for (i = 1; i <= count; i++) print uris[i]
             count = 0; suites = components = " "; enabled = 1
         }
-        FNR == 1 || /^[ \t]*$/ { tell() }
+        FNR == 1 || /^[ \t]*$/ { flush() }
         tolower($1) == "uris:" { for (i = 2; i <= NF; i++) uris[++count] = $i }
         tolower($1) == "suites:" { for (i = 2; i <= NF; i++) suites = suites $i " " }
         tolower($1) == "components:" { for (i = 2; i <= NF; i++) components = components $i " " }
         tolower($1) == "enabled:" && tolower($2) == "no" { enabled = 0 }
         $1 == "deb" { i = 2; if ($2 ~ /^\[/) { while ($i !~ /\]$/) i++; i++ } if ($(i + 1) == release && $0 ~ / main/) print $i }
-        END { tell() }
+        END { flush() }
     ' "${sources[@]}" | sed 's|/*$||' | head -n 1 || true
 }
 
-own_apt() {  # apt's options for folders of our own
+own_apt() {  # configures apt for separate folders
     mkdir -p "$apt"/{lists/partial,cache/archives/partial,state}
     : >"$apt/state/status"
     echo "deb [signed-by=$keyring] $archive unstable main" >"$apt/sources.list"
@@ -102,7 +102,7 @@ write_program() {
     mkdir -p "$folder/bin"
     cat >"$program.part" <<WRAPPER
 #!/usr/bin/env bash
-# Starts Godot with the libraries that came with it; scripts/install_godot.sh wrote this.
+# Starts Godot with its own libraries. Written by scripts/install_godot.sh.
 root=\$(cd "\$(dirname "\$(readlink -f "\${BASH_SOURCE[0]}")")/../root" && pwd)
 libraries=\$root/${libraries#"$root"/}
 export LIBGL_DRIVERS_PATH=\$libraries/dri __EGL_VENDOR_LIBRARY_DIRS=\$root/usr/share/glvnd/egl_vendor.d
@@ -115,21 +115,21 @@ WRAPPER
 
 if works; then exit 0; fi
 for tool in apt-get dpkg-deb awk; do
-    command -v "$tool" >/dev/null || die "this is no Debian: there is no $tool"
+    command -v "$tool" >/dev/null || die "not a Debian system: there is no $tool"
 done
 keyring=$(find /usr/share/keyrings -name 'debian-archive-keyring.gpg' 2>/dev/null | head -n 1)
-[[ -n $keyring ]] || die "there is no keyring of Debian's archive; install debian-archive-keyring"
+[[ -n $keyring ]] || die "the keyring of Debian's archive is missing; install debian-archive-keyring"
 archive=$(own_archive)
-[[ -n $archive ]] || die "this machine's apt sources name no archive of Debian"
+[[ -n $archive ]] || die "the apt sources of this machine contain no archive of Debian"
 readonly keyring archive
 
-say "fetching Godot into $folder"
+log "fetching Godot into $folder"
 own_apt
-again apt-get update -qq || die "the list of packages cannot be had from $archive"
-again apt-get install -qq --yes --download-only --no-install-recommends "${packages[@]}" >/dev/null ||
-    die "the packages cannot be had from $archive"
+retry apt-get update -qq || die "cannot download the package lists from $archive"
+retry apt-get install -qq --yes --download-only --no-install-recommends "${packages[@]}" >/dev/null ||
+    die "cannot download the packages from $archive"
 unpack
 write_program
-works || die "what was fetched does not start: $("$program" --headless --version 2>&1 | tail -n 1)"
+works || die "the installed Godot does not start: $("$program" --headless --version 2>&1 | tail -n 1)"
 rm -rf "$apt"
-say "$("$program" --headless --version) is $program"
+log "$("$program" --headless --version) is $program"

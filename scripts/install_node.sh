@@ -1,9 +1,9 @@
 #!/usr/bin/env bash
-# install_node.sh: puts the pinned packages of requirements/node into build/node, every hash checked, for the tests that
-# let a client written for browsers talk to the ROS face. The lock file names no addresses: where packages come from is
-# the business of whoever installs.
+# install_node.sh: installs the pinned packages of requirements/node into build/node, with all hashes checked, for the
+# tests of the ROS interface with a browser client. The lock file contains no addresses: the package source is
+# configured by the person or machine that installs.
 #
-# Where Node is missing it says so and goes on: the tests that need it skip with that reason, or fail where CI is set.
+# Without Node it prints a message and succeeds: the tests that need it are skipped. In CI it fails.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 

@@ -37,7 +37,7 @@ make_venv() {
     local python
     python=$(choose_python)
     if ! "$python" -c 'import ensurepip, venv' 2>/dev/null; then
-        # Debian keeps these apart from Python, in a package of the version's own.
+        # On Debian these are in a separate package for each version.
         scripts/install_system.sh "$("$python" -c 'import sys; print("python3.%d-venv" % sys.version_info[1])')"
     fi
     echo "making .venv with $("$python" --version)"

@@ -1,29 +1,29 @@
 #!/usr/bin/env bash
 # install_system.sh [COMMAND:]PACKAGE...: installs those Debian packages whose command is missing (all without one).
 #
-# Where that is not possible (no root, no apt-get) it names what is missing and goes on: the tests that need it skip
-# with that reason, or fail where CI is set. A package without a command is needed at once, so there it fails.
+# Where that is not possible (no root, no apt-get) it names the missing packages and succeeds: the tests that need them
+# are skipped. It fails in CI, and for a package without a command, because the caller needs that one.
 set -euo pipefail
 
 readonly tries=4
 missing=()
-vital=false
+required=false
 for entry in "$@"; do
     if [[ $entry == *:* ]]; then
         command -v "${entry%%:*}" >/dev/null || missing+=("${entry#*:}")
     else
         missing+=("$entry")
-        vital=true
+        required=true
     fi
 done
 [[ ${#missing[@]} -gt 0 ]] || exit 0
 
 if [[ $(id -u) -ne 0 ]] || ! command -v apt-get >/dev/null; then
     echo "mindstage: missing here: ${missing[*]} (on Debian: sudo apt-get install ${missing[*]})" >&2
-    if $vital || [[ -n ${CI:-} ]]; then exit 1; else exit 0; fi
+    if $required || [[ -n ${CI:-} ]]; then exit 1; else exit 0; fi
 fi
 
-again() {  # mirrors fail for a moment now and then
+retry() {  # mirrors fail temporarily
     local try
     for ((try = 1; try < tries; try++)); do
         "$@" && return
@@ -35,5 +35,5 @@ again() {  # mirrors fail for a moment now and then
 
 export DEBIAN_FRONTEND=noninteractive DEBCONF_NOWARNINGS=yes
 echo "installing ${missing[*]}"
-again apt-get update -qq
-again apt-get install -qq --yes --no-install-recommends "${missing[@]}" >/dev/null
+retry apt-get update -qq
+retry apt-get install -qq --yes --no-install-recommends "${missing[@]}" >/dev/null

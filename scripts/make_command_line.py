@@ -23,7 +23,7 @@ HEAD = """# Command line
 <!-- Written by scripts/make_command_line.py: change the help texts in src/mindstage/cli instead. -->
 
 `mindstage VERB --help` prints the same information. A map is a file (OWL, Turtle, URDF, xacro), a `package://` name, or
-`bundled_ontology:kitchen`. [JSON output and exit codes](json-output.md) describes the results for programs;
+`bundled:kitchen`. [JSON output and exit codes](json-output.md) describes the results for programs;
 [Ask questions](../how-to/asking.md) and the other how-to pages show the verbs in use.
 """
 
@@ -43,7 +43,7 @@ def main() -> int:
 def page() -> str:
     """The complete document."""
     group: Any = typer.main.get_command(app)  # a click command or typer's own copy of it, depending on the version
-    return "\n".join([HEAD, *(line for verb in group.commands.values() for line in section(verb))])
+    return "\n".join([HEAD, *(line for verb in group.commands.values() if not verb.hidden for line in section(verb))])
 
 
 def section(verb: Any) -> Iterator[str]:

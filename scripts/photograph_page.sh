@@ -1,12 +1,11 @@
 #!/usr/bin/env bash
-# Takes the pictures of the page that the docs show; needs a Chromium and some minutes without a GPU.
+# Takes the screenshots of the viewer for the documentation; needs Chromium, and some minutes without a GPU.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
 mindstage=${MINDSTAGE:-.venv/bin/mindstage}
 pictures=docs/images
 
-# The same kitchen in each: the bundled one, as it was spawned.
 "$mindstage" shot bundled:kitchen --page --panel details --open fridge_door --select fridge -o "$pictures/kitchen.png"
 "$mindstage" shot bundled:kitchen --size 1000x640 --highlight "storage_place_in_environment item=CowsMilk" -o "$pictures/kitchen-answer.png"
 "$mindstage" shot bundled:kitchen --size 1000x640 --top --section 1.3 -o "$pictures/kitchen-plan.png"

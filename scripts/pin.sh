@@ -1,6 +1,9 @@
 #!/usr/bin/env bash
-# Writes requirements/{run,dev,docs}.txt from pyproject.toml: exact versions with the hashes of all their files, valid for
-# Python 3.11 to 3.13 on every platform. pip enforces the hashes (`--require-hashes`).
+# pin.sh [--keep]: writes requirements/{run,dev,docs}.txt from pyproject.toml: exact versions with the hashes of all
+# their files, valid for Python 3.11 to 3.13 on every platform. pip enforces the hashes (`--require-hashes`).
+#
+# Every package gets its newest allowed version. With --keep, pinned packages keep their versions and only missing ones
+# are added, which is what a new dependency needs.
 #
 # The build backend is pinned with them, so that installing the project fetches nothing unpinned. No index URL is
 # written: the package source is configured by the person or machine that installs.
@@ -8,26 +11,35 @@ set -euo pipefail
 cd "$(dirname "$0")/.."
 
 readonly backend='hatchling>=1.27'
+keep=false
+case ${1:-} in
+    '') ;;
+    --keep) keep=true ;;
+    *) echo "usage: pin.sh [--keep]" >&2; exit 2 ;;
+esac
+readonly keep
 readonly header='# Written by scripts/pin.sh; change pyproject.toml and run that again.'
 
-workshop=$(mktemp -d)
-trap 'rm -rf "$workshop"' EXIT
-"${PYTHON:-python3}" -m venv "$workshop/venv"
-"$workshop/venv/bin/pip" install --quiet uv
+folder=$(mktemp -d)
+trap 'rm -rf "$folder"' EXIT
+"${PYTHON:-python3}" -m venv "$folder/venv"
+"$folder/venv/bin/pip" install --quiet uv
 
 pin() {  # pin OUT OPTIONS...: one version for all Python versions, so that a bug is reproducible on each of them
     local out=$1
     shift
-    "$workshop/venv/bin/uv" pip compile pyproject.toml - "$@" --quiet --upgrade --universal --python-version 3.11 \
+    rm -f "$folder/pins"  # uv prefers the versions of an existing output file
+    if $keep && [[ -f $out ]]; then cp "$out" "$folder/pins"; fi
+    "$folder/venv/bin/uv" pip compile pyproject.toml - "$@" --quiet --universal --python-version 3.11 \
         --fork-strategy fewest --only-binary :all: --generate-hashes --no-header --no-annotate \
-        --output-file "$workshop/pins" <<<"$backend" >/dev/null
-    { echo "$header"; cat "$workshop/pins"; } >"$out"
+        --output-file "$folder/pins" <<<"$backend" >/dev/null
+    { echo "$header"; cat "$folder/pins"; } >"$out"
     echo "$out: $(grep -c == "$out") packages"
 }
 
 mkdir -p requirements
 # Every extra but `docs`, which only `make docs` installs.
-mapfile -t extras < <("$workshop/venv/bin/python" - <<'EOF'
+mapfile -t extras < <("$folder/venv/bin/python" - <<'EOF'
 import tomllib
 with open("pyproject.toml", "rb") as file:
     extras = tomllib.load(file)["project"]["optional-dependencies"]

@@ -1,4 +1,4 @@
-"""A small kitchen made by hand, with everything in it that moves, for all rooms' tests."""
+"""A small hand-written kitchen with a drawer, a door and a loose body, shared by the tests of several packages."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ RDFS = "http://www.w3.org/2000/01/rdf-schema#"
 def kitchenette() -> World:
     """A floor, a cupboard with a drawer that slides 0.45 m, a fridge whose door turns 45 degrees, handles, a mug.
 
-    Fronts look along -x. The handles do not simulate and hang on what they open; the mug stands on the cupboard.
+    Fronts face -x. The handles are kinematic and attached to what they open; the mug is on the cupboard.
     """
     return World(
         iri=Iri(MAP + "map"),

@@ -1,51 +1,171 @@
-"""What the documents promise is tried: the examples run, the pictures and links are there."""
+"""The code blocks of the documents run, their commands parse, and their links and pictures exist.
+
+The code of docs/how-to/prolog.md is run by tests/prolog, that of docs/how-to/furnishing.md by tests/geometry and
+tests/simulation.
+"""
 
 from __future__ import annotations
 
+import contextlib
+import json
 import os
 import re
 import shlex
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
+import typer
 from typer.testing import CliRunner
 
 from mindstage.cli.app import app
 from mindstage.knowledge import bundled_kitchen, bundled_ontology
-from tests.knowledge.serving import SparqlServer
+from tests.knowledge.sparql_server import SparqlServer
 
 ROOT = Path(__file__).resolve().parent.parent
-README = (ROOT / "README.md").read_text(encoding="utf-8")
 DOCUMENTS = [*sorted(ROOT.glob("*.md")), *sorted((ROOT / "docs").rglob("*.md"))]
 
 
-ASKING = (ROOT / "docs" / "how-to" / "asking.md").read_text(encoding="utf-8")
-TUTORIAL = (ROOT / "docs" / "tutorial" / "first-hour.md").read_text(encoding="utf-8")
-STORES = (ROOT / "docs" / "how-to" / "stores.md").read_text(encoding="utf-8")
+def page(name: str) -> str:
+    return (ROOT / "docs" / name).read_text(encoding="utf-8")
+
+
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+CONTRIBUTING = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+ASKING = page("how-to/asking.md")
+STORES = page("how-to/stores.md")
 ENDPOINT = "http://localhost:7878/query"
 
 
-def blocks(language: str, page: str = README) -> list[str]:
-    return re.findall(rf"^```{language}\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
+def blocks(language: str, text: str = README) -> list[str]:
+    """The code blocks of a document, also those inside of lists, without their indentation."""
+    found = re.findall(rf"^( *)```{language}\n(.*?)^ *```$", text, re.MULTILINE | re.DOTALL)
+    return [re.sub(rf"^{indentation}", "", code, flags=re.MULTILINE) for indentation, code in found]
+
+
+def run_python(code: str, folder: Path) -> list[str]:
+    """Runs a program in a folder and returns the lines that it prints."""
+    result = subprocess.run(
+        [sys.executable, "-c", code], cwd=folder, capture_output=True, text=True, check=False, timeout=120
+    )
+    assert result.returncode == 0, result.stderr
+    return result.stdout.splitlines()
+
+
+# -- Python ------------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("code", blocks("python"))
-def test_the_python_of_the_readme_runs_and_prints_what_it_says(code: str, tmp_path: Path) -> None:
-    result = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False)
-    assert result.returncode == 0, result.stderr
-    # A comment after a print says what it prints.
-    promised = re.findall(r"^\s*print\(.*\)  # (.+?)(?::.*)?$", code, re.MULTILINE)
-    assert promised
-    assert result.stdout.split("\n")[:-1] == promised
+def test_the_python_of_the_readme_prints_what_its_comments_state(code: str, tmp_path: Path) -> None:
+    # A comment after a print is its output, up to a colon.
+    expected = re.findall(r"^\s*print\(.*\)  # (.+?)(?::.*)?$", code, re.MULTILINE)
+    assert expected
+    assert run_python(code, tmp_path) == expected
+
+
+@pytest.mark.parametrize(
+    ("name", "least"),
+    [("how-to/asking.md", 8), ("tutorial/first-hour.md", 3)],
+)
+def test_the_python_of_a_page_prints_what_its_comments_state(name: str, least: int, tmp_path: Path) -> None:
+    """All blocks of a page are one program."""
+    code = "".join(blocks("python", page(name)))
+    expected = re.findall(r"^(?:\s*print\(.*\)  )?# (.+)$", code, re.MULTILINE)
+    assert len(expected) >= least
+    assert run_python(code, tmp_path) == expected
+
+
+@pytest.mark.parametrize("name", ["index.md", "reference/python/index.md", "reference/shapes.md"])
+def test_the_python_of_a_page_without_promised_output_runs(name: str, tmp_path: Path) -> None:
+    assert blocks("python", page(name))
+    run_python("".join(blocks("python", page(name))), tmp_path)
+
+
+def test_the_python_about_stores_runs(tmp_path: Path, oxigraph: Path) -> None:
+    server = SparqlServer(oxigraph)
+    try:
+        code = "".join(blocks("python", STORES)).replace(ENDPOINT, server.url)
+        run_python(f"from mindstage.knowledge import KnowledgeBase\n{code}", tmp_path)
+    finally:
+        server.stop()
+
+
+def test_the_python_about_remote_engines_runs() -> None:
+    from mindstage import KnowledgeBase, NullEngine, Simulation
+    from mindstage.bridge import LocalNode, RosbridgeServer
+    from mindstage.ros import RosInterface
+
+    (code,) = blocks("python", page("how-to/engines.md"))
+    with contextlib.ExitStack() as stack:
+        sim = stack.enter_context(Simulation(KnowledgeBase(), NullEngine()))
+        node = stack.enter_context(LocalNode())
+        server = stack.enter_context(RosbridgeServer(node, port=0))
+        stack.callback(RosInterface(sim, node).close)
+        assert "ros://127.0.0.1:9090/" in code
+        namespace: dict[str, Any] = {}
+        exec(compile(code.replace("127.0.0.1:9090", server.url.removeprefix("ws://")), "engines.md", "exec"), namespace)
+        namespace["engine"].close()
+
+
+def test_the_python_about_ros_runs() -> None:
+    from mindstage import KnowledgeBase, MujocoEngine, Simulation
+    from mindstage.bridge import LocalNode, RosbridgeServer
+    from mindstage.ros import RosInterface
+
+    code = re.findall(r"^    (with Simulation.*\n {8}\.\.\.\n)", page("how-to/ros.md"), re.MULTILINE)
+    assert len(code) == 1
+    assert "RosbridgeServer(node)" in code[0]
+    names = {each.__name__: each for each in (MujocoEngine, Simulation, LocalNode, RosbridgeServer, RosInterface)}
+    with KnowledgeBase() as knowledge:
+        text = re.sub(
+            r"^    ", "", code[0].replace("RosbridgeServer(node)", "RosbridgeServer(node, port=0)"), flags=re.M
+        )
+        exec(compile(text, "ros.md", "exec"), {**names, "knowledge": knowledge})
+
+
+def test_the_python_about_godot_runs(godot: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    import mindstage as ms
+
+    monkeypatch.chdir(tmp_path)
+    (code,) = blocks("python", page("how-to/godot.md"))
+    exec(compile(code, "godot.md", "exec"), {"world": ms.load("bundled:kitchen")})
+    assert (tmp_path / "kitchen.tscn").is_file()
+
+
+RECIPES = {
+    "def supported_by": "from mindstage.knowledge.queries.spatial import *\n"
+    "from collections.abc import Iterator\n"
+    "from mindstage.knowledge.questions import *\n",
+    "def extent": "from mindstage.cli.options import AsJson, ExitCode, MapArgument\n",
+    "class TestMyEngine": "import pytest\n"
+    "from mindstage.engines import NullEngine as MyEngine\n"
+    "from tests.engines.contract import DescriptionContract\n"
+    "from tests.engines.forms_contract import GeometryDescriptionContract\n",
+    "class Tray": "from mindstage.geometry.procedural.builder import GeometryBuilder, Length, ShapeTemplate\n",
+}
+"""The imports that each recipe of the contributor guide leaves out."""
+
+
+@pytest.mark.parametrize("definition", RECIPES)
+def test_the_python_of_a_recipe_runs(definition: str) -> None:
+    (code,) = [code for code in blocks("python", CONTRIBUTING) if definition in code]
+    run_python(RECIPES[definition] + code, ROOT)
+
+
+def test_every_recipe_in_python_is_run() -> None:
+    assert len(blocks("python", CONTRIBUTING)) == len(RECIPES)
+
+
+# -- shell -------------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("script", [block for block in blocks("sh") if "mindstage " in block])
 def test_the_shell_of_the_readme_runs(script: str, tmp_path: Path) -> None:
     commands = [line for line in script.splitlines() if line.startswith("mindstage ")]
     assert commands
-    # The command of the Python that runs this test, wherever it is installed; and the demo must end.
+    # `mindstage` of the Python that runs this test; the variable ends `mindstage demo`.
     environment = os.environ | {
         "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}",
         "MINDSTAGE_DEMO_SECONDS": "1",
@@ -61,51 +181,58 @@ def test_the_shell_of_the_readme_runs(script: str, tmp_path: Path) -> None:
     assert result.returncode == 0, result.stdout + result.stderr
 
 
-@pytest.mark.parametrize(("page", "least"), [(ASKING, 8), (TUTORIAL, 3)], ids=["asking", "tutorial"])
-def test_the_python_of_a_page_runs_and_prints_what_it_says(page: str, least: int, tmp_path: Path) -> None:
-    """All of it is one program."""
-    code = "".join(blocks("python", page))
-    result = subprocess.run(
-        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False, timeout=120
-    )
-    assert result.returncode == 0, result.stderr
-    promised = re.findall(r"^(?:\s*print\(.*\)  )?# (.+)$", code, re.MULTILINE)
-    assert len(promised) >= least
-    assert result.stdout.splitlines() == promised
-
-
-def test_the_shell_about_asking_ends_as_it_says(
+def test_the_shell_about_asking_ends_with_the_stated_codes(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, oxigraph: Path
 ) -> None:
-    """One line after the other, in one folder; the server is a real one elsewhere."""
+    """The commands run one after the other, in one folder; the endpoint is a real server at another address."""
     monkeypatch.chdir(tmp_path)
     server = SparqlServer(oxigraph)
     try:
         server.load_files(bundled_kitchen(), bundled_ontology())
         for line in "".join([*blocks("sh", ASKING), *blocks("sh", STORES)]).splitlines():
-            command, _, promise = line.partition("  # ends with ")
-            code, _, said = promise.partition(": ")
-            typed = shlex.split(command.replace(ENDPOINT, server.url))
-            assert typed[0] == "mindstage"
-            result = CliRunner().invoke(app, typed[1:], prog_name="mindstage")
+            command, _, expected = line.partition("  # ends with ")
+            code, _, message = expected.partition(": ")
+            arguments = shlex.split(command.replace(ENDPOINT, server.url))
+            assert arguments[0] == "mindstage"
+            result = CliRunner().invoke(app, arguments[1:], prog_name="mindstage")
             assert result.exit_code == int(code or 0), f"{line}\n{result.output}"
-            assert said in result.output
+            assert message in result.output
     finally:
         server.stop()
 
 
-def test_the_pages_are_short_enough_to_be_read() -> None:
+def test_the_json_of_the_reference_is_what_the_command_prints() -> None:
+    text = page("reference/json-output.md")
+    (command,), (expected,) = blocks("sh", text), blocks("json", text)
+    result = CliRunner().invoke(app, shlex.split(command)[1:], prog_name="mindstage")
+    assert json.loads(result.stdout) == json.loads(expected)
+
+
+def commands() -> list[str]:
+    """Every line with a complete `mindstage` command in a document."""
+    lines = {line for path in DOCUMENTS for line in path.read_text(encoding="utf-8").splitlines()}
+    found = {match[1] for line in lines if (match := re.fullmatch(r" *(mindstage [a-z]+\b[^`…]*?)(?:  +# .*)?", line))}
+    return sorted(line for line in found if not re.search(r"\[[A-Z-]", line))  # a synopsis has options in brackets
+
+
+@pytest.mark.parametrize("line", commands())
+def test_every_command_of_the_documents_parses(line: str) -> None:
+    group: Any = typer.main.get_command(app)
+    verb, *arguments = shlex.split(line)[1:]
+    group.commands[verb].make_context(verb, arguments)
+
+
+# -- text --------------------------------------------------------------------------------------------------------------
+
+
+def test_the_pages_have_at_most_their_lines() -> None:
     assert len(ASKING.splitlines()) <= 150
-    assert ENDPOINT in STORES
-
-
-def test_the_readme_can_be_read_in_one_go() -> None:
     assert len(README.splitlines()) <= 120
     assert len(blocks("python")) >= 1
 
 
 @pytest.mark.parametrize("path", DOCUMENTS, ids=lambda path: str(path.relative_to(ROOT)))
-def test_links_and_pictures_lead_somewhere(path: Path) -> None:
+def test_links_and_pictures_exist(path: Path) -> None:
     for target in re.findall(r"\]\(([^)#]+)(?:#[^)]*)?\)", path.read_text(encoding="utf-8")):
         if "://" not in target:
             assert (path.parent / target).exists(), f"{path.name} names {target}"

@@ -1,4 +1,4 @@
-"""The examples run: every script as a program of its own, every notebook's code cells in one namespace."""
+"""The examples run: each script as a program, the code cells of each notebook in one namespace."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ EXAMPLES = Path(__file__).resolve().parent.parent / "examples"
 SCRIPTS = sorted(EXAMPLES.glob("*.py"))
 NOTEBOOKS = sorted(EXAMPLES.glob("notebooks/*.ipynb"))
 
-PROMISED = {
+EXPECTED_OUTPUT = {
     "01_open_and_step.py": "254 bodies",
-    "02_ask.py": "milk is kept in http://mindstage.org/maps/kitchen.owl#fridge",
-    "03_highlight_and_view.py": "the page is at http://127.0.0.1:",
+    "02_ask.py": "milk is stored in http://mindstage.org/maps/kitchen.owl#fridge",
+    "03_highlight_and_view.py": "viewer at http://127.0.0.1:",
     "04_open_a_door.py": "open by 45 degrees, 100% of its range",
-    "05_place_objects.py": "stands in",
+    "05_place_objects.py": "is in fridge",
     "06_save_and_diff.py": "nothing moved: identical",
     "07_ontology_rule.py": "crockery_cupboard is a Cupboard",
     "08_urdf.py": "2 bodies, 1 joint",
@@ -36,7 +36,7 @@ PROMISED = {
 
 
 @pytest.mark.parametrize("script", SCRIPTS, ids=lambda path: path.stem)
-def test_a_script_runs_and_prints_what_it_is_about(script: Path, tmp_path: Path) -> None:
+def test_a_script_prints_the_expected_output(script: Path, tmp_path: Path) -> None:
     source = str(EXAMPLES.parent / "src")
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, (source, os.environ.get("PYTHONPATH"))))}
     result = subprocess.run(
@@ -49,12 +49,12 @@ def test_a_script_runs_and_prints_what_it_is_about(script: Path, tmp_path: Path)
         check=False,
     )
     assert result.returncode == 0, result.stderr
-    assert PROMISED[script.name] in result.stdout
-    assert not list(tmp_path.iterdir()), "an example leaves no files behind"
+    assert EXPECTED_OUTPUT[script.name] in result.stdout
+    assert not list(tmp_path.iterdir()), "the example created files"
 
 
 @pytest.mark.parametrize("script", SCRIPTS, ids=lambda path: path.stem)
-def test_a_script_is_short_and_says_what_it_shows(script: Path) -> None:
+def test_a_script_is_short_and_has_a_docstring(script: Path) -> None:
     text = script.read_text(encoding="utf-8")
     assert len(text.splitlines()) < 40
     assert ast.get_docstring(ast.parse(text))
@@ -73,17 +73,17 @@ def test_a_notebook_runs_and_its_outputs_are_cleared(notebook: Path) -> None:
     finally:
         if "sim" in namespace:
             namespace["sim"].close()
-    assert shown >= 3, "a notebook shows something"
+    assert shown >= 3, "too few cells have an output"
 
 
-def test_there_are_ten_scripts_and_three_notebooks() -> None:
+def test_there_are_at_least_ten_scripts_and_three_notebooks() -> None:
     assert len(SCRIPTS) >= 10
-    assert {script.name for script in SCRIPTS} == PROMISED.keys()
+    assert {script.name for script in SCRIPTS} == EXPECTED_OUTPUT.keys()
     assert len(NOTEBOOKS) == 3
 
 
 def _run(source: str, namespace: dict[str, Any], *, name: str) -> bool:
-    """Runs a cell as Jupyter does, and whether it shows something: the value of its last expression."""
+    """Runs a cell as Jupyter does; returns whether it prints something or ends in an expression with a value."""
     tree = ast.parse(source)
     last = tree.body.pop() if tree.body and isinstance(tree.body[-1], ast.Expr) else None
     with contextlib.redirect_stdout(io.StringIO()) as printed:
@@ -100,7 +100,7 @@ def _run(source: str, namespace: dict[str, Any], *, name: str) -> bool:
 
 
 class _Balanced(HTMLParser):
-    """Every tag that is opened is closed."""
+    """Checks that every opened tag is closed."""
 
     def __init__(self) -> None:
         super().__init__()

@@ -357,7 +357,7 @@ def test_a_service_can_be_advertised_again_and_withdrawn(
 
 def test_a_local_node_cannot_advertise_another_type(local_node: LocalNode) -> None:
     local_node.advertise("/a", "std_msgs/String")
-    with pytest.raises(AdvertiseError, match="'/a' cannot be offered: its type is std_msgs/String"):
+    with pytest.raises(AdvertiseError, match="'/a' cannot be advertised: its type is std_msgs/String"):
         local_node.advertise("/a", "std_msgs/Bool")
 
 

@@ -408,9 +408,7 @@ def _to_field_names(cls: Any, value: Any, path: str) -> Any:
     renamed = {names.get(key, key): part for key, part in value.items()}
     if len(renamed) != len(value):
         twice = next(key for key in value if key in names and names[key] in value)
-        raise MessageValidationError(
-            type_name(cls), path=_joined(path, twice), cause=f"{names[twice]} is given too"
-        )
+        raise MessageValidationError(type_name(cls), path=_joined(path, twice), cause=f"{names[twice]} is given too")
     for field in _fields_with_other_names(cls):
         part, here = renamed.get(field.name), _joined(path, field.name)
         if field.length is None and part is not None:

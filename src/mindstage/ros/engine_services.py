@@ -32,7 +32,7 @@ from mindstage.errors import EngineError, MessageValidationError
 from mindstage.msgs import Action, Service, snake_case
 from mindstage.msgs import mindstage_msgs as wire
 from mindstage.ros.diagnostics import DiagnosticsPublisher
-from mindstage.ros.service import ActionSpec, GoalCanceled, GoalContext, ServiceSpec
+from mindstage.ros.service import ActionSpec, GoalCanceledError, GoalContext, ServiceSpec
 from mindstage.ros.state import StateReader
 from mindstage.scene import BodyId, BodyPhysics, Material, Vector, World
 from mindstage.simulation import Simulation, StateSnapshot
@@ -318,7 +318,7 @@ class EngineServices:
             present = set(self._state_reader.state().ids)
             spawned = [body.id for body in world.bodies if body.id in present and body.id not in before]
             self._edit("delete", lambda engine: engine.delete(spawned))
-            raise GoalCanceled
+            raise GoalCanceledError
         context.send_feedback(feedback("spawned", report.bodies + report.joints + report.attachments))
         self._diagnostics.report_spawn("spawn_map", report)
         return wire.SpawnMap.Result(success=report.ok, report=spawn_report(report))

@@ -35,7 +35,7 @@ __all__ = [
     "FEEDBACK_INTERVAL_S",
     "OK",
     "ActionSpec",
-    "GoalCanceled",
+    "GoalCanceledError",
     "GoalContext",
     "ResultError",
     "ServiceSpec",
@@ -123,7 +123,7 @@ def refusal_response(response: type[Message], error: WorldError) -> Message:
     return response(refusal=error_to_message(error)) if "refusal" in fields else response()
 
 
-class GoalCanceled(Exception):
+class GoalCanceledError(Exception):
     """The goal was canceled."""
 
 
@@ -164,11 +164,11 @@ class GoalContext:
             make_feedback: creates the feedback message.
 
         Raises:
-            GoalCanceled: cancellation was requested.
+            GoalCanceledError: cancellation was requested.
             SimulationTimeoutError: the goal takes too long.
         """
         if self._is_cancelled():
-            raise GoalCanceled
+            raise GoalCanceledError
         now = time.monotonic()
         if now > self._deadline:
             raise SimulationTimeoutError(self.name, timeout_s=self.timeout_s)
@@ -257,7 +257,7 @@ def action_handler(
         )
         try:
             result = spec.handler(request, context)
-        except GoalCanceled:
+        except GoalCanceledError:
             return goal.canceled(encode(_canceled_result(spec.type.Result), ros=ros))
         except ResultError as error:
             diagnostics.report_failures(name, [("", str(error))])

@@ -14,7 +14,7 @@ from mindstage.ros.diagnostics import DiagnosticsPublisher
 from mindstage.ros.service import (
     OK,
     ActionSpec,
-    GoalCanceled,
+    GoalCanceledError,
     GoalContext,
     ResultError,
     ServiceSpec,
@@ -216,7 +216,7 @@ class SimulationControlServices:
                 self._simulation.step(count * self._step_s)
                 done += count
         if context.cancelled:
-            raise GoalCanceled
+            raise GoalCanceledError
         context.send_feedback(feedback())
         return wire.SimulateSteps.Result(result=OK)
 
