@@ -185,7 +185,7 @@ def test_a_running_world_can_be_observed_without_controlling_its_time(served: Se
 
 def saved_state_count(served: ServedSimulation) -> int:
     """The number of states on the remote side, from its error message on an unknown handle."""
-    with pytest.raises(Exception, match="no state") as error:
+    with pytest.raises(Exception, match="no saved state") as error:
         served.hub.call_service("/unreal/mindstage/restore_state", {"handle": "?"})
     names = str(error.value).partition("there is ")[2].splitlines()[0]
     return 0 if names == "none" else len(names.split(","))

@@ -67,6 +67,11 @@ __all__ = [
     "same_type",
 ]
 
+_RETRY_S = 0.02
+"""Interval at which a congested peer is checked [s]."""
+_MAX_QUEUE_LENGTH = 1000
+"""Upper bound of the queue length that a client can request."""
+
 
 def resolve_name(name: str) -> str:
     """Returns a name in the root namespace: `tf` and `/tf` are the same."""
@@ -391,10 +396,6 @@ def _send_aborted(caller: Peer | None, action: str, id: Id | None, reply_format:
         )
 
 
-_RETRY_S = 0.02
-"""Interval at which a congested peer is checked [s]."""
-
-
 class ThrottledQueue:
     """Messages of one topic to one peer, which receives each message once even with several subscriptions.
 
@@ -479,10 +480,6 @@ class ThrottledQueue:
         self._reply_format = ReplyFormat(
             next(each for each in preference if each in compressions), min(sizes, default=None)
         )
-
-
-_MAX_QUEUE_LENGTH = 1000
-"""Upper bound of the queue length that a client can request."""
 
 
 class _Call(PendingRequest):

@@ -63,6 +63,7 @@ from mindstage.scene.colors import COLORS
 from mindstage.scene.model import FrozenStruct
 
 __all__ = [
+    "FORMAT_VERSION",
     "BodyModelDelta",
     "ConversionNote",
     "JointModelDelta",
@@ -98,6 +99,28 @@ __all__ = [
 _COLORS: dict[world_control_msgs.ColorCode, Color] = {
     world_control_msgs.ColorCode(code): color for code, color in enumerate(COLORS.values(), start=1)
 }
+WORLD_ERROR_FACTORIES: dict[str, Callable[[mindstage_msgs.Refusal], WorldError]] = {
+    "BodyUnknown": lambda message: BodyNotFoundError(message.body, known=message.near, world=message.world),
+    "BodyExists": lambda message: BodyExistsError(message.body),
+    "PoseUnreachable": lambda message: PoseUnreachableError(message.body, reason=message.reason),
+    "AttachmentRefused": lambda message: AttachmentError(message.parent, message.child, reason=message.reason),
+}
+ENGINE_ERROR_TYPES: dict[str, type[EngineError]] = {
+    cls.code: cls
+    for cls in (
+        EngineUnavailableError,
+        EngineTimeoutError,
+        UnsupportedByEngineError,
+        EngineClosedError,
+        SimulationDivergedError,
+    )
+}
+T = TypeVar("T")
+FORMAT_VERSION = World(iri=Iri("")).format_version
+"""Version of the JSON of worlds."""
+_MESH_NAME = re.compile(r"[0-9a-f]{8,64}\.glb")
+_MAX_SIZE_M = 1e6
+_MESSAGE_ONLY_FIELDS = ("mesh", "material")
 
 
 def pose_message(pose: Pose) -> geometry_msgs.Pose:
@@ -179,24 +202,6 @@ def color_code(color: Color | None) -> world_control_msgs.ColorCode:
     return min(_COLORS, key=lambda code: sum((a - b) ** 2 for a, b in zip(_COLORS[code], color, strict=True)))
 
 
-WORLD_ERROR_FACTORIES: dict[str, Callable[[mindstage_msgs.Refusal], WorldError]] = {
-    "BodyUnknown": lambda message: BodyNotFoundError(message.body, known=message.near, world=message.world),
-    "BodyExists": lambda message: BodyExistsError(message.body),
-    "PoseUnreachable": lambda message: PoseUnreachableError(message.body, reason=message.reason),
-    "AttachmentRefused": lambda message: AttachmentError(message.parent, message.child, reason=message.reason),
-}
-ENGINE_ERROR_TYPES: dict[str, type[EngineError]] = {
-    cls.code: cls
-    for cls in (
-        EngineUnavailableError,
-        EngineTimeoutError,
-        UnsupportedByEngineError,
-        EngineClosedError,
-        SimulationDivergedError,
-    )
-}
-
-
 def error_to_message(error: WorldError) -> mindstage_msgs.Refusal:
     """Converts an error of the world to a message."""
     facts = dict(vars(error))
@@ -243,12 +248,6 @@ def merge_notes(notes: Iterable[ConversionNote]) -> tuple[ConversionNote, ...]:
     for note in notes:
         ids[note.field, note.text].update(dict.fromkeys(note.ids))
     return tuple(ConversionNote(field, tuple(merged), text) for (field, text), merged in ids.items())
-
-
-T = TypeVar("T")
-
-FORMAT_VERSION = World(iri=Iri("")).format_version
-"""Version of the JSON of worlds."""
 
 
 class FormatVersion(msgspec.Struct):
@@ -380,11 +379,6 @@ def model_delta_to_json(change: PhysicsModelDelta) -> str:
         MessageValidationError: it has a value that JSON cannot represent, such as NaN.
     """
     return to_json(change)
-
-
-_MESH_NAME = re.compile(r"[0-9a-f]{8,64}\.glb")
-_MAX_SIZE_M = 1e6
-_MESSAGE_ONLY_FIELDS = ("mesh", "material")
 
 
 class GeometryMessage(

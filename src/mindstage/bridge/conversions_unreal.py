@@ -79,6 +79,8 @@ MOBILITY_CODES = {
     Mobility.KINEMATIC: world_control_msgs.MobilityCode.KINEMATIC,
 }
 MOBILITY_BY_CODE = {code: mobility for mobility, code in MOBILITY_CODES.items()}
+LINEAR_AXES = ("x", "y", "z")
+ANGULAR_AXES = ("swing1", "swing2", "twist")
 
 # -- to the wire -------------------------------------------------------------------------------------------------------
 
@@ -306,10 +308,6 @@ def _parse_size(text: str) -> Vector:
 def _class_name(tags: tuple[Tag, ...], name: str) -> str:
     """Returns the class in the tag of the semantic logger, or else the mesh name, or `Thing`."""
     return next((tag.value for tag in tags if (tag.type, tag.key) == ("SemLog", "Class")), name) or "Thing"
-
-
-LINEAR_AXES = ("x", "y", "z")
-ANGULAR_AXES = ("swing1", "swing2", "twist")
 
 
 def joint_message(joint: Joint) -> world_control_msgs.ConstraintDescription:

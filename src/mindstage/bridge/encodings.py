@@ -33,6 +33,21 @@ _STRING = re.compile(rb'"[^"\\]*(?:\\.[^"\\]*)*"', re.DOTALL)
 _DEPTH_STEPS = bytes.maketrans(b"[{]}", b"\x01\x01\xff\xff")
 """Maps opening brackets to +1 and closing brackets to -1, as a signed byte."""
 _OTHER_BYTES = bytes(set(range(256)) - set(b"[{]}"))
+_SIGNATURE = b"\x89PNG\r\n\x1a\n"
+_HEADER = struct.Struct(">4x4xIIBBBBB")
+"""Layout of the first chunk: its length and type, then its fields (ISO/IEC 15948, 11.2.2)."""
+_CHANNELS = {0: 1, 2: 3, 6: 4}
+"""Number of channels by color type."""
+_FLOAT64_ARRAY_TAG = 86
+"""Tag of arrays of little-endian float64."""
+_SELF_DESCRIBED_TAG = 55799
+_BUILTIN_TAGS = (0, 1, 2, 3, 4, 5, 25, 28, 29, 30, 35, 36, 37, 52, 54, 100, 256, 258, 260, 261, 1004, 43000)
+_TYPED_ARRAY_TAGS = {
+    65: ">H", 66: ">I", 67: ">Q", 69: "<H", 70: "<I", 71: "<Q",
+    72: "<b", 73: ">h", 74: ">i", 75: ">q", 77: "<h", 78: "<i", 79: "<q",
+    80: ">e", 81: ">f", 82: ">d", 84: "<e", 85: "<f", 86: "<d",
+}  # fmt: skip
+"""Byte order and type of the numbers by tag. uint8 arrays (64, 68) stay bytes; float128 (83, 87) is rejected."""
 
 
 def json_depth(text: str, *, limit: int) -> int:
@@ -45,13 +60,6 @@ def json_depth(text: str, *, limit: int) -> int:
     bare = _STRING.sub(b"", text.encode("utf-8", "surrogatepass"))
     steps = memoryview(bare.translate(_DEPTH_STEPS, _OTHER_BYTES)).cast("b")
     return max(accumulate(steps), default=0)
-
-
-_SIGNATURE = b"\x89PNG\r\n\x1a\n"
-_HEADER = struct.Struct(">4x4xIIBBBBB")
-"""Layout of the first chunk: its length and type, then its fields (ISO/IEC 15948, 11.2.2)."""
-_CHANNELS = {0: 1, 2: 3, 6: 4}
-"""Number of channels by color type."""
 
 
 def write_png(text: str) -> str:
@@ -103,18 +111,6 @@ def read_png(data: str, *, max_bytes: int) -> str:
         return pixels.decode()
     except UnicodeDecodeError as error:
         raise MessageValidationError("png", cause=f"its pixels are not UTF-8 ({error.reason})") from None
-
-
-_FLOAT64_ARRAY_TAG = 86
-"""Tag of arrays of little-endian float64."""
-_SELF_DESCRIBED_TAG = 55799
-_BUILTIN_TAGS = (0, 1, 2, 3, 4, 5, 25, 28, 29, 30, 35, 36, 37, 52, 54, 100, 256, 258, 260, 261, 1004, 43000)
-_TYPED_ARRAY_TAGS = {
-    65: ">H", 66: ">I", 67: ">Q", 69: "<H", 70: "<I", 71: "<Q",
-    72: "<b", 73: ">h", 74: ">i", 75: ">q", 77: "<h", 78: "<i", 79: "<q",
-    80: ">e", 81: ">f", 82: ">d", 84: "<e", 85: "<f", 86: "<d",
-}  # fmt: skip
-"""Byte order and type of the numbers by tag. uint8 arrays (64, 68) stay bytes; float128 (83, 87) is rejected."""
 
 
 def write_cbor(text: str | bytes) -> bytes:

@@ -20,6 +20,9 @@ __all__ = ["EventLoopThread", "KeyedSerialExecutor"]
 
 
 _MAX_WORKERS = 16
+T = TypeVar("T")
+_TIMEOUT_S = 10.0
+"""Time for the loop to run a function that does not block; if it takes longer, the loop is stuck [s]."""
 
 
 class KeyedSerialExecutor:
@@ -84,12 +87,6 @@ class KeyedSerialExecutor:
                     self._waiting.pop(key, None)
                 elif not self._closed:
                     self._threads.submit(self._run_next, key)
-
-
-T = TypeVar("T")
-
-_TIMEOUT_S = 10.0
-"""Time for the loop to run a function that does not block; if it takes longer, the loop is stuck [s]."""
 
 
 class EventLoopThread:

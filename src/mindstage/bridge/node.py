@@ -80,6 +80,17 @@ __all__ = [
     "Subscription",
 ]
 
+_TIMEOUT_MARGIN_S = 1.0
+"""Added to the timeout that is sent to the provider, so that the timeout on this side ends first [s]."""
+_log = logging.getLogger("mindstage.bridge")
+MAX_GOALS = 32
+"""Largest number of active goals at one node; more are rejected."""
+_MAX_UNSENT = 256
+"""Largest number of published messages that wait for the loop; beyond it, `publish` blocks."""
+_MAX_UNHANDLED = 1024
+"""Largest number of messages that wait for a slow handler; beyond it, the oldest are dropped."""
+T = TypeVar("T")
+
 
 class GoalResult(msgspec.Struct, frozen=True):
     """Result of a goal that ended without an error: succeeded, canceled, or aborted by its handler."""
@@ -171,10 +182,6 @@ class ServerGoalHandle:
 
 FeedbackHandler = Callable[[Any], object]
 """Called with the feedback of a goal, on the bridge's thread: it must not block."""
-
-_TIMEOUT_MARGIN_S = 1.0
-"""Added to the timeout that is sent to the provider, so that the timeout on this side ends first [s]."""
-_log = logging.getLogger("mindstage.bridge")
 
 
 class _Call:
@@ -307,9 +314,6 @@ def _goal_status(status: int) -> GoalStatus:
     except ValueError:
         return GoalStatus.UNKNOWN
 
-
-MAX_GOALS = 32
-"""Largest number of active goals at one node; more are rejected."""
 
 ServiceHandler = Callable[[Any], object]
 """Called with the arguments as they were sent (an object, or a list of its fields); returns the response as values that
@@ -545,12 +549,6 @@ class CallbackTask:
 
     def _log_error(self) -> None:
         _log.exception("the handler of messages on %s failed", self._message.topic)
-
-
-_MAX_UNSENT = 256
-"""Largest number of published messages that wait for the loop; beyond it, `publish` blocks."""
-_MAX_UNHANDLED = 1024
-"""Largest number of messages that wait for a slow handler; beyond it, the oldest are dropped."""
 
 
 class Node:
@@ -868,9 +866,6 @@ class Node:
             self._loop.call(self._dispatcher.cancel_all)
         self._executor.close()
         self._loop.close()
-
-
-T = TypeVar("T")
 
 
 class _LocalPeer(Peer):

@@ -62,6 +62,7 @@ __all__ = [
 
 
 _MIB = 1 << 20
+_EMPTY_OBJECT = Raw(b"{}")
 
 
 class BridgeLimits(msgspec.Struct, frozen=True, kw_only=True):
@@ -466,8 +467,6 @@ Operation = (
     | Png
 )
 """Any operation."""
-
-_EMPTY_OBJECT = Raw(b"{}")
 
 
 def content(raw: Raw | UnsetType) -> Raw:

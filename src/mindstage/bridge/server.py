@@ -47,6 +47,15 @@ __all__ = ["Connection", "RosbridgeServer", "TokenAuth", "is_loopback"]
 
 _MAX_CLOCK_SKEW_S = 5.0
 """Largest age of a hash, as in rosauth [s]."""
+_CONGESTION_LIMIT_BYTES = 256 * 1024
+"""Size of the send queue above which a peer counts as congested."""
+_CLOSE_TIMEOUT_S = 5.0
+_MAX_READ_SLICE_S = 0.002
+"""Time for which messages of one peer are handled before other tasks of the loop run [s]."""
+_log = logging.getLogger("mindstage.bridge")
+_PING_INTERVAL_S = 20.0
+_MAX_UNAUTHENTICATED_BYTES = 16 * 1024
+"""Largest message of a client that is not authenticated yet; enough for a token."""
 
 
 def is_loopback(host: str) -> bool:
@@ -123,14 +132,6 @@ class TokenAuth:
 
     def _token_matches(self, token: str) -> bool:
         return self._token is not None and hmac.compare_digest(self._token, token.encode("utf-8", "surrogateescape"))
-
-
-_CONGESTION_LIMIT_BYTES = 256 * 1024
-"""Size of the send queue above which a peer counts as congested."""
-_CLOSE_TIMEOUT_S = 5.0
-_MAX_READ_SLICE_S = 0.002
-"""Time for which messages of one peer are handled before other tasks of the loop run [s]."""
-_log = logging.getLogger("mindstage.bridge")
 
 
 class Connection:
@@ -297,9 +298,6 @@ def _close_message(code: int | None, reason: str | None) -> str:
 _handshake_log = logging.getLogger("mindstage.bridge.handshakes")
 _handshake_log.addHandler(logging.NullHandler())  # failed handshakes are logged only if logging is configured
 _client_numbers = count(1)
-_PING_INTERVAL_S = 20.0
-_MAX_UNAUTHENTICATED_BYTES = 16 * 1024
-"""Largest message of a client that is not authenticated yet; enough for a token."""
 
 
 class _ServerPeer(Peer):

@@ -42,6 +42,11 @@ __all__ = ["CheckpointServices", "EngineServices", "spawn_report"]
 
 _MAX_CHECKPOINTS = 64
 """Largest number of saved states; each contains a whole world."""
+_SPAWN_TIMEOUT_S = 300.0
+_STEP_CHUNK_S = 0.1
+"""Length of the steps into which a goal is divided, so that other calls run in between [s]."""
+_REMOTE_CAPABILITIES = frozenset({Capability.JOINTS, Capability.SAVE})
+"""Capabilities of the engine that clients can use."""
 
 
 class CheckpointServices:
@@ -98,13 +103,6 @@ class CheckpointServices:
     def _require_save_support(self) -> None:
         if Capability.SAVE not in self._simulation.capabilities:
             raise EngineError(f"the engine {self._simulation.engine_name!r} cannot save its state")
-
-
-_SPAWN_TIMEOUT_S = 300.0
-_STEP_CHUNK_S = 0.1
-"""Length of the steps into which a goal is divided, so that other calls run in between [s]."""
-_REMOTE_CAPABILITIES = frozenset({Capability.JOINTS, Capability.SAVE})
-"""Capabilities of the engine that clients can use."""
 
 
 class EngineServices:

@@ -36,6 +36,10 @@ __all__ = ["QuestionServices", "RosInterface", "connected_clients"]
 
 
 _TRANSPORT = "ROS"
+_QUESTION_NAMESPACE = "/mindstage"
+_QUESTION_TIMEOUT_S = 60.0
+M = TypeVar("M", bound=Message)
+_log = logging.getLogger("mindstage.ros")
 
 
 def connected_clients(node: Node) -> tuple[ConnectedClient, ...]:
@@ -63,10 +67,6 @@ def _hub_clients(graph: GraphInfo, own_name: str) -> Iterator[ConnectedClient]:
             )
             activity = ", ".join(counted(number, noun) for number, noun in counts if number)
             yield ConnectedClient(name=peer, transport=_TRANSPORT, activity=activity or "calls only")
-
-
-_QUESTION_NAMESPACE = "/mindstage"
-_QUESTION_TIMEOUT_S = 60.0
 
 
 class QuestionServices:
@@ -124,11 +124,6 @@ def _parse_arguments(text: str) -> dict[str, object]:
             "mindstage_msgs/AskRequest", path="args", cause="the argument names question and self are reserved"
         )
     return args
-
-
-M = TypeVar("M", bound=Message)
-
-_log = logging.getLogger("mindstage.ros")
 
 
 class _ServiceGroup(Protocol):

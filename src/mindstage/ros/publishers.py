@@ -48,6 +48,21 @@ __all__ = [
     "world_marker_array",
 ]
 
+_WORLD_FRAME = "world"
+_NAMESPACE = "mindstage"
+_DEFAULT_SIZE_M = 0.05
+_GRAY: Color = (0.7, 0.7, 0.7)
+_AXES = ("x", "y", "z", "twist", "swing2", "swing1")
+_MARKER_TYPES = {
+    PrimitiveType.SPHERE: visualization_msgs.MarkerType.SPHERE,
+    PrimitiveType.CYLINDER: visualization_msgs.MarkerType.CYLINDER,
+}
+_IDLE_PUBLISH_INTERVAL_S = 1.0
+_PING_INTERVAL_S = 2.0
+_POLL_INTERVAL_S = 0.05
+"""Interval at which the loss of the engine and changes of highlights are detected [s]."""
+_log = logging.getLogger("mindstage.ros")
+
 
 class HighlightSubscriber:
     """Highlights bodies on request of a message."""
@@ -71,16 +86,6 @@ def highlight_groups(snapshot: StateSnapshot) -> mindstage_msgs.LitGroups:
     )
     return mindstage_msgs.LitGroups(groups=tuple(groups))
 
-
-_WORLD_FRAME = "world"
-_NAMESPACE = "mindstage"
-_DEFAULT_SIZE_M = 0.05
-_GRAY: Color = (0.7, 0.7, 0.7)
-_AXES = ("x", "y", "z", "twist", "swing2", "swing1")
-_MARKER_TYPES = {
-    PrimitiveType.SPHERE: visualization_msgs.MarkerType.SPHERE,
-    PrimitiveType.CYLINDER: visualization_msgs.MarkerType.CYLINDER,
-}
 
 EncodedMessage = dict[str, Any]
 
@@ -172,13 +177,6 @@ def _axis_motion(joint: Joint, axis: str) -> AxisMotion:
 def _color(body: Body | None) -> Color:
     colors = (material.color for material in body.materials if material.color) if body else ()
     return next(iter(colors), _GRAY)
-
-
-_IDLE_PUBLISH_INTERVAL_S = 1.0
-_PING_INTERVAL_S = 2.0
-_POLL_INTERVAL_S = 0.05
-"""Interval at which the loss of the engine and changes of highlights are detected [s]."""
-_log = logging.getLogger("mindstage.ros")
 
 
 class PublishRates(msgspec.Struct, frozen=True, kw_only=True):

@@ -49,6 +49,8 @@ __all__ = [
 
 
 OK = simulation_interfaces.Result(result=simulation_interfaces.ResultCode.RESULT_OK)
+FEEDBACK_INTERVAL_S = 0.4
+"""Longest time between two feedback messages [s]."""
 
 
 class ResultError(Exception):
@@ -119,10 +121,6 @@ def refusal_response(response: type[Message], error: WorldError) -> Message:
     if "success" not in fields:
         raise error
     return response(refusal=error_to_message(error)) if "refusal" in fields else response()
-
-
-FEEDBACK_INTERVAL_S = 0.4
-"""Longest time between two feedback messages [s]."""
 
 
 class GoalCanceledError(Exception):

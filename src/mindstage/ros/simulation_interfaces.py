@@ -29,7 +29,7 @@ from mindstage.bridge.conversions_unreal import iri_namespace
 from mindstage.errors import BodyNotFoundError, KnowledgeError, PoseUnreachableError
 from mindstage.knowledge import KnowledgeBase
 from mindstage.knowledge.rdf import local_name
-from mindstage.msgs import builtin_interfaces, geometry_msgs, modul_spawner_msgs, simulation_interfaces, std_msgs
+from mindstage.msgs import builtin_interfaces, geometry_msgs, modul_spawner_msgs, std_msgs
 from mindstage.msgs import simulation_interfaces as wire
 from mindstage.ros.diagnostics import DiagnosticsPublisher
 from mindstage.ros.service import OK, ResultError, ServiceSpec, failed, unsupported
@@ -68,6 +68,22 @@ __all__ = [
 FORMATS = {".owl": "owl", ".rdf": "rdf", ".ttl": "ttl", ".urdf": "urdf"}
 """Formats that can be loaded, by suffix of the file name."""
 _MAX_FILES = 1000
+_MAX_PATTERN = 4096
+"""Largest number of characters of a pattern."""
+_MAX_PROGRAM = 1 << 20
+"""Largest memory of a compiled pattern [byte]."""
+_COLLATING = re.compile(r"\[[^\]]*\[[.=]")
+"""Collating symbols and equivalence classes, which RE2 reads as literal characters."""
+WORLD_FRAME = "world"
+"""Frame id of the world in responses."""
+_TIMEOUT_S = 120.0
+_UNSUPPORTED_FEATURES = {
+    wire.Feature.NAMED_POSES,
+    wire.Feature.POSE_BOUNDS,
+    wire.Feature.ENTITY_BOUNDS_CONVEX,
+    wire.Feature.ENTITY_INFO_SETTING,
+    wire.Feature.SIMULATION_RESET_TIME,
+}
 
 
 class ResourceErrorType(Enum):
@@ -184,15 +200,7 @@ def _guess_suffix(text: str) -> str:
     return ".owl" if text.lstrip().startswith("<") and "<rdf:RDF" in text else ".ttl"
 
 
-_MAX_PATTERN = 4096
-"""Largest number of characters of a pattern."""
-_MAX_PROGRAM = 1 << 20
-"""Largest memory of a compiled pattern [byte]."""
-_COLLATING = re.compile(r"\[[^\]]*\[[.=]")
-"""Collating symbols and equivalence classes, which RE2 reads as literal characters."""
-
-
-def filter_entities(state_reader: StateReader, filters: simulation_interfaces.EntityFilters) -> tuple[BodyId, ...]:
+def filter_entities(state_reader: StateReader, filters: wire.EntityFilters) -> tuple[BodyId, ...]:
     """Returns the entities that match, in the order of the snapshot.
 
     Raises:
@@ -209,7 +217,7 @@ def filter_entities(state_reader: StateReader, filters: simulation_interfaces.En
         ids = tuple(id for id in ids if has_tags(tags_of(bodies[id]), filters.tags))
     return (
         _overlapping_bounds(state_reader, ids, filters.bounds)
-        if filters.bounds.type is not simulation_interfaces.BoundsType.TYPE_EMPTY
+        if filters.bounds.type is not wire.BoundsType.TYPE_EMPTY
         else ids
     )
 
@@ -236,14 +244,14 @@ def name_matcher(pattern: str) -> Callable[[str], bool]:
     return lambda text: compiled.search(text) is not None
 
 
-def category_of(body: Body) -> simulation_interfaces.Category:
+def category_of(body: Body) -> wire.Category:
     """Returns the category of a body, which depends on its mobility only."""
     match body.physics.mobility:
         case Mobility.DYNAMIC:
-            return simulation_interfaces.Category.CATEGORY_DYNAMIC_OBJECT
+            return wire.Category.CATEGORY_DYNAMIC_OBJECT
         case Mobility.KINEMATIC:
-            return simulation_interfaces.Category.CATEGORY_OBJECT
-    return simulation_interfaces.Category.CATEGORY_STATIC_OBJECT
+            return wire.Category.CATEGORY_OBJECT
+    return wire.Category.CATEGORY_STATIC_OBJECT
 
 
 def tags_of(body: Body) -> tuple[str, ...]:
@@ -251,17 +259,15 @@ def tags_of(body: Body) -> tuple[str, ...]:
     return (local_name(body.cls), *(f"{tag.type}/{tag.key}={tag.value}" for tag in body.tags))
 
 
-def has_tags(tags: tuple[str, ...], wanted: simulation_interfaces.TagsFilter) -> bool:
+def has_tags(tags: tuple[str, ...], wanted: wire.TagsFilter) -> bool:
     """Whether tags match a filter; an empty filter matches all."""
     if not wanted.tags:
         return True
     found = [tag in tags for tag in wanted.tags]
-    return all(found) if wanted.filter_mode is simulation_interfaces.FilterMode.FILTER_MODE_ALL else any(found)
+    return all(found) if wanted.filter_mode is wire.FilterMode.FILTER_MODE_ALL else any(found)
 
 
-def _overlapping_bounds(
-    state_reader: StateReader, ids: tuple[BodyId, ...], bounds: simulation_interfaces.Bounds
-) -> tuple[BodyId, ...]:
+def _overlapping_bounds(state_reader: StateReader, ids: tuple[BodyId, ...], bounds: wire.Bounds) -> tuple[BodyId, ...]:
     """Returns the entities whose axis-aligned bounding box overlaps the bounds."""
     if not ids:
         return ids
@@ -277,25 +283,19 @@ def _overlapping_bounds(
     return tuple(id for id, overlapping in zip(ids, overlaps, strict=True) if overlapping)
 
 
-def _bounds_overlap(bounds: simulation_interfaces.Bounds, low: Array, high: Array) -> NDArray[np.bool_]:
+def _bounds_overlap(bounds: wire.Bounds, low: Array, high: Array) -> NDArray[np.bool_]:
     points = np.array([vector_from_message(point) for point in bounds.points], dtype=np.float64).reshape(-1, 3)
     match bounds.type:
-        case simulation_interfaces.BoundsType.TYPE_BOX | simulation_interfaces.BoundsType.TYPE_SPHERE if (
-            len(points) != 2
-        ):
+        case wire.BoundsType.TYPE_BOX | wire.BoundsType.TYPE_SPHERE if len(points) != 2:
             raise failed(f"a {bounds.type.name} has two points, not {len(points)}")
-        case simulation_interfaces.BoundsType.TYPE_BOX:
+        case wire.BoundsType.TYPE_BOX:
             overlaps = np.all((low <= points.max(axis=0)) & (high >= points.min(axis=0)), axis=1)
-        case simulation_interfaces.BoundsType.TYPE_SPHERE:
+        case wire.BoundsType.TYPE_SPHERE:
             nearest = np.clip(points[0], low, high)
             overlaps = np.linalg.norm(nearest - points[0], axis=1) <= points[1, 0]
         case _:
             raise unsupported("entities can be filtered by a box or a sphere, not by a convex hull")
     return np.asarray(overlaps)
-
-
-WORLD_FRAME = "world"
-"""Frame id of the world in responses."""
 
 
 class EntityServices:
@@ -462,14 +462,6 @@ def _clone_attachments(attachments: Iterable[Attachment], new_id: Callable[[Body
     return tuple(Attachment(parent=new_id(each.parent), child=new_id(each.child)) for each in attachments)
 
 
-_TIMEOUT_S = 120.0
-_UNSUPPORTED_FEATURES = {
-    wire.Feature.NAMED_POSES,
-    wire.Feature.POSE_BOUNDS,
-    wire.Feature.ENTITY_BOUNDS_CONVEX,
-    wire.Feature.ENTITY_INFO_SETTING,
-    wire.Feature.SIMULATION_RESET_TIME,
-}
 _RESULT_CODES = {
     ResourceErrorType.NOT_FOUND: wire.SpawnCode.NO_RESOURCE,
     ResourceErrorType.UNSUPPORTED_FORMAT: wire.SpawnCode.UNSUPPORTED_FORMAT,

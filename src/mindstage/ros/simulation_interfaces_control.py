@@ -37,6 +37,9 @@ _RESULT_CODES = {
     ResourceErrorType.UNSUPPORTED_FORMAT: wire.LoadWorldCode.UNSUPPORTED_FORMAT,
     ResourceErrorType.PARSE_ERROR: wire.LoadWorldCode.RESOURCE_PARSE_ERROR,
 }
+_STEP_CHUNK_S = 0.1
+"""Approximate length into which steps are divided, so that other calls run in between [s]."""
+_TIMEOUT_S = 300.0
 
 
 class WorldServices:
@@ -107,11 +110,6 @@ def _file(name: str) -> wire.WorldResource:
     return wire.WorldResource(
         name=name, world_resource=wire.Resource(uri=name), description=f"a file ({suffix})", tags=(suffix,)
     )
-
-
-_STEP_CHUNK_S = 0.1
-"""Approximate length into which steps are divided, so that other calls run in between [s]."""
-_TIMEOUT_S = 300.0
 
 
 class SimulationControlServices:

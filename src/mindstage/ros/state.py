@@ -18,6 +18,9 @@ from mindstage.simulation import Simulation, StateSnapshot
 
 __all__ = ["WORLD_FRAMES", "StateReader", "free_id", "map_iri"]
 
+WORLD_FRAMES = frozenset({"", "map", "world"})
+"""Frame ids that mean the frame of the world."""
+
 
 def map_iri(name: str) -> Iri:
     """Returns the IRI of a map that has none."""
@@ -27,10 +30,6 @@ def map_iri(name: str) -> Iri:
 def free_id(stem: str, taken: Container[str]) -> BodyId:
     """Returns an id that is not taken."""
     return next(BodyId(id) for number in count(1) if (id := f"{stem}_{number}") not in taken)
-
-
-WORLD_FRAMES = frozenset({"", "map", "world"})
-"""Frame ids that mean the frame of the world."""
 
 
 class StateReader:

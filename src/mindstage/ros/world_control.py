@@ -40,6 +40,8 @@ _CONTACT_TOLERANCE_M = 1e-3
 """Penetration up to which bodies only touch [m]."""
 _DEFAULT_SIZE = (0.05, 0.05, 0.05)
 """Size of a body without one [m]."""
+_SPAWN_TIMEOUT_S = 300.0
+"""Timeout of a spawn call without one [s]; a large world takes long."""
 
 
 def _spatial_relation_name(world: World, one: str, other: str) -> str:
@@ -93,10 +95,6 @@ def _socket_pose(state_reader: StateReader, id: str, socket: str) -> PoseArray:
 def _row_message(row: PoseArray) -> geometry_msgs.Pose:
     """Converts a row of seven numbers to a message."""
     return pose_array_messages(row[None])[0]
-
-
-_SPAWN_TIMEOUT_S = 300.0
-"""Timeout of a spawn call without one [s]; a large world takes long."""
 
 
 class WorldControlServices:
