@@ -9,14 +9,13 @@ from __future__ import annotations
 import inspect
 import sys
 from collections.abc import Iterator, Mapping
-from itertools import groupby
 from pathlib import Path
 from types import ModuleType
 from typing import Any, NamedTuple
 
 import msgspec
-from drawing.painter import Painter
-from drawing.sheet import save_sheet
+from drawing.contact_sheet import save_sheet
+from drawing.renderer import Renderer
 from PIL import Image
 from pyoxigraph import NamedNode
 
@@ -29,14 +28,13 @@ DOCS = Path(__file__).resolve().parent.parent / "docs"
 PAGE = DOCS / "reference" / "shapes.md"
 PICTURES = DOCS / "images" / "shapes"
 PIXELS = 108
-THING = Iri("http://knowrob.org/kb/knowrob.owl#EnduringThing-Localized")
-"""What a map may hold; the classes above it are abstract."""
+LOCALIZED_THING = Iri("http://knowrob.org/kb/knowrob.owl#EnduringThing-Localized")
+"""Superclass of the classes that a body in a map can have."""
 CUBE = Iri("http://knowrob.org/kb/knowrob.owl#Cube")
-THERE = Pose((100.0, 0.0, 0.0))
-"""Too far away for anything to fit itself to it, but where furniture turns its front to."""
+FAR_POSE = Pose((100.0, 0.0, 0.0))
+"""The pose of a second body: too far away to influence the shape, but it determines the front of furniture."""
 
-# The sizes of shapes whose classes have no typical one [m].
-USUAL_M: Mapping[str, Vector] = {
+SIZE_BY_SHAPE_M: Mapping[str, Vector] = {
     "appliance": (0.5, 0.55, 0.6),
     "bag": (0.08, 0.12, 0.2),
     "book": (0.16, 0.04, 0.23),
@@ -75,7 +73,8 @@ USUAL_M: Mapping[str, Vector] = {
     "window": (0.06, 0.9, 1.1),
     "cylinder": (0.1, 0.1, 0.05),
 }
-LAMPS_M: Mapping[str, Vector] = {
+"""Sizes for classes without a typical size [m]."""
+SIZE_BY_LAMP_STYLE_M: Mapping[str, Vector] = {
     "pendant": (0.35, 0.35, 0.4),
     "floor": (0.4, 0.4, 1.6),
     "table": (0.3, 0.3, 0.5),
@@ -84,8 +83,8 @@ LAMPS_M: Mapping[str, Vector] = {
     "candle": (0.07, 0.07, 0.14),
     "torch": (0.18, 0.05, 0.05),
 }
-FLAT_M: Vector = (0.5, 0.8, 0.03)
-FLAT = (
+FLAT_SIZE_M: Vector = (0.5, 0.8, 0.03)
+FLAT_SUFFIXES = (
     "Ceiling",
     "Floor",
     "FridgeShelf",
@@ -96,8 +95,8 @@ FLAT = (
     "RefrigeratorShelf",
     "WallShelf",
 )
-"""Ends of the names of classes whose things lie."""
-ELSE_M: Vector = (0.2, 0.24, 0.18)
+"""Suffixes of the names of classes of horizontal boards."""
+DEFAULT_SIZE_M: Vector = (0.2, 0.24, 0.18)
 
 HEAD = """# Shapes
 
@@ -132,96 +131,98 @@ class of the bundled ontology that has the shape.
 """
 
 
-class Seen(NamedTuple):
-    """A class and what its things look like."""
+class Sample(NamedTuple):
+    """A class and the geometry of its bodies."""
 
-    name: str
-    form: BodyGeometry
+    class_name: str
+    geometry: BodyGeometry
 
 
 def main() -> int:
-    """Writes or checks the page; 0 when all is well, 1 when it is stale."""
+    """Writes or checks the page; returns 0, or 1 if it is out of date."""
     knowledge = KnowledgeBase()
-    seen = all_seen(knowledge)
-    text = "\n".join([HEAD, *(line for module in modules() for line in chapter(module, seen))])
+    samples = all_samples(knowledge)
+    text = "\n".join([HEAD, *(line for module in modules() for line in chapter(module, samples))])
     if "--check" in sys.argv[1:]:
         if PAGE.is_file() and PAGE.read_text(encoding="utf-8") == text:
             return 0
         print(f"{PAGE} is out of date: run scripts/make_shapes.py", file=sys.stderr)
         return 1
     for module in modules():
-        draw(module, seen)
+        draw(module, samples)
     PAGE.write_text(text, encoding="utf-8")
     return 0
 
 
-def all_seen(knowledge: KnowledgeBase) -> list[Seen]:
-    """Every class that a map may hold, with the form of a body of it, kind by kind."""
-    kinds = list(SHAPE_TEMPLATES)
-    seen = [look(knowledge, body(knowledge, cls)) for cls in physical(knowledge)]
-    return sorted(seen, key=lambda one: (kinds.index(one.form.shape_name), one.name.lower()))
+def all_samples(knowledge: KnowledgeBase) -> list[Sample]:
+    """Returns all physical classes with their geometry, sorted by shape and name."""
+    shape_names = list(SHAPE_TEMPLATES)
+    samples = [sample(knowledge, body(knowledge, cls)) for cls in physical_classes(knowledge)]
+    return sorted(samples, key=lambda each: (shape_names.index(each.geometry.shape_name), each.class_name.lower()))
 
 
-def look(knowledge: KnowledgeBase, body: Body) -> Seen:
-    """What a body gets that stands by itself, its face towards the middle of the place."""
-    there = Body(id=BodyId("there"), iri=Iri("urn:shapes:there"), cls=CUBE, pose=THERE, size=ELSE_M)
-    fitted = fit_geometry(World(iri=Iri("urn:shapes:all"), name="shapes", bodies=(body, there)), knowledge)
-    return Seen(body.id, fitted.geometry[body.id])
+def sample(knowledge: KnowledgeBase, body: Body) -> Sample:
+    """Returns the geometry of a single body that faces the center of the scene."""
+    far = Body(id=BodyId("far"), iri=Iri("urn:shapes:far"), cls=CUBE, pose=FAR_POSE, size=DEFAULT_SIZE_M)
+    fitted = fit_geometry(World(iri=Iri("urn:shapes:all"), name="shapes", bodies=(body, far)), knowledge)
+    return Sample(body.id, fitted.geometry[body.id])
 
 
-def physical(knowledge: KnowledgeBase) -> list[Iri]:
-    """The classes that a map may hold."""
+def physical_classes(knowledge: KnowledgeBase) -> list[Iri]:
+    """Returns the classes that a body in a map can have."""
     type_ = NamedNode("http://www.w3.org/1999/02/22-rdf-syntax-ns#type")
     quads = knowledge.store.quads_for_pattern(None, type_, NamedNode("http://www.w3.org/2002/07/owl#Class"))
     named = {Iri(quad.subject.value) for quad in quads if isinstance(quad.subject, NamedNode)}
-    return sorted(cls for cls in named if knowledge.is_a(cls, THING))
+    return sorted(cls for cls in named if knowledge.is_a(cls, LOCALIZED_THING))
 
 
 def body(knowledge: KnowledgeBase, cls: Iri) -> Body:
-    """Something of a class, in the size that is typical or usual for it."""
+    """Returns a body of a class, in its typical or default size."""
     rule = knowledge.shape_rule(cls)
     name = cls.rpartition("#")[2]
-    usual = FLAT_M if name.endswith(FLAT) else USUAL_M.get(rule.shape_type, ELSE_M)
+    default = FLAT_SIZE_M if name.endswith(FLAT_SUFFIXES) else SIZE_BY_SHAPE_M.get(rule.shape_type, DEFAULT_SIZE_M)
     if style := rule.parameters.get("style"):
-        usual = LAMPS_M.get(str(style), usual)
-    return Body(id=BodyId(name), iri=Iri(f"urn:shapes:{name}"), cls=cls, pose=Pose(), size=rule.size or usual)
+        default = SIZE_BY_LAMP_STYLE_M.get(str(style), default)
+    return Body(id=BodyId(name), iri=Iri(f"urn:shapes:{name}"), cls=cls, pose=Pose(), size=rule.size or default)
 
 
 # -- the page ----------------------------------------------------------------------------------------------------------
 
 
 def modules() -> list[ModuleType]:
-    """The modules of kinds, in the order in which the kinds are listed."""
-    found = [inspect.getmodule(design) for design in SHAPE_TEMPLATES.values()]
-    return [module for module, _ in groupby(module for module in found if module is not None)]
+    """Returns the modules of shape templates, in the order of `SHAPE_TEMPLATES`."""
+    found = [inspect.getmodule(template) for template in SHAPE_TEMPLATES.values()]
+    return list(dict.fromkeys(module for module in found if module is not None))
 
 
-def chapter(module: ModuleType, seen: list[Seen]) -> Iterator[str]:
-    """One module's kinds, and the picture of all classes that have them."""
+def chapter(module: ModuleType, samples: list[Sample]) -> Iterator[str]:
+    """Yields the shapes of one module, and the image of all classes that have them."""
     title, _, text = (module.__doc__ or "").partition("\n")[0].partition(": ")
     yield from (f"## {title}", "", f"{text[:1].upper()}{text[1:]}", "")
-    here = [design for design in SHAPE_TEMPLATES.values() if inspect.getmodule(design) is module]
-    for design in here:
-        yield from section(design)
-    names = [one for one in seen if SHAPE_TEMPLATES[one.form.shape_name] in here]
-    if names:
+    here = [template for template in SHAPE_TEMPLATES.values() if inspect.getmodule(template) is module]
+    for template in here:
+        yield from section(template)
+    own = [each for each in samples if SHAPE_TEMPLATES[each.geometry.shape_name] in here]
+    if own:
         yield from ("", f"![{title}](../images/shapes/{short_name(module)}.png)", "")
-    for design in here:
-        if classes := [one.name for one in names if one.form.shape_name == design.shape_name()]:
-            yield f"- as a {design.shape_name()}: {', '.join(classes)}"
+    for template in here:
+        if classes := [each.class_name for each in own if each.geometry.shape_name == template.shape_name()]:
+            yield f"- as a {template.shape_name()}: {', '.join(classes)}"
     yield ""
 
 
-def section(design: type[ShapeTemplate]) -> Iterator[str]:
-    """One kind: what it is, its parameters and its roles."""
-    parameters = ", ".join(f"`{field.name}` {told(field.default)}" for field in msgspec.structs.fields(design))
-    roles = ", ".join(f"`{role}`{told_role(surface)}" for role, surface in design.roles.items())
-    yield f"- **{design.shape_name()}**. {(inspect.getdoc(design) or '').splitlines()[0]}"
+def section(template: type[ShapeTemplate]) -> Iterator[str]:
+    """Yields the description, the parameters and the material roles of one shape."""
+    parameters = ", ".join(
+        f"`{field.name}` {default_text(field.default)}" for field in msgspec.structs.fields(template)
+    )
+    roles = ", ".join(f"`{role}`{material_text(material)}" for role, material in template.roles.items())
+    yield f"- **{template.shape_name()}**. {(inspect.getdoc(template) or '').splitlines()[0]}"
     yield f"  {f'Parameters: {parameters}. ' if parameters else ''}Roles: {roles}."
 
 
-def told(value: Any) -> str:
-    """A default in words."""
+def default_text(value: Any) -> str:
+    """Returns a default value as text."""
     match value:
         case None:
             return "(none)"
@@ -234,28 +235,28 @@ def told(value: Any) -> str:
     return str(getattr(value, "value", value))
 
 
-def told_role(surface: PbrMaterial | str) -> str:
-    """What a role is unless somebody says."""
-    return f" (as {surface})" if isinstance(surface, str) else f" ({surface.name})" if surface.name else ""
+def material_text(material: PbrMaterial | str) -> str:
+    """Returns the default material of a role as text."""
+    return f" (as {material})" if isinstance(material, str) else f" ({material.name})" if material.name else ""
 
 
 def short_name(module: ModuleType) -> str:
-    """The last part of a module's name."""
+    """Returns the last part of the name of a module."""
     return module.__name__.rpartition(".")[2]
 
 
-def draw(module: ModuleType, seen: list[Seen]) -> None:
-    """The contact sheet of a module's kinds; forms that are the same are painted once."""
-    painter = Painter(pixels=PIXELS)
-    painted: dict[str, Image.Image] = {}
+def draw(module: ModuleType, samples: list[Sample]) -> None:
+    """Writes the contact sheet of the shapes of a module; equal geometries are rendered once."""
+    renderer = Renderer(pixels=PIXELS)
+    images: dict[str, Image.Image] = {}
     pictures = []
-    for one in seen:
-        if inspect.getmodule(SHAPE_TEMPLATES[one.form.shape_name]) is module:
-            if one.form.key not in painted:
-                painted[one.form.key] = painter.picture(one.form)
-            pictures.append((one.name, painted[one.form.key]))
+    for each in samples:
+        if inspect.getmodule(SHAPE_TEMPLATES[each.geometry.shape_name]) is module:
+            if each.geometry.key not in images:
+                images[each.geometry.key] = renderer.image(each.geometry)
+            pictures.append((each.class_name, images[each.geometry.key]))
     if pictures:
-        save_sheet(PICTURES / f"{short_name(module)}.png", pictures, paper=painter.paper)
+        save_sheet(PICTURES / f"{short_name(module)}.png", pictures, background=renderer.background)
 
 
 if __name__ == "__main__":

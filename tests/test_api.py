@@ -125,7 +125,7 @@ def test_a_simulation_and_a_world_are_saved_alike(map_path: Path, tmp_path: Path
 
 
 def test_what_cannot_be_saved_is_refused_and_leaves_no_file(tmp_path: Path) -> None:
-    with pytest.raises(MapWriteError, match="stands for no format"):
+    with pytest.raises(MapWriteError, match="belongs to no format"):
         ms.save(kitchenette(), tmp_path / "x.docx")
     with pytest.raises(InvalidArgumentError, match="glb has no dialects"):
         ms.save(kitchenette(), tmp_path / "x.glb", dialect="soma")
@@ -182,7 +182,7 @@ def test_connecting_reaches_the_simulation_that_is_served(map_path: Path) -> Non
 
 
 def test_importing_stays_light_and_names_are_completed() -> None:
-    code = "import mindstage as ms, sys; print({'open', 'Stage', 'diff'} <= set(dir(ms)), 'msgspec' in sys.modules)"
+    code = "import mindstage as ms, sys; print({'open', 'Simulation', 'diff'} <= set(dir(ms)), 'msgspec' in sys.modules)"
     result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert result.stdout == "True False\n"
     with pytest.raises(AttributeError, match="no attribute 'opn'"):
@@ -196,14 +196,14 @@ def test_type_checkers_see_the_classes(tmp_path: Path) -> None:
         textwrap.dedent(
             """
             import mindstage as ms
-            from mindstage.stage import JointMotion, Stage
-            from mindstage.world import Difference, World
+            from mindstage.simulation import JointMotion, Simulation
+            from mindstage.scene import World, WorldDiff
 
             def check() -> None:
-                sim: Stage = ms.open("x.owl")
+                sim: Simulation = ms.open("x.owl")
                 world: World = ms.load("x.owl")
                 motion: JointMotion = sim.joint("door").open()
-                found: Difference = ms.diff(world, sim)
+                found: WorldDiff = ms.diff(world, sim)
                 wrong: int = ms.load("x.owl")
             """
         )

@@ -12,8 +12,8 @@ import pytest
 
 import mindstage
 
-INTERNAL = {"Free", "Holds", "TroubleKind"}
-"""Marks inside the code that have no words: nobody outside sees them."""
+INTERNAL = {"Unbound", "ResourceErrorType"}
+"""Enumerations without words, which are not part of any interface."""
 
 
 def enumerations() -> list[type[Enum]]:

@@ -41,7 +41,7 @@ MESSAGES: list[tuple[MindstageError, str]] = [
         "no semantic map in a.owl: nothing there is a knowrob:SemanticEnvironmentMap",
     ),
     (AmbiguousMapError(["a", "b"]), "2 maps are loaded (a, b); name one of them"),
-    (MapRejectedError("m", findings=["odd"]), "m is refused for 1 finding: odd; fix them, or leave out --strict"),
+    (MapRejectedError("m", findings=["odd"]), "m is rejected for 1 finding: odd; fix them, or leave out --strict"),
     (
         AmbiguousNameError("cup", entity_type="class", candidates=["a#cup", "b#cup"]),
         "'cup' may be any of 2 class names: a#cup, b#cup; give one of them in full",
@@ -80,7 +80,7 @@ def test_an_error_can_be_pickled_and_copied(error: MindstageError, message: str)
 
 
 def test_an_error_keeps_no_list_of_every_body() -> None:
-    assert vars(BodyNotFoundError("cupp", known=["cup"] * 10_000)) == {"body": "cupp", "world": "", "near": ("cup",)}
+    assert vars(BodyNotFoundError("cupp", known=["cup"] * 10_000)) == {"body": "cupp", "world": "", "suggestions": ("cup",)}
 
 
 def test_equal_facts_do_not_make_equal_errors() -> None:

@@ -40,7 +40,7 @@ def test_help_loads_no_heavy_library(args: list[str]) -> None:
         ("NullEngine", HEAVY - {"numpy"}),
         ("KnowledgeBase", HEAVY - {"numpy", "pyoxigraph"}),
         ("MujocoEngine", {"pyoxigraph", "viser", "trimesh", "scipy"}),  # mujoco itself brings websockets along
-        ("Stage", HEAVY - {"numpy", "pyoxigraph"}),
+        ("Simulation", HEAVY - {"numpy", "pyoxigraph"}),
     ],
 )
 def test_a_name_loads_its_own_room_only(name: str, absent: set[str]) -> None:

@@ -1,4 +1,4 @@
-"""Drawing: pictures of forms without a screen, a GPU or a browser."""
+"""Images of body geometry without a display, GPU or browser."""
 
 from __future__ import annotations
 

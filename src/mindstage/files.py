@@ -1,4 +1,4 @@
-"""The cache directory of the user, and atomic writing of files."""
+"""The user's cache directory, and atomic file writing."""
 
 from __future__ import annotations
 
@@ -13,47 +13,47 @@ __all__ = ["atomic_write", "cache_dir"]
 
 
 def cache_dir(name: str = "") -> Path:
-    """The folder of that name in Mindstage's cache, made if it is not there.
+    """The directory of that name in Mindstage's cache, created if needed.
 
-    It lies where `MINDSTAGE_CACHE` says, else where the platform keeps such things (the XDG Base Directory
-    Specification's `XDG_CACHE_HOME`; `~/Library/Caches` on macOS), or, where nobody may write there, in the folder for
-    temporary files. Another process, such as a game engine, finds it by the same rule.
+    The cache is at `MINDSTAGE_CACHE`, or else where the platform has caches (`XDG_CACHE_HOME` of the XDG Base Directory
+    Specification; `~/Library/Caches` on macOS), or in the directory for temporary files if that is not writable. Other
+    processes, such as game engines, find it by the same rule.
     """
-    wanted = _home() / name
+    preferred = _home() / name
     with suppress(OSError):
-        wanted.mkdir(mode=0o700, parents=True, exist_ok=True)
-        if os.access(wanted, os.W_OK | os.X_OK):
-            return wanted
+        preferred.mkdir(mode=0o700, parents=True, exist_ok=True)
+        if os.access(preferred, os.W_OK | os.X_OK):
+            return preferred
     user = os.getuid() if hasattr(os, "getuid") else 0
-    spare = Path(tempfile.gettempdir()) / f"mindstage-{user}" / name
-    spare.mkdir(mode=0o700, parents=True, exist_ok=True)
-    return spare
+    fallback = Path(tempfile.gettempdir()) / f"mindstage-{user}" / name
+    fallback.mkdir(mode=0o700, parents=True, exist_ok=True)
+    return fallback
 
 
 def _home() -> Path:
-    if told := os.environ.get("MINDSTAGE_CACHE"):
-        return Path(told).absolute()
-    told = os.environ.get("XDG_CACHE_HOME", "")
+    if configured := os.environ.get("MINDSTAGE_CACHE"):
+        return Path(configured).absolute()
+    configured = os.environ.get("XDG_CACHE_HOME", "")
     caches = (
-        Path(told)
-        if os.path.isabs(told)
+        Path(configured)
+        if os.path.isabs(configured)
         else Path.home() / ("Library/Caches" if sys.platform == "darwin" else ".cache")
     )
     return caches / "mindstage"
 
 
 def atomic_write(path: Path, content: bytes, *, durable: bool = False) -> None:
-    """Writes a file; an existing one of that name is replaced only once the new one is complete.
+    """Writes a file; an existing file is replaced only when the new one is complete.
 
     Args:
-        path: the file, in an existing folder.
-        content: all of it.
-        durable: whether the file must also survive a power failure once this returns.
+        path: the file, in an existing directory.
+        content: the whole content.
+        durable: whether the file is also synchronized to disk, so that it survives a power failure.
 
     Raises:
-        OSError: it cannot be written; `filename` is the path. An existing file is unchanged.
+        OSError: the file cannot be written; `filename` is the path. An existing file is unchanged.
     """
-    # In the same folder, since a rename is atomic only within one file system.
+    # In the same directory, since a rename is atomic only within one file system.
     part = path.with_name(f".{uuid4().hex}.part")
     try:
         with part.open("xb") as file:
@@ -62,7 +62,7 @@ def atomic_write(path: Path, content: bytes, *, durable: bool = False) -> None:
                 file.flush()
                 os.fsync(file.fileno())
         part.replace(path)
-        if durable and hasattr(os, "O_DIRECTORY"):  # the rename is in the folder's own data
+        if durable and hasattr(os, "O_DIRECTORY"):  # the rename is part of the directory's data
             folder = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY)
             try:
                 os.fsync(folder)

@@ -1,4 +1,4 @@
-"""A world as glTF: a node for each body where it stands, as large and of the color that the world has it."""
+"""Export to glTF: a node for each body, with its pose, size and color."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ from tests.worlds import worlds
 
 M = "http://example.org/m.owl#"
 GLTF_FROM_ROS = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
-"""What is forward (x) shows to whoever looks (z), what is up (z) is up (y)."""
+"""Forward (x) is z in glTF, and up (z) is y."""
 CUP = Body(
     id=BodyId("cup"),
     iri=Iri(M + "cup"),
@@ -60,8 +60,8 @@ def world_of(*bodies: Body, **more: object) -> World:
     return replace(World(iri=Iri(M + "map"), name="map", bodies=bodies), **more)
 
 
-def told(data: bytes) -> dict[str, Any]:
-    """What the file says as JSON, after its frame was looked at."""
+def json_chunk(data: bytes) -> dict[str, Any]:
+    """The JSON chunk of a file, after checking its header."""
     magic, version, length = struct.unpack_from("<4sII", data)
     assert (magic, version, length) == (b"glTF", 2, len(data))
     size, kind = struct.unpack_from("<I4s", data, 12)
@@ -70,15 +70,15 @@ def told(data: bytes) -> dict[str, Any]:
     return json.loads(data[20 : 20 + size])
 
 
-def shown(world: World) -> trimesh.Scene:
+def loaded_scene(world: World) -> trimesh.Scene:
     scene = trimesh.load(io.BytesIO(world_to_glb(world).data), file_type="glb")
     assert isinstance(scene, trimesh.Scene)
     return scene
 
 
-def test_every_body_is_a_node_where_it_stands_and_as_large() -> None:
+def test_every_body_is_a_node_with_its_pose_and_size() -> None:
     world = kitchenette()
-    scene = shown(world)
+    scene = loaded_scene(world)
     for body in world.bodies:
         transform, name = scene.graph[body.id]
         row = normalized_pose_array(body.pose)
@@ -90,8 +90,8 @@ def test_every_body_is_a_node_where_it_stands_and_as_large() -> None:
 
 @settings(max_examples=30)
 @given(world=worlds())
-def test_any_world_can_be_written(world: World) -> None:
-    file = told(world_to_glb(world).data)
+def test_any_world_can_be_exported(world: World) -> None:
+    file = json_chunk(world_to_glb(world).data)
     nodes = file["nodes"]
     extras = [node["extras"]["id"] for node in nodes if "class" in node.get("extras", {})]
     assert sorted(extras) == sorted(body.id for body in world.bodies)
@@ -100,43 +100,41 @@ def test_any_world_can_be_written(world: World) -> None:
     assert file["scenes"][0]["nodes"] == [0]
 
 
-def test_a_node_tells_what_it_is() -> None:
-    _, node = told(world_to_glb(world_of(CUP)).data)["nodes"]
+def test_a_node_has_id_and_class_as_extras() -> None:
+    _, node = json_chunk(world_to_glb(world_of(CUP)).data)["nodes"]
     assert node["name"] == "cup"
     assert node["extras"] == {"id": "cup", "class": M + "Cup", "iri": M + "cup", "label": "The cup"}
 
 
-def test_what_hangs_on_something_is_below_it() -> None:
+def test_attached_bodies_are_child_nodes() -> None:
     handle = replace(CUP, id=BodyId("handle"), iri=Iri(M + "handle"), pose=Pose((0.0, 0.0, 5.0)))
     world = world_of(handle, CUP, attachments=(Attachment(parent=CUP.id, child=handle.id),))
-    root, below, cup = told(world_to_glb(world).data)["nodes"]
-    assert (below["name"], cup["name"]) == ("handle", "cup")
+    root, child, cup = json_chunk(world_to_glb(world).data)["nodes"]
+    assert (child["name"], cup["name"]) == ("handle", "cup")
     assert (root["children"], cup["children"]) == ([2], [1])
-    transform, _ = shown(world).graph["handle"]
+    transform, _ = loaded_scene(world).graph["handle"]
     np.testing.assert_allclose(transform[:3, 3], (0.0, 5.0, 0.0), atol=1e-7)
 
 
 def test_colors_are_those_of_materials() -> None:
     red = Material(name="glaze", color=(1.0, 0.5, 0.0))
     other = replace(CUP, id=BodyId("other"), iri=Iri(M + "other"))
-    file = told(world_to_glb(world_of(replace(CUP, materials=(red,)), other)).data)
+    file = json_chunk(world_to_glb(world_of(replace(CUP, materials=(red,)), other)).data)
     first, second = (file["meshes"][node["mesh"]]["primitives"][0]["material"] for node in file["nodes"][1:])
     assert file["materials"][first]["name"] == "glaze"
     factor = file["materials"][first]["pbrMetallicRoughness"]["baseColorFactor"]
-    assert factor == pytest.approx(
-        [1.0, 0.2140411, 0.0, 1.0], abs=1e-6
-    )  # half of the screen's scale is a fifth of light
+    assert factor == pytest.approx([1.0, 0.2140411, 0.0, 1.0], abs=1e-6)  # half in sRGB is a fifth in linear units
     assert first != second
 
 
-def test_what_looks_alike_is_there_once() -> None:
+def test_equal_meshes_are_stored_once() -> None:
     cups = [replace(CUP, id=BodyId(str(n)), iri=Iri(f"{M}{n}")) for n in range(50)]
-    file = told(world_to_glb(world_of(*cups)).data)
+    file = json_chunk(world_to_glb(world_of(*cups)).data)
     assert (len(file["meshes"]), len(file["nodes"])) == (1, 51)
 
 
 @pytest.mark.parametrize("kind", PrimitiveType)
-def test_solids_are_closed_and_face_outwards(kind: PrimitiveType) -> None:
+def test_primitive_meshes_are_closed_and_face_outwards(kind: PrimitiveType) -> None:
     surface = _PRIMITIVES[kind]((1.0, 2.0, 3.0))
     mesh = trimesh.Trimesh(surface.points, surface.faces)
     mesh.merge_vertices(merge_norm=True)
@@ -149,51 +147,52 @@ def test_solids_are_closed_and_face_outwards(kind: PrimitiveType) -> None:
     assert (np.einsum("ij,ikj->ik", facing, surface.normals[surface.faces]) > 0.0).all()
 
 
-def test_a_world_of_nothing_is_a_file() -> None:
+def test_an_empty_world_can_be_exported() -> None:
     written = world_to_glb(world_of())
-    assert [node["name"] for node in told(written.data)["nodes"]] == ["map"]
+    assert [node["name"] for node in json_chunk(written.data)["nodes"]] == ["map"]
     assert written.notes == ()
 
 
-def test_what_shows_nothing_is_said() -> None:
+def test_bodies_without_a_mesh_are_reported() -> None:
     written = world_to_glb(world_of(replace(CUP, size=None)))
-    assert "mesh" not in told(written.data)["nodes"][1]
-    assert "1 bodies have no size" in written.notes[0]
+    assert "mesh" not in json_chunk(written.data)["nodes"][1]
+    assert "1 bodies have neither size nor mesh" in written.notes[0]
 
 
-def test_lights_shine() -> None:
+def test_lights_are_exported() -> None:
     lamp = Light(
         id=BodyId("lamp"), iri=Iri(M + "lamp"), type=LightType.SPOT, pose=Pose((0.0, 0.0, 2.0)), intensity=40.0
     )
-    file = told(world_to_glb(world_of(lights=(lamp,))).data)
+    file = json_chunk(world_to_glb(world_of(lights=(lamp,))).data)
     (light,) = file["extensions"]["KHR_lights_punctual"]["lights"]
     assert (light["type"], light["intensity"]) == ("spot", 40.0)
     assert file["nodes"][1]["extensions"]["KHR_lights_punctual"] == {"light": 0}
 
 
-def test_forms_are_what_is_seen() -> None:
+def test_geometry_is_exported_as_meshes() -> None:
     glass = VisualMesh(*CORNER, material=PbrMaterial(name="glass", color=(0.5, 1.0, 1.0), opacity=0.25, roughness=0.1))
     steel = VisualMesh(*CORNER, material=PbrMaterial(name="steel", metalness=1.0))
-    form = BodyGeometry(key="jar", visuals=(glass, steel), collision_shapes=())
+    geometry = BodyGeometry(key="jar", visuals=(glass, steel), collision_shapes=())
     other = replace(CUP, id=BodyId("other"), iri=Iri(M + "other"))
-    file = told(world_to_glb(world_of(CUP, other), geometry={CUP.id: form, other.id: form}).data)
+    file = json_chunk(world_to_glb(world_of(CUP, other), geometry={CUP.id: geometry, other.id: geometry}).data)
     assert file["nodes"][1]["mesh"] == file["nodes"][2]["mesh"]
     primitives = file["meshes"][0]["primitives"]
-    seen = [file["materials"][primitive["material"]] for primitive in primitives]
-    assert [material["name"] for material in seen] == ["glass", "steel"]
-    assert seen[0]["alphaMode"] == "BLEND"
-    assert seen[0]["pbrMetallicRoughness"]["baseColorFactor"][3] == 0.25
-    assert seen[1]["pbrMetallicRoughness"]["metallicFactor"] == 1.0
+    visible = [file["materials"][primitive["material"]] for primitive in primitives]
+    assert [material["name"] for material in visible] == ["glass", "steel"]
+    assert visible[0]["alphaMode"] == "BLEND"
+    assert visible[0]["pbrMetallicRoughness"]["baseColorFactor"][3] == 0.25
+    assert visible[1]["pbrMetallicRoughness"]["metallicFactor"] == 1.0
 
 
-def test_textures_come_along_the_right_way_up() -> None:
+def test_textures_are_exported_upright() -> None:
     image = np.zeros((2, 2, 4), dtype=np.uint8)
     image[0, 1] = (255, 0, 0, 255)  # the upper right corner
     points, faces = CORNER
     uv = np.array([(0.25, 0.25), (0.75, 0.25), (0.25, 0.75), (0.75, 0.75)])
-    skin = VisualMesh(points, faces, PbrMaterial(color=(1.0, 1.0, 1.0)), uv=uv, image=image)
+    visual = VisualMesh(points, faces, PbrMaterial(color=(1.0, 1.0, 1.0)), uv=uv, image=image)
     scene = trimesh.load(
-        io.BytesIO(world_to_glb(world_of(CUP), geometry={CUP.id: BodyGeometry("k", (skin,), ())}).data), file_type="glb"
+        io.BytesIO(world_to_glb(world_of(CUP), geometry={CUP.id: BodyGeometry("k", (visual,), ())}).data),
+        file_type="glb",
     )
     assert isinstance(scene, trimesh.Scene)
     (mesh,) = scene.geometry.values()
@@ -201,17 +200,17 @@ def test_textures_come_along_the_right_way_up() -> None:
     assert np.asarray(mesh.visual.material.baseColorTexture)[0, 1].tolist() == [255, 0, 0, 255]
 
 
-def test_what_gives_light_shines() -> None:
-    glow = AttachedLight(pose=Pose((0.0, 0.0, -0.1)), color=(1.0, 0.9, 0.8), intensity=60.0)
-    form = BodyGeometry("lamp", (VisualMesh(*CORNER, material=PbrMaterial(emission=1.0)),), (), lights=(glow,))
-    file = told(world_to_glb(world_of(CUP), geometry={CUP.id: form}).data)
+def test_attached_lights_are_exported() -> None:
+    light = AttachedLight(pose=Pose((0.0, 0.0, -0.1)), color=(1.0, 0.9, 0.8), intensity=60.0)
+    geometry = BodyGeometry("lamp", (VisualMesh(*CORNER, material=PbrMaterial(emission=1.0)),), (), lights=(light,))
+    file = json_chunk(world_to_glb(world_of(CUP), geometry={CUP.id: geometry}).data)
     assert file["extensions"]["KHR_lights_punctual"]["lights"][0]["intensity"] == 60.0
     assert file["nodes"][1]["children"] == [2]
     assert "emissiveFactor" in file["materials"][0]
 
 
-def test_one_form_is_a_file_in_godots_axes() -> None:
-    """What is forward (x) is along negative z there, what is left (y) along negative x, what is up along y."""
+def test_geometry_is_exported_in_godots_axes() -> None:
+    """Forward (x) is negative z in Godot, left (y) is negative x, and up is y."""
     data = geometry_to_glb(BodyGeometry("corner", (VisualMesh(*CORNER, material=PbrMaterial()),), ()))
     scene = trimesh.load(io.BytesIO(data), file_type="glb")
     assert isinstance(scene, trimesh.Scene)
@@ -220,8 +219,8 @@ def test_one_form_is_a_file_in_godots_axes() -> None:
     assert mesh.volume == pytest.approx(1.0), "it is still turned outside out"
 
 
-def test_a_place_that_is_none_is_refused() -> None:
-    with pytest.raises(MapWriteError, match="its pose is none"):
+def test_an_invalid_pose_is_refused() -> None:
+    with pytest.raises(MapWriteError, match="its pose is not finite"):
         world_to_glb(world_of(replace(CUP, pose=Pose((float("nan"), 0.0, 0.0)))))
     with pytest.raises(MapWriteError, match="its size"):
         world_to_glb(world_of(replace(CUP, size=(1.0, float("inf"), 1.0), shape=PrimitiveShape())))

@@ -341,7 +341,7 @@ def test_an_offer_can_be_made_again_and_withdrawn(hub: LocalNode, talker: Talker
 
 def test_the_hub_cannot_take_what_it_offers_itself_from_itself(hub: LocalNode) -> None:
     hub.advertise("/a", "std_msgs/String")
-    with pytest.raises(AdvertiseError, match="'/a' cannot be offered: it is of the type std_msgs/String"):
+    with pytest.raises(AdvertiseError, match="'/a' cannot be advertised: it is of the type std_msgs/String"):
         hub.advertise("/a", "std_msgs/Bool")
 
 

@@ -1,6 +1,19 @@
-"""What every engine must do, as one class of sentences; an engine adds a subclass and an `engine` fixture.
+"""The contract of engines: what every implementation of `mindstage.engines.Engine` must do, as reusable test classes.
 
-Tolerances are attributes, so that an engine of single precision can state its own.
+To test a new engine, write a subclass of `DescriptionContract` (an engine without physics) or `PhysicsContract` (an
+engine that simulates), and a fixture `engine` that yields an empty engine for each test:
+
+    class TestMyEngine(PhysicsContract):
+        @pytest.fixture
+        def engine(self) -> Iterator[Engine]:
+            engine = MyEngine()
+            yield engine
+            engine.close()
+
+Tolerances are class attributes; an engine that computes in single precision overrides them. Tests of optional
+capabilities are skipped for engines that do not declare them. An engine that differs from the contract by design
+overrides the test and states the reason. Collision shapes and visual meshes have a contract of their own, in
+`geometry_contract.py`.
 """
 
 from __future__ import annotations
@@ -35,12 +48,12 @@ def current_pose(engine: Engine, id: str) -> np.ndarray:
 
 
 def displacement(engine: Engine, id: str, start: np.ndarray) -> float:
-    """How far a body is from where it was [m]."""
+    """Distance of a body from its position in a start pose [m]."""
     return float(np.linalg.norm(current_pose(engine, id)[:3] - start[:3]))
 
 
 def apply_force_for(engine: Engine, id: str, force: tuple[float, float, float], duration_s: float) -> None:
-    """Pushes a body at its own center for a while."""
+    """Applies a force [N] at the body's origin for a duration [s]."""
     for _ in range(round(duration_s / 0.01)):
         x, y, z = current_pose(engine, id)[:3].tolist()
         engine.apply_force(BodyId(id), force, (x, y, z))
@@ -48,40 +61,40 @@ def apply_force_for(engine: Engine, id: str, force: tuple[float, float, float], 
 
 
 def overlap_pairs(ids: tuple[str, ...]) -> list[frozenset[str]]:
-    """The pairs that an overlap note is about: its first body with each of the others."""
+    """The pairs of an overlap note: its first body with each of the others."""
     return [frozenset((ids[0], other)) for other in ids[1:]]
 
 
 class DescriptionContract:
-    """What holds for any engine, with physics or without."""
+    """The contract of all engines, with and without physics."""
 
     pose_tolerance = 1e-12
-    """A world that was not stepped comes back as given, up to this [m, rad]."""
+    """Maximum deviation of poses before the first step from the spawned ones [m, rad]."""
     placement_tolerance = 1e-9
-    """What is put somewhere, with all that goes along, is there up to this [m, rad]."""
+    """Maximum deviation of poses after `set_pose`, including those of attached bodies [m, rad]."""
 
-    def test_a_spawned_world_comes_back_from_the_log(self, engine: Engine) -> None:
+    def test_a_snapshot_equals_the_spawned_world(self, engine: Engine) -> None:
         assert engine.spawn(room()).ok
         assert diff(room(), engine.snapshot()).identical(0.0)
 
-    def test_poses_of_a_world_not_stepped_are_the_given_ones(self, engine: Engine) -> None:
+    def test_poses_before_the_first_step_are_the_described_ones(self, engine: Engine) -> None:
         engine.spawn(room())
-        engine.snapshot()  # by now at the latest the engine has built what it was given
+        engine.snapshot()  # forces the engine to build its model
         ids, poses = engine.poses()
-        given = {b.id: b.pose for b in room().bodies}
-        assert set(ids) == set(given)
+        described = {b.id: b.pose for b in room().bodies}
+        assert set(ids) == set(described)
         for id, pose in zip(ids, poses, strict=True):
-            assert np.abs(pose[:3] - given[id].position).max() <= self.pose_tolerance
-            assert quat_angle(pose[3:], given[id].quaternion) <= self.pose_tolerance
+            assert np.abs(pose[:3] - described[id].position).max() <= self.pose_tolerance
+            assert quat_angle(pose[3:], described[id].quaternion) <= self.pose_tolerance
 
-    def test_an_id_that_is_taken_fails_and_the_rest_is_spawned(self, engine: Engine) -> None:
+    def test_a_duplicate_id_fails_and_the_rest_is_spawned(self, engine: Engine) -> None:
         engine.spawn(world(FLOOR))
         report = engine.spawn(world(FLOOR, body("box", (0, 0, 1), (1, 1, 1))))
         assert [failure.id for failure in report.failed_bodies] == ["floor"]
         assert "taken" in report.failed_bodies[0].reason
         assert engine.poses()[0] == ("floor", "box")
 
-    def test_a_constraint_to_nowhere_and_a_circle_of_attachments_fail_with_their_reasons(self, engine: Engine) -> None:
+    def test_a_joint_to_a_missing_body_and_a_cycle_of_attachments_fail_with_reasons(self, engine: Engine) -> None:
         boxes = [body(name, (i, 0, 1), (0.1, 0.1, 0.1)) for i, name in enumerate("ab")]
         report = engine.spawn(
             world(*boxes, prismatic_joint("s", "a", "ghost", (0, 0, 1)), attachment("a", "b"), attachment("b", "a"))
@@ -89,33 +102,33 @@ class DescriptionContract:
         assert not report.ok
         assert (report.bodies, report.joints, report.attachments) == (2, 0, 1)
         assert "ghost" in report.failed_joints[0].reason
-        assert "circle" in report.failed_attachments[0].reason
+        assert "cycle" in report.failed_attachments[0].reason
 
     @pytest.mark.parametrize("position", [(float("nan"), 0.0, 0.0), (float("inf"), 0.0, 0.0)])
     def test_a_pose_that_is_not_finite_fails(self, engine: Engine, position: tuple[float, float, float]) -> None:
         report = engine.spawn(world(body("box", position, (1, 1, 1))))
         assert "finite" in report.failed_bodies[0].reason
 
-    def test_a_quaternion_of_zeros_fails(self, engine: Engine) -> None:
+    def test_a_zero_quaternion_fails(self, engine: Engine) -> None:
         report = engine.spawn(world(body("box", (0, 0, 0), (1, 1, 1), quaternion=(0.0, 0.0, 0.0, 0.0))))
         assert "quaternion" in report.failed_bodies[0].reason
 
-    def test_a_deleted_body_is_gone_with_its_constraints_and_attachments(self, engine: Engine) -> None:
+    def test_deleting_a_body_deletes_its_joints_and_attachments(self, engine: Engine) -> None:
         engine.spawn(room())
         engine.delete([BodyId("door")])
-        log = engine.snapshot()
-        assert "door" not in {b.id for b in log.bodies}
-        assert "door_hinge" not in {c.id for c in log.joints}
-        assert all("door" not in (a.parent, a.child) for a in log.attachments)
-        assert {"door_handle", "fridge", "drawer"} <= {b.id for b in log.bodies}
+        snapshot = engine.snapshot()
+        assert "door" not in {b.id for b in snapshot.bodies}
+        assert "door_hinge" not in {c.id for c in snapshot.joints}
+        assert all("door" not in (a.parent, a.child) for a in snapshot.attachments)
+        assert {"door_handle", "fridge", "drawer"} <= {b.id for b in snapshot.bodies}
 
-    def test_an_unknown_body_is_refused_with_near_names_and_nothing_changes(self, engine: Engine) -> None:
+    def test_an_unknown_body_is_refused_with_similar_names_and_nothing_changes(self, engine: Engine) -> None:
         engine.spawn(room())
         with pytest.raises(BodyNotFoundError, match=r"near: .*'drawer'"):
             engine.delete([BodyId("mug"), BodyId("drawr")])
         assert diff(room(), engine.snapshot()).identical(0.0)
 
-    def test_attached_bodies_follow_when_their_parent_is_put_elsewhere(self, engine: Engine) -> None:
+    def test_attached_bodies_move_with_their_parent(self, engine: Engine) -> None:
         engine.spawn(
             world(
                 body("table", (1, 2, 3), (1, 1, 0.1), "kinematic"),
@@ -123,15 +136,15 @@ class DescriptionContract:
                 attachment("table", "lamp"),
             )
         )
-        turn = normalize([1.0, 0.0, 0.0, 1.0])
-        engine.set_pose(BodyId("table"), Pose((5, 5, 5), tuple(turn.tolist())))
+        rotation = normalize([1.0, 0.0, 0.0, 1.0])
+        engine.set_pose(BodyId("table"), Pose((5, 5, 5), tuple(rotation.tolist())))
         lamp = current_pose(engine, "lamp")
         np.testing.assert_allclose(
-            lamp[:3], np.add((5, 5, 5), quat_rotate(turn, [0.3, 0, 0.2])), atol=self.placement_tolerance
+            lamp[:3], np.add((5, 5, 5), quat_rotate(rotation, [0.3, 0, 0.2])), atol=self.placement_tolerance
         )
-        assert quat_angle(lamp[3:], turn) < self.placement_tolerance
+        assert quat_angle(lamp[3:], rotation) < self.placement_tolerance
 
-    def test_a_child_put_elsewhere_leaves_its_parent_alone_and_stays_attached(self, engine: Engine) -> None:
+    def test_moving_an_attached_child_keeps_its_parent_and_the_attachment(self, engine: Engine) -> None:
         engine.spawn(
             world(
                 body("table", (0, 0, 1), (1, 1, 0.1), "kinematic"),
@@ -144,7 +157,7 @@ class DescriptionContract:
         engine.set_pose(BodyId("table"), Pose((1, 0, 1)))
         np.testing.assert_allclose(current_pose(engine, "lamp")[:3], (1.4, 0, 1.2), atol=self.placement_tolerance)
 
-    def test_attaching_keeps_both_where_they_are_and_detaching_too(self, engine: Engine) -> None:
+    def test_attaching_and_detaching_keep_poses(self, engine: Engine) -> None:
         engine.spawn(room())
         before = {id: current_pose(engine, id) for id in ("crate", "mug")}
         engine.attach(BodyId("crate"), BodyId("mug"))
@@ -152,12 +165,12 @@ class DescriptionContract:
         engine.detach(BodyId("mug"))
         assert max(displacement(engine, id, start) for id, start in before.items()) < self.placement_tolerance
 
-    def test_a_circle_of_attachments_is_refused(self, engine: Engine) -> None:
+    def test_a_cycle_of_attachments_is_refused(self, engine: Engine) -> None:
         engine.spawn(room())
-        with pytest.raises(AttachmentError, match="circle"):
+        with pytest.raises(AttachmentError, match="cycle"):
             engine.attach(BodyId("drawer_handle"), BodyId("drawer"))
 
-    def test_materials_and_physics_change_in_the_log(self, engine: Engine) -> None:
+    def test_changed_materials_and_physics_are_in_the_snapshot(self, engine: Engine) -> None:
         engine.spawn(room())
         steel, heavy = (Material(name="steel"),), BodyPhysics(mobility=Mobility.DYNAMIC, mass_kg=7.0, gravity=False)
         engine.set_materials(BodyId("mug"), steel)
@@ -165,7 +178,7 @@ class DescriptionContract:
         mug = engine.snapshot().body("mug")
         assert (mug.materials, mug.physics) == (steel, heavy)
 
-    def test_highlights_are_kept_until_they_are_put_out(self, engine: Engine) -> None:
+    def test_highlights_stay_until_they_are_removed(self, engine: Engine) -> None:
         engine.spawn(room())
         engine.highlight([BodyId("mug"), BodyId("door")], (1.0, 0.0, 0.0))
         engine.highlight([BodyId("mug")], (0.0, 1.0, 0.0))
@@ -174,18 +187,18 @@ class DescriptionContract:
         engine.delete([BodyId("mug")])
         assert dict(engine.highlights()) == {}
 
-    def test_a_saved_state_comes_back_bodies_and_all(self, engine: Engine) -> None:
+    def test_restoring_a_state_restores_all_bodies(self, engine: Engine) -> None:
         if Capability.SAVE not in engine.capabilities:
-            pytest.skip("the engine has no SAVE ability")
+            pytest.skip("the engine has no SAVE capability")
         engine.spawn(room())
         engine.step(0.3)
-        state, log, time_s = engine.save_state(), engine.snapshot(), engine.time_s
+        state, snapshot, time_s = engine.save_state(), engine.snapshot(), engine.time_s
         engine.set_pose(BodyId("crate"), Pose((3, 3, 3)))
         engine.delete([BodyId("mug")])
         engine.step(0.2)
         engine.restore_state(state)
         assert engine.time_s == time_s
-        assert diff(log, engine.snapshot()).identical(0.0)
+        assert diff(snapshot, engine.snapshot()).identical(0.0)
 
     def test_clearing_removes_everything_and_spawning_again_works(self, engine: Engine) -> None:
         engine.spawn(room())
@@ -193,28 +206,28 @@ class DescriptionContract:
         assert engine.snapshot().bodies == ()
         assert engine.spawn(room()).ok
 
-    def test_time_passes_exactly_as_asked(self, engine: Engine) -> None:
+    def test_time_advances_by_the_requested_duration(self, engine: Engine) -> None:
         engine.spawn(world(FLOOR))
         for _ in range(300):
             engine.step(1 / 60)
         assert engine.time_s == pytest.approx(5.0, abs=0.01)
 
-    def test_closing_twice_is_harmless_and_calls_after_it_are_refused(self, engine: Engine) -> None:
+    def test_closing_twice_is_harmless_and_later_calls_are_refused(self, engine: Engine) -> None:
         engine.close()
         engine.close()
         with pytest.raises(EngineClosedError):
             engine.snapshot()
 
-    def test_the_ids_of_poses_are_the_same_object_until_a_body_comes(self, engine: Engine) -> None:
+    def test_the_ids_of_poses_are_the_same_object_until_a_body_is_added(self, engine: Engine) -> None:
         engine.spawn(room())
         assert engine.poses()[0] is engine.poses()[0]
 
 
 class PhysicsContract(DescriptionContract):
-    """What holds for any engine in which things fall."""
+    """The contract of engines that simulate physics."""
 
     attachment_tolerance = 1e-6
-    """What hangs rigidly, and what nothing touches, keeps its place up to this while time passes [m, rad]."""
+    """Maximum change of rigid attachments, and of bodies that nothing touches, while time passes [m, rad]."""
     limit_tolerance_m = 0.001
     limit_tolerance_rad = np.radians(0.5)
     rest_tolerance_m = 0.002
@@ -257,7 +270,7 @@ class PhysicsContract(DescriptionContract):
         assert current_pose(engine, "pusher")[0] == pytest.approx(0.4)
         assert current_pose(engine, "box")[0] > 0.5
 
-    def test_a_given_mass_is_what_a_force_accelerates(self, engine: Engine) -> None:
+    def test_a_force_accelerates_the_given_mass(self, engine: Engine) -> None:
         engine.spawn(world(body("puck", (0, 0, 0), (0.2, 0.2, 0.2), "dynamic", 2.5, gravity=False)))
         for _ in range(50):
             engine.apply_force(BodyId("puck"), (5.0, 0.0, 0.0))
@@ -265,15 +278,13 @@ class PhysicsContract(DescriptionContract):
         assert current_pose(engine, "puck")[0] == pytest.approx(0.5 * (5.0 / 2.5) * 1.0**2, rel=0.01)
 
     @pytest.mark.parametrize("mass", [None, 0.0])
-    def test_a_dynamic_body_without_mass_gets_an_estimate_that_is_reported(
-        self, engine: Engine, mass: float | None
-    ) -> None:
+    def test_a_dynamic_body_without_mass_gets_a_reported_estimate(self, engine: Engine, mass: float | None) -> None:
         report = engine.spawn(world(FLOOR, body("box", (0, 0, 0.5), (0.5, 0.5, 0.5), "dynamic", mass)))
         assert [note.ids for note in report.notes if note.kind is SpawnNoteKind.MASS_ESTIMATED] == [("box",)]
         engine.step(1.0)
-        assert engine.snapshot().body("box").physics.mass_kg == mass  # the log says what is known, not what was guessed
+        assert engine.snapshot().body("box").physics.mass_kg == mass  # a snapshot has described values, not estimates
 
-    # -- constraints
+    # -- joints
 
     def drawer(self, engine: Engine, **more: object) -> None:
         report = engine.spawn(
@@ -286,30 +297,30 @@ class PhysicsContract(DescriptionContract):
         )
         assert report.ok
 
-    @pytest.mark.parametrize("way", [1, -1])
-    def test_a_pushed_drawer_slides_to_its_limit_and_no_further(self, engine: Engine, way: int) -> None:
+    @pytest.mark.parametrize("direction", [1, -1])
+    def test_a_pushed_drawer_slides_to_its_limit_and_not_beyond(self, engine: Engine, direction: int) -> None:
         self.drawer(engine)
         for _ in range(300):
-            engine.apply_force(BodyId("drawer"), (40.0 * way, 5.0, 0.0))
+            engine.apply_force(BodyId("drawer"), (40.0 * direction, 5.0, 0.0))
             engine.step(0.01)
-        place = current_pose(engine, "drawer")
-        assert abs(place[0] - way * LIMIT_M) < self.limit_tolerance_m
-        assert np.abs(place[1:3] - (0, 0.5)).max() < 0.001
-        assert quat_angle(place[3:], [1, 0, 0, 0]) < self.limit_tolerance_rad
+        pose = current_pose(engine, "drawer")
+        assert abs(pose[0] - direction * LIMIT_M) < self.limit_tolerance_m
+        assert np.abs(pose[1:3] - (0, 0.5)).max() < 0.001
+        assert quat_angle(pose[3:], [1, 0, 0, 0]) < self.limit_tolerance_rad
 
-    def test_a_drawer_turned_by_its_frame_slides_along_that_frame(self, engine: Engine) -> None:
+    def test_a_drawer_slides_along_its_rotated_joint_frame(self, engine: Engine) -> None:
         self.drawer(engine, quaternion=(0.7071067811865476, 0.0, 0.0, 0.7071067811865476))
         apply_force_for(engine, "drawer", (30.0, 40.0, 0.0), 3.0)
         np.testing.assert_allclose(current_pose(engine, "drawer")[:3], (0, LIMIT_M, 0.5), atol=self.limit_tolerance_m)
 
-    def test_a_drawer_stays_where_it_was_left(self, engine: Engine) -> None:
+    def test_an_open_drawer_stays_open(self, engine: Engine) -> None:
         self.drawer(engine)
         apply_force_for(engine, "drawer", (30.0, 0.0, 0.0), 0.2)
         engine.step(1.0)
-        left = current_pose(engine, "drawer")
-        assert 0.005 < left[0] < LIMIT_M
+        before = current_pose(engine, "drawer")
+        assert 0.005 < before[0] < LIMIT_M
         engine.step(5.0)
-        assert displacement(engine, "drawer", left) < 0.001
+        assert displacement(engine, "drawer", before) < 0.001
 
     def test_a_fridge_door_swings_to_its_limit_when_its_handle_is_pulled(self, engine: Engine) -> None:
         engine.spawn(room())
@@ -318,7 +329,7 @@ class PhysicsContract(DescriptionContract):
         angle = quat_angle(current_pose(engine, "door")[3:], start[3:])
         assert abs(angle - LIMIT_RAD) < self.limit_tolerance_rad
 
-    def test_a_handle_stays_rigidly_on_its_door(self, engine: Engine) -> None:
+    def test_a_handle_moves_rigidly_with_its_door(self, engine: Engine) -> None:
         engine.spawn(room())
         door, handle = current_pose(engine, "door"), current_pose(engine, "door_handle")
         offset = handle[:3] - door[:3]
@@ -328,7 +339,7 @@ class PhysicsContract(DescriptionContract):
         np.testing.assert_allclose(handle[:3], door[:3] + quat_rotate(door[3:], offset), atol=self.attachment_tolerance)
         assert quat_angle(door[3:], handle[3:]) < self.attachment_tolerance
 
-    def test_a_mug_in_a_drawer_comes_along(self, engine: Engine) -> None:
+    def test_a_mug_in_a_drawer_moves_with_it(self, engine: Engine) -> None:
         report = engine.spawn(room())
         assert any(note.kind is SpawnNoteKind.HOLLOW and note.ids[0] == "drawer" for note in report.notes)
         start = current_pose(engine, "mug")
@@ -341,8 +352,8 @@ class PhysicsContract(DescriptionContract):
         assert mug[2] == pytest.approx(start[2], abs=0.01)
 
     @pytest.mark.parametrize("gap", [0.001, 0.0, -0.001])
-    def test_drawers_open_past_what_stands_close_to_them(self, engine: Engine, gap: float) -> None:
-        """Maps are measured by the millimetre: two drawers one over another, and a cupboard beside them."""
+    def test_drawers_open_past_adjacent_bodies(self, engine: Engine, gap: float) -> None:
+        """Maps are accurate to a millimeter: two drawers, one above the other, and a cupboard beside them."""
         parts: list[Body | Joint] = [FLOOR, body("case", (0, 0, 0.5), (0.6, 0.6, 1.0))]
         for name, z in (("low", 0.4), ("high", 0.6 + gap)):
             parts += [
@@ -354,7 +365,7 @@ class PhysicsContract(DescriptionContract):
             apply_force_for(engine, name, (25.0, 0.0, 0.0), 2.0)
             assert current_pose(engine, name)[0] == pytest.approx(0.01 + LIMIT_M, abs=self.limit_tolerance_m)
 
-    def test_an_upside_down_constraint_works_the_same(self, engine: Engine) -> None:
+    def test_a_joint_with_swapped_parent_and_child_works_the_same(self, engine: Engine) -> None:
         engine.spawn(
             world(
                 FLOOR,
@@ -381,7 +392,7 @@ class PhysicsContract(DescriptionContract):
         assert displacement(engine, "shelf", np.array([0.3, 0, 1.0])) < 0.001
         assert current_pose(engine, "box")[2] == pytest.approx(1.12, abs=0.005)
 
-    def test_two_dynamic_bodies_hang_together_by_their_constraint(self, engine: Engine) -> None:
+    def test_a_joint_connects_two_dynamic_bodies(self, engine: Engine) -> None:
         engine.spawn(
             world(
                 FLOOR,
@@ -397,7 +408,7 @@ class PhysicsContract(DescriptionContract):
         assert np.linalg.norm(pin_of_heavy - pin_of_light) < 0.001
         assert heavy[2] < 0.3
 
-    def test_a_second_constraint_on_a_body_holds_too(self, engine: Engine) -> None:
+    def test_a_second_joint_on_a_body_holds_too(self, engine: Engine) -> None:
         engine.spawn(
             world(
                 FLOOR,
@@ -413,7 +424,7 @@ class PhysicsContract(DescriptionContract):
 
     # -- overlaps
 
-    def test_bodies_that_stand_in_one_another_do_not_explode_and_it_is_said(self, engine: Engine) -> None:
+    def test_overlapping_bodies_do_not_explode_and_are_reported(self, engine: Engine) -> None:
         boxes = [body(f"box{i}", (0.03 * i, 0.02 * i, 0.3), (0.4, 0.4, 0.6), "dynamic", 5.0) for i in range(12)]
         report = engine.spawn(world(FLOOR, *boxes))
         pairs = [
@@ -424,14 +435,14 @@ class PhysicsContract(DescriptionContract):
         for i, box in enumerate(boxes):
             assert displacement(engine, f"box{i}", np.array(box.pose.position)) < 0.01
 
-    def test_a_shell_round_the_room_collides_with_nothing_and_it_is_said(self, engine: Engine) -> None:
+    def test_an_enclosure_collides_with_nothing_and_is_reported(self, engine: Engine) -> None:
         shell = body("walls", (0, 0, 1.5), (8, 8, 3.2))
         report = engine.spawn(msgspec.structs.replace(room(), bodies=(*room().bodies, shell)))
         assert [note.ids[0] for note in report.notes if note.kind is SpawnNoteKind.ENCLOSURE] == ["walls"]
         engine.step(2.0)
         assert current_pose(engine, "crate")[2] == pytest.approx(0.15, abs=self.rest_tolerance_m)
 
-    def test_things_that_only_touch_still_collide(self, engine: Engine) -> None:
+    def test_bodies_that_only_touch_still_collide(self, engine: Engine) -> None:
         report = engine.spawn(
             world(
                 FLOOR,
@@ -443,10 +454,10 @@ class PhysicsContract(DescriptionContract):
         engine.step(2.0)
         assert displacement(engine, "mug", np.array([0, 0, 0.75])) < self.rest_tolerance_m
 
-    # -- edits while it runs
+    # -- edits of a running world
 
     def running_room(self, engine: Engine) -> dict[str, np.ndarray]:
-        """A room with an open drawer, a door on its way, a crate that has come to rest."""
+        """A room with an open drawer, a moving door and a crate at rest."""
         engine.spawn(room())
         apply_force_for(engine, "drawer_handle", (20.0, 0.0, 0.0), 2.0)
         apply_force_for(engine, "door_handle", (25.0, 0.0, 0.0), 0.6)
@@ -464,18 +475,18 @@ class PhysicsContract(DescriptionContract):
         yield "static pose", lambda engine: engine.set_pose(BodyId("floor"), Pose((0, 0, -0.0500001)))
 
     @pytest.mark.parametrize("edit", ["spawn", "delete", "attach", "mass", "materials", "static pose"])
-    def test_an_edit_leaves_everything_else_where_it_is_and_moving(self, engine: Engine, edit: str) -> None:
+    def test_an_edit_keeps_all_other_poses_and_velocities(self, engine: Engine, edit: str) -> None:
         before = self.running_room(engine)
         door_before = current_pose(engine, "door")
         engine.step(0.01)
         speed_before = displacement(engine, "door", door_before)
-        here = {id: current_pose(engine, id) for id in before}
+        poses = {id: current_pose(engine, id) for id in before}
         dict(self.edits())[edit](engine)  # type: ignore[operator]
-        for id in set(here) & set(engine.poses()[0]) - {"floor"}:
-            assert displacement(engine, id, here[id]) < self.attachment_tolerance, id
+        for id in set(poses) & set(engine.poses()[0]) - {"floor"}:
+            assert displacement(engine, id, poses[id]) < self.attachment_tolerance, id
         if edit != "delete":
             engine.step(0.01)
-            assert displacement(engine, "door", here["door"]) == pytest.approx(speed_before, rel=0.2, abs=1e-5)
+            assert displacement(engine, "door", poses["door"]) == pytest.approx(speed_before, rel=0.2, abs=1e-5)
         engine.step(0.5)
         assert displacement(engine, "drawer", before["drawer"]) < 0.002
         assert displacement(engine, "crate", before["crate"]) < 0.002
@@ -487,7 +498,7 @@ class PhysicsContract(DescriptionContract):
         engine.step(0.3)
         assert current_pose(engine, "ball")[2] == pytest.approx(5 - 0.5 * 9.81 * 0.8**2, abs=0.03)
 
-    def test_what_stood_on_a_deleted_table_falls(self, engine: Engine) -> None:
+    def test_a_mug_falls_when_its_table_is_deleted(self, engine: Engine) -> None:
         engine.spawn(
             world(
                 FLOOR,
@@ -501,7 +512,7 @@ class PhysicsContract(DescriptionContract):
         assert current_pose(engine, "mug")[2] == pytest.approx(0.05, abs=self.rest_tolerance_m)
 
     @pytest.mark.parametrize("mobility", ["static", "kinematic"])
-    def test_what_stood_on_a_table_falls_when_the_table_is_put_elsewhere(self, engine: Engine, mobility: str) -> None:
+    def test_a_mug_falls_when_its_table_is_moved_away(self, engine: Engine, mobility: str) -> None:
         engine.spawn(
             world(
                 FLOOR,
@@ -521,7 +532,7 @@ class PhysicsContract(DescriptionContract):
         engine.step(2.0)
         assert current_pose(engine, "drawer")[2] < 0.12
 
-    def test_a_body_attached_to_a_door_swings_with_it_and_falls_when_let_go(self, engine: Engine) -> None:
+    def test_a_body_attached_to_a_door_swings_with_it_and_falls_when_detached(self, engine: Engine) -> None:
         note = body("note", (0.35, 2.1, 1.0), (0.004, 0.1, 0.1), "dynamic", 0.01)
         engine.spawn(msgspec.structs.replace(room(), bodies=(*room().bodies, note)))
         engine.attach(BodyId("door"), BodyId("note"))
@@ -533,7 +544,7 @@ class PhysicsContract(DescriptionContract):
         engine.step(2.0)
         assert current_pose(engine, "note")[2] < 0.1
 
-    def test_setting_a_pose_on_a_joint_opens_it_and_what_it_forbids_is_refused(self, engine: Engine) -> None:
+    def test_set_pose_moves_a_joint_and_refuses_poses_beyond_its_limits(self, engine: Engine) -> None:
         engine.spawn(room())
         engine.set_pose(BodyId("drawer"), Pose((0.2, 0, 0.3)))
         np.testing.assert_allclose(
@@ -544,9 +555,9 @@ class PhysicsContract(DescriptionContract):
                 engine.set_pose(BodyId("drawer"), Pose(forbidden))
         np.testing.assert_allclose(current_pose(engine, "drawer")[:3], (0.2, 0, 0.3), atol=self.attachment_tolerance)
 
-    def test_joint_positions_are_told_as_the_map_has_the_roles(self, engine: Engine) -> None:
+    def test_joint_positions_refer_to_the_parent_in_the_map(self, engine: Engine) -> None:
         if Capability.JOINTS not in engine.capabilities:
-            pytest.skip("the engine has no JOINTS ability")
+            pytest.skip("the engine has no JOINTS capability")
         self.drawer(engine)
         engine.set_pose(BodyId("drawer"), Pose((0.2, 0, 0.5)))
         np.testing.assert_allclose(
@@ -561,9 +572,9 @@ class PhysicsContract(DescriptionContract):
         engine.step(1.0)
         assert displacement(engine, "crate", before) < self.placement_tolerance
 
-    def test_a_restored_world_runs_on_exactly_as_it_did(self, engine: Engine) -> None:
+    def test_a_restored_world_continues_exactly_as_before(self, engine: Engine) -> None:
         if Capability.SAVE not in engine.capabilities:
-            pytest.skip("the engine has no SAVE ability")
+            pytest.skip("the engine has no SAVE capability")
         self.running_room(engine)
         state = engine.save_state()
         engine.step(0.5)
@@ -572,7 +583,7 @@ class PhysicsContract(DescriptionContract):
         engine.step(0.5)
         np.testing.assert_array_equal(engine.poses()[1], first)
 
-    def test_a_room_left_alone_stays(self, engine: Engine) -> None:
+    def test_an_undisturbed_room_stays_at_rest(self, engine: Engine) -> None:
         still: World = msgspec.structs.replace(room(), bodies=tuple(b for b in room().bodies if b.id != "crate"))
         engine.spawn(still)
         ids, before = engine.poses()

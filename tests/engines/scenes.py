@@ -1,4 +1,4 @@
-"""Small worlds made by hand, so that each physical truth can be seen by itself."""
+"""Small worlds for tests of physics."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ LIMIT_RAD = 0.7853981633974483
 def body(
     id: str, position: Vector, size: Vector, mobility: str = "static", mass: float | None = None, **more: Any
 ) -> Body:
-    """A box; `more` goes to `Body`, `guess_quaternion_order` to its pose, `gravity` to its physics."""
+    """A box; `more` is passed to `Body`, `quaternion` to its pose, `gravity` to its physics."""
     pose = Pose(position, more.pop("quaternion", (1.0, 0.0, 0.0, 0.0)))
     physics = BodyPhysics(mobility=Mobility(mobility), mass_kg=mass, gravity=more.pop("gravity", True))
     return Body(
@@ -37,7 +37,7 @@ def body(
 
 
 def prismatic_joint(id: str, parent: str, child: str, at: Vector, limit: float = LIMIT_M, **more: Any) -> Joint:
-    """A drawer's constraint: along x, either way."""
+    """The joint of a drawer: along x, in both directions."""
     pose = Pose(at, more.pop("quaternion", (1.0, 0.0, 0.0, 0.0)))
     return Joint(
         id=BodyId(id),
@@ -51,7 +51,7 @@ def prismatic_joint(id: str, parent: str, child: str, at: Vector, limit: float =
 
 
 def revolute_joint(id: str, parent: str, child: str, at: Vector, limit: float = LIMIT_RAD, **more: Any) -> Joint:
-    """A door's constraint: about z, either way."""
+    """The joint of a door: about z, in both directions."""
     return Joint(
         id=BodyId(id),
         iri=Iri(BASE + id),
@@ -64,7 +64,7 @@ def revolute_joint(id: str, parent: str, child: str, at: Vector, limit: float = 
 
 
 def fixed_joint(id: str, parent: str, child: str, at: Vector) -> Joint:
-    """Everything locked."""
+    """A joint with all axes locked."""
     return Joint(id=BodyId(id), iri=Iri(BASE + id), parent=BodyId(parent), child=BodyId(child), pose=Pose(at))
 
 
@@ -86,7 +86,7 @@ FLOOR = body("floor", (0, 0, -0.05), (20, 20, 0.1))
 
 
 def room() -> World:
-    """A floor, a cabinet with a drawer that holds a mug, a fridge with a door and its handle, a ball in the air."""
+    """A floor, a cabinet with a mug in its drawer, a fridge with a door and a handle, and a crate in the air."""
     return world(
         FLOOR,
         body("cabinet", (0, 0, 0.5), (0.6, 0.6, 1.0)),

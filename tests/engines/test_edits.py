@@ -1,4 +1,4 @@
-"""Any edits in any order: MuJoCo's world is then described just as that of the engine which does nothing else."""
+"""Random sequences of edits: afterwards MuJoCo has the same description as the engine without physics."""
 
 from __future__ import annotations
 
@@ -32,26 +32,26 @@ edits = st.lists(
 
 
 def apply(engine: Engine, described: World, edit: tuple[object, ...]) -> str:
-    """One edit; what the engine said against it, or an empty string."""
+    """Applies an edit; returns the error message, or an empty string."""
     ids = engine.poses()[0]
-    verb, *rest = edit
+    operation, *rest = edit
     chosen = [ids[n % len(ids)] if isinstance(n, int) and ids else n for n in rest]
-    if not ids and verb not in {"spawn", "save and restore", "look"}:
+    if not ids and operation not in {"spawn", "save and restore", "look"}:
         return ""
     try:
-        if verb == "delete":
+        if operation == "delete":
             engine.delete([BodyId(str(chosen[0]))])
-        elif verb == "attach":
+        elif operation == "attach":
             engine.attach(BodyId(str(chosen[0])), BodyId(str(chosen[1])))
-        elif verb == "detach":
+        elif operation == "detach":
             engine.detach(BodyId(str(chosen[0])))
-        elif verb == "set_pose" and isinstance(chosen[1], Pose):
+        elif operation == "set_pose" and isinstance(chosen[1], Pose):
             engine.set_pose(BodyId(str(chosen[0])), chosen[1])
-        elif verb == "set_mobility" and isinstance(chosen[1], Mobility):
+        elif operation == "set_mobility" and isinstance(chosen[1], Mobility):
             engine.set_physics(BodyId(str(chosen[0])), BodyPhysics(mobility=chosen[1], mass_kg=2.0))
-        elif verb == "spawn" and described.bodies:
+        elif operation == "spawn" and described.bodies:
             engine.spawn(msgspec.structs.replace(described, resources=(), facts=()))
-        elif verb == "save and restore":
+        elif operation == "save and restore":
             engine.restore_state(engine.save_state())
     except WorldError as error:
         return type(error).__name__
@@ -63,14 +63,14 @@ def test_edits_leave_the_same_description_in_mujoco_and_in_the_null_engine(
     described: World, todo: list[tuple[object, ...]]
 ) -> None:
     loose = msgspec.structs.replace(described, joints=(), lights=())
-    simulated, plain = MujocoEngine(), NullEngine()
+    simulated, null = MujocoEngine(), NullEngine()
     simulated.spawn(loose)
-    plain.spawn(loose)
+    null.spawn(loose)
     for edit in todo:
-        assert apply(simulated, loose, edit) == apply(plain, loose, edit)
+        assert apply(simulated, loose, edit) == apply(null, loose, edit)
         if edit[0] == "look":
             simulated._cache.model()
-    found = diff(plain.snapshot(), simulated.snapshot())
+    found = diff(null.snapshot(), simulated.snapshot())
     assert found.identical(1e-6), found
 
 
@@ -82,9 +82,9 @@ def test_a_running_room_survives_any_edits(todo: list[tuple[object, ...]], pause
     for number, edit in enumerate(todo):
         apply(engine, room(), edit)
         if number % (pauses + 1) == 0:
-            with contextlib.suppress(SimulationDivergedError):  # a body put a kilometre into another may well break
+            with contextlib.suppress(SimulationDivergedError):  # a body moved a kilometer into another may well diverge
                 engine.step(0.01)
-    log = engine.snapshot()
-    assert {body.id for body in log.bodies} == set(engine.poses()[0])
+    snapshot = engine.snapshot()
+    assert {body.id for body in snapshot.bodies} == set(engine.poses()[0])
     fixed = [body.id for body in room().bodies if body.id == "floor" and body.id in engine.poses()[0]]
     assert not fixed or np.isfinite(engine.poses()[1][engine.poses()[0].index(fixed[0])]).all()

@@ -1,4 +1,4 @@
-"""What a Godot of our own can do beside the contract: meshes, scenes, and taking part at other people's bridges."""
+"""GodotEngine beyond the contract: visual meshes, scene files, and Godot at another rosbridge server."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from mindstage.engines.remote.compiled import CompiledRemoteEngine
 from mindstage.errors import EngineUnavailableError, WorldError
 from mindstage.scene import BodyGeometry, BodyId, CollisionShape, PbrMaterial, Pose, VisualMesh, diff
 from tests.engines.contract import current_pose
-from tests.engines.formed import bin_geometry
+from tests.engines.geometries import bin_geometry
 from tests.engines.scenes import FLOOR, body, room, world
 
 TURNED = (0.9659258262890683, 0.0, 0.0, 0.25881904510252074)
@@ -49,16 +49,16 @@ def engine(running: GodotEngine) -> Iterator[GodotEngine]:
     running.clear()
 
 
-def test_an_asymmetric_pose_goes_there_and_back(engine: GodotEngine) -> None:
+def test_an_asymmetric_pose_survives_the_axis_conversion(engine: GodotEngine) -> None:
     box = body("box", (1, 2, 3), (0.1, 0.2, 0.3), "dynamic", 1.0, quaternion=TURNED, gravity=False)
     engine.spawn(world(FLOOR, box))
-    engine.apply_force(BodyId("box"), (0.0, 0.0, 1e-9))  # so that the pose is Godot's, and not the one that was given
+    engine.apply_force(BodyId("box"), (0.0, 0.0, 1e-9))  # so that the pose is computed by Godot
     engine.step(0.1)
     _, poses = engine.poses()
     np.testing.assert_allclose(poses[1], (1, 2, 3, *TURNED), atol=3 * engine.precision)
 
 
-def test_what_a_body_looks_like_is_read_from_the_shelf(engine: GodotEngine, tmp_path: Path) -> None:
+def test_visual_meshes_are_loaded_from_the_cache(engine: GodotEngine, tmp_path: Path) -> None:
     report = engine.spawn(world(FLOOR, body("mug", (0, 0, 1), (0.1, 0.2, 0.3))), geometry={MUG: FORM})
     assert report.ok
     assert not [note for note in report.notes if "mesh" in note.text]
@@ -68,26 +68,26 @@ def test_what_a_body_looks_like_is_read_from_the_shelf(engine: GodotEngine, tmp_
     assert scene.count('mesh = SubResource("ArrayMesh') == 1  # the mug; the floor is a box
 
 
-def test_a_mesh_that_is_broken_is_told_and_its_solids_stand_for_it(engine: GodotEngine) -> None:
-    form = replace(FORM, key="00000000deadbeef")
-    (geometry_cache_dir() / f"{form.key}.glb").write_bytes(b"glTF, or so it says")
-    report = engine.spawn(world(FLOOR, body("mug", (0, 0, 1), (0.1, 0.2, 0.3))), geometry={MUG: form})
+def test_a_broken_mesh_is_reported_and_replaced_by_collision_shapes(engine: GodotEngine) -> None:
+    broken = replace(FORM, key="00000000deadbeef")
+    (geometry_cache_dir() / f"{broken.key}.glb").write_bytes(b"glTF, or so it says")
+    report = engine.spawn(world(FLOOR, body("mug", (0, 0, 1), (0.1, 0.2, 0.3))), geometry={MUG: broken})
     assert report.ok
-    assert [note.ids for note in report.notes if form.key in note.text or "mug" in note.ids] == [("mug",)]
+    assert [note.ids for note in report.notes if broken.key in note.text or "mug" in note.ids] == [("mug",)]
 
 
-def test_a_scene_cannot_be_saved_where_there_is_no_folder(engine: GodotEngine, tmp_path: Path) -> None:
+def test_a_scene_cannot_be_saved_in_a_missing_folder(engine: GodotEngine, tmp_path: Path) -> None:
     with pytest.raises(WorldError):
         engine.save_scene(tmp_path / "no" / "such" / "folder" / "scene.tscn")
 
 
-def test_without_a_window_there_is_no_photograph_and_it_is_said(engine: GodotEngine, tmp_path: Path) -> None:
+def test_a_screenshot_without_a_window_is_an_error(engine: GodotEngine, tmp_path: Path) -> None:
     with pytest.raises(WorldError, match="window"):
         engine.screenshot(tmp_path / "picture.png", eye=(3, 3, 3), target=(0, 0, 0))
     assert not (tmp_path / "picture.png").exists()
 
 
-def test_a_godot_at_somebody_elses_bridge_is_driven_from_afar(godot: Path) -> None:
+def test_a_godot_at_another_bridge_is_controlled_as_a_remote_engine(godot: Path) -> None:
     with LocalNode() as hub, RosbridgeServer(hub, port=0, token="secret") as server:
         found = find_godot(godot)
         process = GodotProcess(
@@ -99,31 +99,31 @@ def test_a_godot_at_somebody_elses_bridge_is_driven_from_afar(godot: Path) -> No
             mesh_dir=geometry_cache_dir(),
         )
         try:
-            engine = _met(f"ros://127.0.0.1:{server.port}/lab/place?token=secret", process)
+            engine = _connect_when_ready(f"ros://127.0.0.1:{server.port}/lab/place?token=secret", process)
             with closing(engine):
                 assert isinstance(engine, CompiledRemoteEngine)
                 assert engine.spawn(room()).ok
                 engine.set_pose(BodyId("drawer"), Pose((0.2, 0, 0.3)))
                 assert diff(room(), engine.snapshot()).lost == ()
-            assert process.is_running  # it is somebody else's
+            assert process.is_running  # this process belongs to another server
         finally:
             process.terminate()
         assert not process.is_running
 
 
-def _met(address: str, process: GodotProcess) -> RemoteEngine:
-    """The engine, once it has joined."""
-    until_s = time.monotonic() + 60.0
+def _connect_when_ready(address: str, process: GodotProcess) -> RemoteEngine:
+    """The engine, after Godot has connected."""
+    deadline_s = time.monotonic() + 60.0
     while True:
         try:
             return connect(address)
         except EngineUnavailableError:
-            if time.monotonic() > until_s or not process.is_running:
+            if time.monotonic() > deadline_s or not process.is_running:
                 raise
             time.sleep(0.1)
 
 
-def test_what_has_thin_walls_stands_still_and_thin_things_do_not_fall_through_each_other(engine: GodotEngine) -> None:
+def test_thin_bodies_rest_on_each_other_and_thin_walls_stand_still(engine: GodotEngine) -> None:
     size, thin = (0.08, 0.08, 0.1), (0.2, 0.2, 0.003)
     shelf = body("shelf", (0, 0, 0.5), (1.5, 1.5, 0.003))
     cups = [body("standing", (1, 0, 0.05), size, "dynamic", 0.3), body("falling", (0, 0, 3.0), size, "dynamic", 0.3)]
@@ -132,5 +132,5 @@ def test_what_has_thin_walls_stands_still_and_thin_things_do_not_fall_through_ea
     assert engine.spawn(world(FLOOR, shelf, *cups, tray), geometry={each.id: cup for each in cups}).ok
     engine.step(5.0)
     assert current_pose(engine, "standing") == pytest.approx((1, 0, 0.05, 1, 0, 0, 0), abs=1e-4)
-    for fallen in ("falling", "tray"):
-        assert current_pose(engine, fallen)[2] > 0.5
+    for moved_down in ("falling", "tray"):
+        assert current_pose(engine, moved_down)[2] > 0.5

@@ -1,6 +1,6 @@
-"""GodotEngine keeps the whole contract, in single precision.
+"""GodotEngine fulfills the contract, in single precision.
 
-One Godot serves all tests and is cleared between them; the one that closes its engine gets a Godot of its own.
+One Godot process serves all tests and is cleared between them; a test that closes its engine gets its own process.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import pytest
 
 from mindstage.engines import GodotEngine
 from tests.engines.contract import PhysicsContract
-from tests.engines.forms_contract import GeometryContract
+from tests.engines.geometry_contract import GeometryContract
 
 
 @pytest.fixture(scope="module")
@@ -39,8 +39,8 @@ class TestGodotEngine(PhysicsContract, GeometryContract):
         yield running
         running.clear()
 
-    def test_time_passes_exactly_as_asked(self, engine: GodotEngine) -> None:
-        """As for every engine, but time has passed before: one Godot serves many tests."""
+    def test_time_advances_by_the_requested_duration(self, engine: GodotEngine) -> None:
+        """As in the contract, but time has already passed, since one process serves many tests."""
         before_s = engine.time_s
         for _ in range(300):
             engine.step(1 / 60)

@@ -1,4 +1,4 @@
-"""What goes wrong with a Godot of our own ends in an error that says why; nothing hangs, and nothing is left behind."""
+"""Faults of a Godot process end in an error with the reason; no call hangs, and no process remains."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ Make = Callable[..., Path]
 
 @pytest.fixture
 def make_program(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Make:
-    """A program that says what a Godot says when it is asked for its version, and does something else when it runs."""
+    """Creates an executable that reports a Godot version when asked for it, and otherwise runs a script."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
 
     def make(*, version: str = "4.6.3.stable.official", asked: str = "", runs: str = "exit 0") -> Path:
@@ -49,9 +49,9 @@ def make_program(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Make:
 
 
 def is_gone(pid: int, *, within_s: float = 30.0) -> bool:
-    """Whether a process ends in time; one that has ended and that nobody has asked about counts as gone."""
-    until_s = time.monotonic() + within_s
-    while time.monotonic() < until_s:
+    """Whether a process ends in time; a zombie counts as ended."""
+    deadline_s = time.monotonic() + within_s
+    while time.monotonic() < deadline_s:
         try:
             state = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
         except FileNotFoundError:
@@ -65,14 +65,14 @@ def is_gone(pid: int, *, within_s: float = 30.0) -> bool:
 # -- before it starts --------------------------------------------------------------------------------------------------
 
 
-def test_a_program_that_is_not_there_is_named_and_how_to_get_one() -> None:
-    with pytest.raises(EngineUnavailableError, match=r"no program '/nowhere/godot'.*install Godot 4\.4 or later"):
+def test_a_missing_executable_is_named_with_installation_help() -> None:
+    with pytest.raises(EngineUnavailableError, match=r"no executable '/nowhere/godot'.*install Godot 4\.4 or later"):
         GodotEngine("/nowhere/godot")
 
 
-def test_no_godot_anywhere_says_how_to_get_one(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_machine_without_godot_gets_installation_help(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(program, "_candidates", lambda: iter(()))
-    with pytest.raises(EngineUnavailableError, match=r"no Godot on this machine.*GODOT"):
+    with pytest.raises(EngineUnavailableError, match=r"Godot was not found on this machine.*GODOT"):
         find_godot()
 
 
@@ -83,22 +83,22 @@ def test_a_godot_that_is_too_old_is_refused(version: str, make_program: Make) ->
 
 
 @pytest.mark.parametrize("version", ["4.4.stable", "4.10.1.stable", "5.0.dev"])
-def test_a_godot_that_is_new_enough_is_taken(version: str, make_program: Make) -> None:
+def test_a_recent_godot_is_accepted(version: str, make_program: Make) -> None:
     assert find_godot(make_program(version=version)).version == version
 
 
-def test_a_program_that_is_no_godot_is_refused_with_what_it_said(make_program: Make) -> None:
-    with pytest.raises(EngineUnavailableError, match="does not say its version: no display today"):
+def test_another_program_is_refused_with_its_output(make_program: Make) -> None:
+    with pytest.raises(EngineUnavailableError, match="does not report its version: no display today"):
         find_godot(make_program(asked="echo no display today >&2; exit 1"))
 
 
-def test_a_program_that_never_answers_is_given_up(make_program: Make, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_program_that_does_not_answer_times_out(make_program: Make, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(program, "_VERSION_TIMEOUT_S", 0.3)
-    with pytest.raises(EngineUnavailableError, match=r"does not say its version within 0\.3 s"):
+    with pytest.raises(EngineUnavailableError, match=r"did not report its version within 0\.3 s"):
         find_godot(make_program(asked="exec sleep 60"))
 
 
-def test_a_file_that_is_no_program_does_not_run(tmp_path: Path) -> None:
+def test_a_file_that_is_not_executable_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "godot"
     path.write_bytes(b"\x7fELF and nothing more")
     path.chmod(0o755)
@@ -106,43 +106,41 @@ def test_a_file_that_is_no_program_does_not_run(tmp_path: Path) -> None:
         find_godot(path)
 
 
-def test_the_project_is_copied_once_and_anew_when_it_or_godot_changes(
+def test_the_project_is_copied_once_and_again_after_a_change(
     make_program: Make, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    shipped = tmp_path / "shipped"
-    (shipped / "addons").mkdir(parents=True)
-    (shipped / "project.godot").write_text("one")
-    monkeypatch.setattr(project, "bundled_project", lambda: shipped)
+    bundled = tmp_path / "shipped"
+    (bundled / "addons").mkdir(parents=True)
+    (bundled / "project.godot").write_text("one")
+    monkeypatch.setattr(project, "bundled_project", lambda: bundled)
     path = make_program()
     first = project.prepare_project(GodotExecutable(path, "4.6.3"))
     assert (first / "project.godot").read_text() == "one"
     assert project.prepare_project(GodotExecutable(path, "4.6.3")) == first
     assert project.prepare_project(GodotExecutable(path, "4.7")) != first
-    (shipped / "project.godot").write_text("two")
+    (bundled / "project.godot").write_text("two")
     second = project.prepare_project(GodotExecutable(path, "4.6.3"))
     assert (second / "project.godot").read_text() == "two"
     assert first.is_dir()
 
 
-def test_copies_of_the_project_that_nobody_starts_any_more_are_removed(make_program: Make, tmp_path: Path) -> None:
+def test_unused_copies_of_the_project_are_deleted(make_program: Make, tmp_path: Path) -> None:
     path = make_program()
     copies = [project.prepare_project(GodotExecutable(path, f"4.4.{number}")) for number in range(5)]
     long_ago_s = time.time() - 30 * 24 * 3600
     for age, copy in enumerate(copies):
         os.utime(copy, (long_ago_s - age, long_ago_s - age))
-    abandoned = copies[0].parent / ".making-by-somebody-who-was-killed"
-    abandoned.mkdir()
-    os.utime(abandoned, (0, 0))
+    unused = copies[0].parent / ".making-by-a-killed-process"
+    unused.mkdir()
+    os.utime(unused, (0, 0))
     project.isolated_environment()
-    assert project.prepare_project(GodotExecutable(path, "4.4.3")) == copies[3]  # it is used, and so it is young
+    assert project.prepare_project(GodotExecutable(path, "4.4.3")) == copies[3]  # it is used, so it is recent
     newest = project.prepare_project(GodotExecutable(path, "4.5"))
-    left = {each.name for each in newest.parent.iterdir()}
-    assert left == {newest.name, copies[3].name, copies[0].name, "home"}
+    remaining = {each.name for each in newest.parent.iterdir()}
+    assert remaining == {newest.name, copies[3].name, copies[0].name, "home"}
 
 
-def test_a_project_that_cannot_be_prepared_leaves_nothing_half_done(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_failed_preparation_leaves_no_partial_copy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     path = tmp_path / "broken"
     path.write_text('#!/bin/sh\ncase "$*" in *--version*) echo 4.6;; *) echo no room; exit 3;; esac\n')
@@ -152,23 +150,23 @@ def test_a_project_that_cannot_be_prepared_leaves_nothing_half_done(
     assert [each.name for each in (tmp_path / "mindstage" / "godot").iterdir() if each.name != "home"] == []
 
 
-# -- while it starts ---------------------------------------------------------------------------------------------------
+# -- during the start --------------------------------------------------------------------------------------------------
 
 
-def test_a_godot_that_ends_at_once_is_told_with_its_last_words(make_program: Make) -> None:
-    with pytest.raises(EngineUnavailableError, match=r"did not start: it ended with exit code 7.*my last words"):
+def test_a_godot_that_exits_at_once_is_reported_with_its_output(make_program: Make) -> None:
+    with pytest.raises(EngineUnavailableError, match=r"did not start: it exited with code 7.*my last words"):
         GodotEngine(make_program(runs="echo my last words; exit 7"))
 
 
-def test_a_godot_that_never_offers_anything_is_given_up_and_ended(make_program: Make, tmp_path: Path) -> None:
+def test_a_godot_that_offers_no_services_times_out_and_is_terminated(make_program: Make, tmp_path: Path) -> None:
     pid = tmp_path / "pid"
     runs = f"echo $$ >{pid}; echo thinking; exec sleep 600"
-    with pytest.raises(EngineUnavailableError, match=r"after 1 s it offers no service; it said: thinking"):
+    with pytest.raises(EngineUnavailableError, match=r"after 1 s it offers no service; its last output: thinking"):
         GodotEngine(make_program(runs=runs), start_timeout_s=1.0)
     assert is_gone(int(pid.read_text()))
 
 
-def test_a_godot_that_does_not_want_to_end_is_ended(make_program: Make, tmp_path: Path) -> None:
+def test_a_godot_that_ignores_sigterm_is_killed(make_program: Make, tmp_path: Path) -> None:
     pid = tmp_path / "pid"
     runs = f"trap '' TERM; echo $$ >{pid}; while :; do sleep 0.1; done"
     with pytest.raises(EngineUnavailableError):
@@ -185,7 +183,7 @@ def engine(godot: Path) -> Iterator[GodotEngine]:
         yield engine
 
 
-def test_a_godot_killed_while_it_spawns_is_told_at_once_and_another_can_be_started(
+def test_a_godot_killed_during_a_spawn_is_reported_at_once_and_can_be_restarted(
     engine: GodotEngine, godot: Path
 ) -> None:
     errors: list[Exception] = []
@@ -196,7 +194,7 @@ def test_a_godot_killed_while_it_spawns_is_told_at_once_and_another_can_be_start
         except EngineUnavailableError as error:
             errors.append(error)
 
-    os.kill(engine.pid, signal.SIGSTOP)  # so that the spawning has begun and has not ended
+    os.kill(engine.pid, signal.SIGSTOP)  # so that the spawn has started but not finished
     thread = threading.Thread(target=spawn)
     thread.start()
     time.sleep(0.3)
@@ -213,7 +211,7 @@ def test_a_godot_killed_while_it_spawns_is_told_at_once_and_another_can_be_start
         assert other.spawn(room()).ok
 
 
-def test_a_godot_that_hangs_is_given_up_in_time_and_ended(godot: Path) -> None:
+def test_a_godot_that_hangs_times_out_and_is_terminated(godot: Path) -> None:
     with closing(GodotEngine(godot, timeout_s=1.0)) as engine:
         os.kill(engine.pid, signal.SIGSTOP)
         with pytest.raises(EngineTimeoutError, match="did not answer"):
@@ -221,11 +219,11 @@ def test_a_godot_that_hangs_is_given_up_in_time_and_ended(godot: Path) -> None:
     assert is_gone(engine.pid)
 
 
-def test_two_run_side_by_side_and_neither_knows_of_the_other(engine: GodotEngine, godot: Path) -> None:
+def test_two_engines_run_independently(engine: GodotEngine, godot: Path) -> None:
     engine.spawn(world(FLOOR))
-    with closing(GodotEngine(godot)) as other, socket.socket() as taken:
-        with suppress(OSError):  # somebody else has it: as good
-            taken.bind(("127.0.0.1", 9090))  # rosbridge's own port: nobody needs it
+    with closing(GodotEngine(godot)) as other, socket.socket() as listener:
+        with suppress(OSError):  # another process has it, which is just as good
+            listener.bind(("127.0.0.1", 9090))  # rosbridge's default port, which the engines do not need
         assert other.poses()[0] == ()
         other.spawn(world(body("box", (0, 0, 1), (0.1, 0.1, 0.1))))
         assert engine.poses()[0] == ("floor",)
@@ -234,13 +232,13 @@ def test_two_run_side_by_side_and_neither_knows_of_the_other(engine: GodotEngine
     assert engine.poses()[0] == ("floor",)
 
 
-def test_nobody_else_can_join_its_bridge(engine: GodotEngine) -> None:
+def test_other_clients_cannot_connect_to_its_bridge(engine: GodotEngine) -> None:
     client = RosbridgeClient(engine._client.address.url, max_reconnect_delay_s=0.2)
     with closing(client), pytest.raises(AuthenticationError):
         client.wait_connected(10.0)
 
 
-def test_no_godot_is_left_behind_when_python_dies_without_a_word(godot: Path) -> None:
+def test_no_godot_remains_when_python_is_killed(godot: Path) -> None:
     script = (
         "import os, signal\n"
         "from mindstage.engines import GodotEngine\n"
@@ -248,23 +246,23 @@ def test_no_godot_is_left_behind_when_python_dies_without_a_word(godot: Path) ->
         "print(engine.pid, flush=True)\n"
         "os.kill(os.getpid(), signal.SIGKILL)\n"
     )
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=120, check=False)
-    assert done.returncode == -signal.SIGKILL, done.stderr
-    assert is_gone(int(done.stdout))
+    result = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=120, check=False)
+    assert result.returncode == -signal.SIGKILL, result.stderr
+    assert is_gone(int(result.stdout))
 
 
-def test_no_godot_is_left_behind_when_python_ends_and_forgot_to_close(godot: Path) -> None:
+def test_no_godot_remains_when_python_exits_without_closing(godot: Path) -> None:
     script = (
         "from mindstage.engines import GodotEngine\n"
         f"engine = GodotEngine({str(godot)!r})\n"
         "print(engine.pid, flush=True)\n"
     )
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=120, check=False)
-    assert done.returncode == 0, done.stderr
-    assert is_gone(int(done.stdout))
+    result = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=120, check=False)
+    assert result.returncode == 0, result.stderr
+    assert is_gone(int(result.stdout))
 
 
-def test_an_unknown_body_is_refused_without_asking_godot(engine: GodotEngine) -> None:
+def test_an_unknown_body_is_refused_without_a_call_to_godot(engine: GodotEngine) -> None:
     engine.spawn(world(FLOOR))
     os.kill(engine.pid, signal.SIGSTOP)
     try:

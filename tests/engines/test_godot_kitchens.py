@@ -1,4 +1,4 @@
-"""Whole kitchens of forms in Godot: they come back, stand still, and their doors open as they do in MuJoCo."""
+"""Whole kitchens with geometry in Godot: no loss, at rest, and doors that open as in MuJoCo."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from mindstage.knowledge.io.files import BUNDLED_KITCHEN
 from mindstage.scene import AxisMotion, BodyId, GeometryMap, Joint, World, diff
 from mindstage.scene.transforms import normalize, pose_inverse, quat_angle, quat_rotate
 from tests.cli.conftest import run  # noqa: F401 - a fixture
-from tests.cli.typed import Run, json_output
+from tests.cli.runner import Run, json_output
 from tests.engines.contract import current_pose
 
 SAME_M, SAME_RAD = 0.002, np.radians(0.5)
@@ -37,14 +37,14 @@ def engine(running: GodotEngine) -> Iterator[GodotEngine]:
 
 
 class Kitchen(NamedTuple):
-    """A map, and what its bodies are made of."""
+    """A map with the geometry of its bodies."""
 
     world: World
-    forms: GeometryMap
+    geometry: GeometryMap
 
     def spawn(self, engine: Engine) -> SpawnReport:
-        """As a stage does."""
-        return engine.spawn(self.world, geometry=self.forms)
+        """Spawns it like a simulation."""
+        return engine.spawn(self.world, geometry=self.geometry)
 
 
 def read(path: Path) -> Kitchen:
@@ -60,7 +60,7 @@ def bundled() -> Kitchen:
 
 
 @pytest.mark.parametrize("name", SAMPLES)
-def test_a_map_of_any_dialect_comes_back_with_every_fact_and_tag(
+def test_maps_of_all_dialects_are_returned_with_all_facts_and_tags(
     name: str, engine: GodotEngine, shared_data: Path
 ) -> None:
     kitchen = read(shared_data / "maps" / f"{name}.owl")
@@ -68,9 +68,7 @@ def test_a_map_of_any_dialect_comes_back_with_every_fact_and_tag(
     assert diff(kitchen.world, engine.snapshot()).identical(0.0)
 
 
-def test_the_bundled_kitchen_comes_back_and_stays_as_it_is_when_left_alone(
-    engine: GodotEngine, bundled: Kitchen
-) -> None:
+def test_the_bundled_kitchen_is_returned_unchanged_and_stays_at_rest(engine: GodotEngine, bundled: Kitchen) -> None:
     assert bundled.spawn(engine).ok
     assert diff(bundled.world, engine.snapshot()).identical(0.0)
     ids, before = engine.poses()
@@ -78,9 +76,9 @@ def test_the_bundled_kitchen_comes_back_and_stays_as_it_is_when_left_alone(
     after = engine.poses()[1]
     moved = np.linalg.norm(after[:, :3] - before[:, :3], axis=1)
     assert moved.max() < 0.001, ids[int(moved.argmax())]
-    logged = engine.snapshot()
-    assert diff(bundled.world, logged).lost == ()
-    assert logged.joints == bundled.world.joints
+    snapshot = engine.snapshot()
+    assert diff(bundled.world, snapshot).lost == ()
+    assert snapshot.joints == bundled.world.joints
 
 
 def test_check_finds_nothing_lost_in_godot(run: Run, godot: Path, monkeypatch: pytest.MonkeyPatch) -> None:  # noqa: F811
@@ -92,7 +90,7 @@ def test_check_finds_nothing_lost_in_godot(run: Run, godot: Path, monkeypatch: p
     assert found["spawn"]["ok"]
 
 
-def test_a_map_becomes_a_scene_of_godots(
+def test_a_map_is_exported_as_a_godot_scene(
     run: Run,  # noqa: F811
     godot: Path,
     tmp_path: Path,
@@ -109,7 +107,7 @@ def test_a_map_becomes_a_scene_of_godots(
     assert "fridge" in scene
 
 
-def test_without_godot_there_is_no_scene_and_it_is_said_how_to_get_one(
+def test_exporting_a_scene_without_godot_gives_installation_help(
     run: Run,  # noqa: F811
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
@@ -126,29 +124,27 @@ def test_without_godot_there_is_no_scene_and_it_is_said_how_to_get_one(
 
 
 def handle_of(kitchen: World, moving: BodyId) -> BodyId:
-    """The handle on a door or drawer, or that itself."""
+    """The handle of a door or drawer, or the body itself."""
     classes = {body.id: body.cls for body in kitchen.bodies}
-    waiting = [moving]
-    while waiting:
-        part = waiting.pop()
+    stack = [moving]
+    while stack:
+        part = stack.pop()
         if "Handle" in classes[part] or "handle" in part:
             return part
-        waiting += [each.child for each in kitchen.attachments if each.parent == part]
+        stack += [each.child for each in kitchen.attachments if each.parent == part]
     return moving
 
 
-def opened(engine: Engine, constraint: Joint, handle: BodyId, way: int) -> float:
-    """How far a joint gets when its handle is pulled for three seconds [m or rad]."""
-    slides = constraint.linear.x is not AxisMotion.LOCKED
-    axis = (
-        (1.0, 0, 0) if slides else ((0, 0, 1.0) if constraint.angular.swing1 is not AxisMotion.LOCKED else (0, 1.0, 0))
-    )
-    direction = quat_rotate(normalize(constraint.pose.quaternion), axis)
+def opened(engine: Engine, joint: Joint, handle: BodyId, sign: int) -> float:
+    """The displacement of a joint when its handle is pulled for three seconds [m or rad]."""
+    slides = joint.linear.x is not AxisMotion.LOCKED
+    axis = (1.0, 0, 0) if slides else ((0, 0, 1.0) if joint.angular.swing1 is not AxisMotion.LOCKED else (0, 1.0, 0))
+    direction = quat_rotate(normalize(joint.pose.quaternion), axis)
     start = current_pose(engine, handle)
     for _ in range(30):
-        place = current_pose(engine, handle)[:3]
-        force = direction if slides else np.cross(direction, place - constraint.pose.position)
-        engine.apply_force(handle, tuple((way * 35.0 * force / np.linalg.norm(force)).tolist()), tuple(place.tolist()))
+        pose = current_pose(engine, handle)[:3]
+        force = direction if slides else np.cross(direction, pose - joint.pose.position)
+        engine.apply_force(handle, tuple((sign * 35.0 * force / np.linalg.norm(force)).tolist()), tuple(pose.tolist()))
         engine.step(0.1)
     end = current_pose(engine, handle)
     if slides:
@@ -157,29 +153,29 @@ def opened(engine: Engine, constraint: Joint, handle: BodyId, way: int) -> float
 
 
 def doors_and_drawers(kitchen: World, engine: Engine) -> Iterator[tuple[Joint, BodyId]]:
-    """Each constraint that can move, and the handle on what moves."""
+    """Each movable joint, with the handle of the body that it moves."""
     movable = engine.joint_positions()
     moves = {body.id for body in kitchen.bodies if body.physics.is_dynamic}
-    for constraint in kitchen.joints:
-        if constraint.id in movable:
-            yield constraint, handle_of(kitchen, next(e for e in (constraint.child, constraint.parent) if e in moves))
+    for joint in kitchen.joints:
+        if joint.id in movable:
+            yield joint, handle_of(kitchen, next(e for e in (joint.child, joint.parent) if e in moves))
 
 
-def limit_of(constraint: Joint) -> float:
-    angular = constraint.angular
-    return constraint.linear.limit or max(angular.swing1_limit, angular.swing2_limit)
+def limit_of(joint: Joint) -> float:
+    angular = joint.angular
+    return joint.linear.limit or max(angular.swing1_limit, angular.swing2_limit)
 
 
-def opened_either_way(engine: Engine, kitchen: Kitchen, constraint: Joint, handle: BodyId) -> float:
-    """How far it gets the way that is not into the furniture."""
-    reached = []
-    for way in (1, -1):
+def opened_either_way(engine: Engine, kitchen: Kitchen, joint: Joint, handle: BodyId) -> float:
+    """The displacement in the direction away from the furniture."""
+    displacement = []
+    for sign in (1, -1):
         engine.clear()
         kitchen.spawn(engine)
-        reached.append(opened(engine, constraint, handle, way))
-        if abs(reached[-1] - limit_of(constraint)) < SAME_RAD:
+        displacement.append(opened(engine, joint, handle, sign))
+        if abs(displacement[-1] - limit_of(joint)) < SAME_RAD:
             break
-    return max(reached)
+    return max(displacement)
 
 
 def test_the_fridge_opens_by_its_handle_as_far_as_in_mujoco(engine: GodotEngine, bundled: Kitchen) -> None:
@@ -188,7 +184,7 @@ def test_the_fridge_opens_by_its_handle_as_far_as_in_mujoco(engine: GodotEngine,
         bundled.spawn(each)
     joints = dict(doors_and_drawers(bundled.world, engine))
     assert joints == dict(doors_and_drawers(bundled.world, mujoco))
-    hinge = next(constraint for constraint in joints if constraint.child == "fridge_door")
+    hinge = next(joint for joint in joints if joint.child == "fridge_door")
     angles = [opened_either_way(each, bundled, hinge, joints[hinge]) for each in (engine, mujoco)]
     assert min(angles) == pytest.approx(limit_of(hinge), abs=SAME_RAD)
     assert angles[0] == pytest.approx(angles[1], abs=SAME_RAD)
@@ -196,28 +192,28 @@ def test_the_fridge_opens_by_its_handle_as_far_as_in_mujoco(engine: GodotEngine,
 
 def test_doors_and_drawers_open_to_their_limits_by_their_handles(engine: GodotEngine, bundled: Kitchen) -> None:
     bundled.spawn(engine)
-    tried = 0
-    for constraint, handle in list(doors_and_drawers(bundled.world, engine))[::5]:
-        slides = constraint.linear.x is not AxisMotion.LOCKED
-        reached = opened_either_way(engine, bundled, constraint, handle)
-        assert reached == pytest.approx(limit_of(constraint), abs=SAME_M if slides else SAME_RAD), constraint.id
-        tried += 1
-    assert tried >= 4
+    tested = 0
+    for joint, handle in list(doors_and_drawers(bundled.world, engine))[::5]:
+        slides = joint.linear.x is not AxisMotion.LOCKED
+        displacement = opened_either_way(engine, bundled, joint, handle)
+        assert displacement == pytest.approx(limit_of(joint), abs=SAME_M if slides else SAME_RAD), joint.id
+        tested += 1
+    assert tested >= 4
 
 
 @pytest.mark.parametrize(
     ("moving", "holder", "inside"),
     [("fridge_door", "fridge", "milk_carton_1"), ("drawer_left_1", "drawer_left_1", "table_fork_1")],
 )
-def test_what_is_inside_stays_inside_while_it_is_opened(
+def test_contents_stay_inside_while_furniture_is_opened(
     moving: str, holder: str, inside: str, engine: GodotEngine, bundled: Kitchen
 ) -> None:
     bundled.spawn(engine)
     joints = doors_and_drawers(bundled.world, engine)
-    constraint, handle = next(each for each in joints if moving in (each[0].parent, each[0].child))
-    assert opened_either_way(engine, bundled, constraint, handle) > 0.4
-    room, thing = current_pose(engine, holder), current_pose(engine, inside)
-    away = quat_rotate(pose_inverse(room)[3:], thing[:3] - room[:3])
+    joint, handle = next(each for each in joints if moving in (each[0].parent, each[0].child))
+    assert opened_either_way(engine, bundled, joint, handle) > 0.4
+    free_space, item = current_pose(engine, holder), current_pose(engine, inside)
+    away = quat_rotate(pose_inverse(free_space)[3:], item[:3] - free_space[:3])
     size = bundled.world.body(BodyId(holder)).size
     assert size is not None
     assert (np.abs(away) < np.array(size) / 2).all()

@@ -1,4 +1,4 @@
-"""Whole kitchens in MuJoCo: they stand still, every door opens by its handle, and what is inside comes along."""
+"""Whole kitchens in MuJoCo: at rest, doors open by their handles, and contents move along."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def warnings_of(engine: MujocoEngine) -> list[int]:
     return [warning.number for warning in engine._cache.model().data.warning]
 
 
-def test_a_kitchen_left_alone_for_ten_seconds_stays(kitchen: World) -> None:
+def test_an_undisturbed_kitchen_stays_at_rest(kitchen: World) -> None:
     engine = MujocoEngine()
     assert engine.spawn(kitchen).ok
     ids, before = engine.poses()
@@ -53,40 +53,38 @@ def test_a_kitchen_left_alone_for_ten_seconds_stays(kitchen: World) -> None:
 
 
 def doors_and_drawers(kitchen: World, engine: MujocoEngine) -> Iterator[tuple[Joint, BodyId]]:
-    """Each constraint that can move, and the handle on the side that moves (or that side itself)."""
+    """Each movable joint, with the handle of the body that moves (or that body itself)."""
     movable = engine.joint_positions()
     bodies = {body.id: body for body in kitchen.bodies}
     children: dict[BodyId, list[BodyId]] = {}
     for attachment in kitchen.attachments:
         children.setdefault(attachment.parent, []).append(attachment.child)
-    for constraint in kitchen.joints:
-        if constraint.id not in movable:
+    for joint in kitchen.joints:
+        if joint.id not in movable:
             continue
-        moving = next(end for end in (constraint.child, constraint.parent) if bodies[end].physics.is_dynamic)
-        waiting, handle = [moving], moving
-        while waiting:
-            part = waiting.pop()
-            waiting += children.get(part, [])
+        moving = next(end for end in (joint.child, joint.parent) if bodies[end].physics.is_dynamic)
+        stack, handle = [moving], moving
+        while stack:
+            part = stack.pop()
+            stack += children.get(part, [])
             if "Handle" in bodies[part].cls or "handle" in part:
                 handle = part
-        yield constraint, handle
+        yield joint, handle
 
 
-def opened(engine: MujocoEngine, constraint: Joint, handle: BodyId, way: int) -> float:
-    """How far a joint gets when its handle is pulled for three seconds, or until it goes no further [m or rad]."""
-    slides = constraint.linear.x is not AxisMotion.LOCKED
-    axis = (
-        (1.0, 0, 0) if slides else ((0, 0, 1.0) if constraint.angular.swing1 is not AxisMotion.LOCKED else (0, 1.0, 0))
-    )
-    direction = quat_rotate(normalize(constraint.pose.quaternion), axis)
+def opened(engine: MujocoEngine, joint: Joint, handle: BodyId, sign: int) -> float:
+    """The displacement of a joint when its handle is pulled for three seconds or until it stops [m or rad]."""
+    slides = joint.linear.x is not AxisMotion.LOCKED
+    axis = (1.0, 0, 0) if slides else ((0, 0, 1.0) if joint.angular.swing1 is not AxisMotion.LOCKED else (0, 1.0, 0))
+    direction = quat_rotate(normalize(joint.pose.quaternion), axis)
     start = current_pose(engine, handle)
-    place = np.full(3, np.inf)
+    pose = np.full(3, np.inf)
     for _ in range(60):
-        before, place = place, current_pose(engine, handle)[:3]
-        if np.linalg.norm(place - before) < 1e-6:
+        before, pose = pose, current_pose(engine, handle)[:3]
+        if np.linalg.norm(pose - before) < 1e-6:
             break
-        force = direction if slides else np.cross(direction, place - constraint.pose.position)
-        engine.apply_force(handle, tuple((way * 35.0 * force / np.linalg.norm(force)).tolist()), tuple(place.tolist()))
+        force = direction if slides else np.cross(direction, pose - joint.pose.position)
+        engine.apply_force(handle, tuple((sign * 35.0 * force / np.linalg.norm(force)).tolist()), tuple(pose.tolist()))
         engine.step(0.05)
     end = current_pose(engine, handle)
     if slides:
@@ -98,24 +96,24 @@ def test_every_door_and_drawer_opens_to_its_limit_by_its_handle(kitchen: World) 
     engine = MujocoEngine()
     engine.spawn(kitchen)
     closed = engine.save_state()
-    tried = 0
-    for constraint, handle in doors_and_drawers(kitchen, engine):
-        slides = constraint.linear.x is not AxisMotion.LOCKED
-        limit = constraint.linear.limit if slides else max(a for a in _limits(constraint) if a)
+    tested = 0
+    for joint, handle in doors_and_drawers(kitchen, engine):
+        slides = joint.linear.x is not AxisMotion.LOCKED
+        limit = joint.linear.limit if slides else max(a for a in _limits(joint) if a)
         tolerance = 0.001 if slides else np.radians(0.5)
         reached = []
-        for way in (1, -1):
+        for sign in (1, -1):
             engine.restore_state(closed)
-            reached.append(opened(engine, constraint, handle, way))
+            reached.append(opened(engine, joint, handle, sign))
             if abs(reached[-1] - limit) < tolerance:
                 break
         assert abs(max(reached) - limit) < tolerance, (handle, reached)
-        tried += 1
-    assert tried >= 16
+        tested += 1
+    assert tested >= 16
 
 
-def _limits(constraint: Joint) -> tuple[float, float]:
-    angular = constraint.angular
+def _limits(joint: Joint) -> tuple[float, float]:
+    angular = joint.angular
     return (
         angular.swing1_limit if angular.swing1 is AxisMotion.LIMITED else 0.0,
         angular.swing2_limit if angular.swing2 is AxisMotion.LIMITED else 0.0,
@@ -125,13 +123,13 @@ def _limits(constraint: Joint) -> tuple[float, float]:
 @pytest.mark.parametrize(
     ("thing", "container"), [("coffee_mug_1", "drawer_right_1"), ("frying_pan_1", "drawer_right_2")]
 )
-def test_what_is_in_a_drawer_comes_along_and_stays_in_it(bundled: World, thing: str, container: str) -> None:
+def test_the_contents_of_a_drawer_move_with_it_and_stay_inside(bundled: World, thing: str, container: str) -> None:
     engine = MujocoEngine()
     engine.spawn(bundled)
-    constraint, handle = next((c, h) for c, h in doors_and_drawers(bundled, engine) if container in (c.parent, c.child))
+    joint, handle = next((c, h) for c, h in doors_and_drawers(bundled, engine) if container in (c.parent, c.child))
     before = {id: current_pose(engine, id) for id in (thing, container)}
-    way = max((1, -1), key=lambda way: _tried(engine, constraint, handle, way))
-    opened(engine, constraint, handle, way)
+    sign = max((1, -1), key=lambda sign: _tried(engine, joint, handle, sign))
+    opened(engine, joint, handle, sign)
     after = {id: current_pose(engine, id) for id in (thing, container)}
     assert np.linalg.norm(after[container][:3] - before[container][:3]) > 0.4
     size = bundled.body(container).size
@@ -140,9 +138,9 @@ def test_what_is_in_a_drawer_comes_along_and_stays_in_it(bundled: World, thing: 
     assert (np.abs(drawer_from_thing) < np.array(size) / 2).all()
 
 
-def _tried(engine: MujocoEngine, constraint: Joint, handle: BodyId, way: int) -> float:
+def _tried(engine: MujocoEngine, joint: Joint, handle: BodyId, sign: int) -> float:
     state = engine.save_state()
-    reached = opened(engine, constraint, handle, way)
+    reached = opened(engine, joint, handle, sign)
     engine.restore_state(state)
     return reached
 
@@ -152,14 +150,14 @@ def test_the_milk_stays_in_the_fridge_when_its_door_is_opened(bundled: World) ->
     engine.spawn(bundled)
     milk = next(body.id for body in bundled.bodies if "milk" in body.id)
     before = current_pose(engine, milk)
-    constraint, handle = next((c, h) for c, h in doors_and_drawers(bundled, engine) if "fridge" in h)
-    assert max(_tried(engine, constraint, handle, way) for way in (1, -1)) > 0.7
+    joint, handle = next((c, h) for c, h in doors_and_drawers(bundled, engine) if "fridge" in h)
+    assert max(_tried(engine, joint, handle, sign) for sign in (1, -1)) > 0.7
     assert np.linalg.norm(current_pose(engine, milk)[:3] - before[:3]) < 0.01
 
 
-def test_the_shells_of_the_laboratory_are_found_and_nothing_else(laboratory: World) -> None:
+def test_only_the_enclosures_of_the_laboratory_are_found(laboratory: World) -> None:
     report = MujocoEngine().spawn(laboratory)
-    shells = {
+    enclosures = {
         laboratory.body(note.ids[0]).cls.split("#")[1] for note in report.notes if note.kind is SpawnNoteKind.ENCLOSURE
     }
-    assert shells == {"IAIPanorama", "LabBlackBox", "IAILabWalls"}
+    assert enclosures == {"IAIPanorama", "LabBlackBox", "IAILabWalls"}

@@ -1,4 +1,4 @@
-"""A world as a model file of MuJoCo's: the same bodies where they were, on the same joints, that move as in here."""
+"""Export to MJCF: the file has the same poses and joints, and simulates like the engine."""
 
 from __future__ import annotations
 
@@ -34,16 +34,16 @@ from mindstage.scene import (
     World,
 )
 from mindstage.scene.transforms import normalize, pose_array, quat_angle
-from tests.engines.formed import bin_geometry, single_shape_geometry, wedge_geometry
+from tests.engines.geometries import bin_geometry, single_shape_geometry, wedge_geometry
 from tests.kitchenette import kitchenette
 from tests.worlds import worlds
 
 M = "http://example.org/m.owl#"
 TETRAHEDRON = "v 1 0 0\nv 2 0 0\nv 1 2 0\nv 1 0 3\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
-"""One unit wide, two deep, three high, and beside the origin."""
+"""One unit wide, two deep, three high, and away from the origin."""
 
 
-def thing(id: str, *, at: Vector = (0.0, 0.0, 0.0), dynamic: bool = False, **more: object) -> Body:
+def item(id: str, *, at: Vector = (0.0, 0.0, 0.0), dynamic: bool = False, **more: object) -> Body:
     physics = BodyPhysics(mobility=Mobility.DYNAMIC, mass_kg=2.0) if dynamic else BodyPhysics(mobility=Mobility.STATIC)
     made = Body(id=BodyId(id), iri=Iri(M + id), cls=Iri(M + "Thing"), pose=Pose(at), size=(0.2, 0.3, 0.4))
     return replace(made, physics=physics, **more)
@@ -76,33 +76,33 @@ def poses_of(model: mujoco.MjModel, names: list[str]) -> np.ndarray:
     return np.concatenate([data.xpos[numbers], data.xquat[numbers]], axis=1)
 
 
-def test_every_body_stands_where_it_stood() -> None:
+def test_every_body_keeps_its_pose() -> None:
     world = kitchenette()
     found = poses_of(loaded(world), [body.id for body in world.bodies])
-    told = pose_array(body.pose for body in world.bodies)
-    np.testing.assert_allclose(found[:, :3], told[:, :3], atol=1e-12)
-    assert quat_angle(found[:, 3:], normalize(told[:, 3:])).max() < 1e-12
+    described = pose_array(body.pose for body in world.bodies)
+    np.testing.assert_allclose(found[:, :3], described[:, :3], atol=1e-12)
+    assert quat_angle(found[:, 3:], normalize(described[:, 3:])).max() < 1e-12
 
 
 @settings(max_examples=15, suppress_health_check=[HealthCheck.too_slow])
 @given(world=worlds())
-def test_any_world_that_stands_in_the_engine_can_be_loaded(world: World) -> None:
+def test_any_world_that_can_be_spawned_can_be_loaded(world: World) -> None:
     engine = MujocoEngine()
     report = engine.spawn(world)
-    standing, _ = engine.poses()
+    spawned, _ = engine.poses()
     engine.close()
     written = world_to_mjcf(world)
     model = mujoco.MjModel.from_xml_string(written.text)
-    assert {model.body(number).name for number in range(model.nbody)} >= {id for id in standing if id != "world"}
+    assert {model.body(number).name for number in range(model.nbody)} >= {id for id in spawned if id != "world"}
     failures = (*report.failed_bodies, *report.failed_joints, *report.failed_attachments)
     assert all(any(failure.id in note for note in written.notes) for failure in failures)
 
 
 def test_a_joint_has_its_name_its_axis_and_its_range() -> None:
     slide = LinearLimits(x=AxisMotion.LIMITED, limit=0.2, x_middle=0.2)
-    turned = Pose((0.5, 0.0, 0.0), (0.5**0.5, 0.0, 0.0, 0.5**0.5))
-    constraint = replace(joint(slide, AngularLimits()), pose=turned)
-    model = loaded(world_of(thing("base"), thing("arm", at=(1.0, 0.0, 0.0), dynamic=True), joints=(constraint,)))
+    rotated_pose = Pose((0.5, 0.0, 0.0), (0.5**0.5, 0.0, 0.0, 0.5**0.5))
+    drawer = replace(joint(slide, AngularLimits()), pose=rotated_pose)
+    model = loaded(world_of(item("base"), item("arm", at=(1.0, 0.0, 0.0), dynamic=True), joints=(drawer,)))
     found = model.joint("joint")
     assert found.type == mujoco.mjtJoint.mjJNT_SLIDE
     np.testing.assert_allclose(found.axis, (0.0, 1.0, 0.0), atol=1e-12)
@@ -111,19 +111,19 @@ def test_a_joint_has_its_name_its_axis_and_its_range() -> None:
 
 def test_each_axis_of_a_joint_has_a_name() -> None:
     angular = AngularLimits(swing1=AxisMotion.LIMITED, swing1_limit=0.5, twist=AxisMotion.FREE)
-    constraint = joint(LinearLimits(z=AxisMotion.LIMITED, limit=0.1), angular)
-    model = loaded(world_of(thing("base"), thing("arm", dynamic=True), joints=(constraint,)))
+    door = joint(LinearLimits(z=AxisMotion.LIMITED, limit=0.1), angular)
+    model = loaded(world_of(item("base"), item("arm", dynamic=True), joints=(door,)))
     assert {model.joint(number).name for number in range(model.njnt)} == {"joint:z", "joint:swing1", "joint:twist"}
 
 
-def test_it_moves_as_in_here() -> None:
+def test_the_exported_model_moves_like_the_engine() -> None:
     """A door swings down and a box falls onto the floor."""
     door = joint(LinearLimits(), AngularLimits(swing2=AxisMotion.LIMITED, swing2_limit=1.2))
     world = world_of(
-        thing("floor", at=(0.0, 0.0, -1.1), size=(9.0, 9.0, 0.2)),
-        thing("base", at=(0.2, 0.0, 0.0)),
-        thing("arm", at=(1.0, 0.0, 0.0), dynamic=True),
-        thing("box", at=(-2.0, 0.0, 0.5), dynamic=True),
+        item("floor", at=(0.0, 0.0, -1.1), size=(9.0, 9.0, 0.2)),
+        item("base", at=(0.2, 0.0, 0.0)),
+        item("arm", at=(1.0, 0.0, 0.0), dynamic=True),
+        item("box", at=(-2.0, 0.0, 0.5), dynamic=True),
         joints=(door,),
     )
     names = [body.id for body in world.bodies]
@@ -132,7 +132,7 @@ def test_it_moves_as_in_here() -> None:
     engine.apply_force(BodyId("arm"), (0.0, 0.0, -4000.0))
     engine.step(0.002)
     engine.step(0.998)
-    _, here = engine.poses()
+    _, in_engine = engine.poses()
     engine.close()
     model = loaded(world)
     data = mujoco.MjData(model)
@@ -141,33 +141,33 @@ def test_it_moves_as_in_here() -> None:
     data.xfrc_applied[:] = 0.0
     mujoco.mj_step(model, data, nstep=499)
     mujoco.mj_kinematics(model, data)
-    there = np.array([data.xpos[model.body(name).id] for name in names])
-    np.testing.assert_allclose(there, here[:, :3], atol=2e-3)  # in here, what lies still goes to sleep
-    assert here[3, 2] < -0.7
-    assert here[2, 2] < -0.05
+    in_file = np.array([data.xpos[model.body(name).id] for name in names])
+    np.testing.assert_allclose(in_file, in_engine[:, :3], atol=2e-3)  # bodies at rest fall asleep in the engine
+    assert in_engine[3, 2] < -0.7
+    assert in_engine[2, 2] < -0.05
 
 
-def test_what_hangs_on_something_is_part_of_it() -> None:
+def test_attached_bodies_are_nested() -> None:
     world = world_of(
-        thing("cup", dynamic=True),
-        thing("handle", at=(0.2, 0.0, 0.0)),
+        item("cup", dynamic=True),
+        item("handle", at=(0.2, 0.0, 0.0)),
         attachments=(Attachment(parent=BodyId("cup"), child=BodyId("handle")),),
     )
     model = loaded(world)
     assert model.body_parentid[model.body("handle").id] == model.body("cup").id
 
 
-def test_lights_and_colors_are_there() -> None:
+def test_lights_and_colors_are_exported() -> None:
     lamp = Light(id=BodyId("lamp"), iri=Iri(M + "lamp"), type=LightType.SPOT, pose=Pose((0.0, 0.0, 2.0)))
     red = Material(name="red", color=(0.75, 0.25, 0.0))
-    model = loaded(world_of(thing("cup", materials=(red,)), lights=(lamp,)))
+    model = loaded(world_of(item("cup", materials=(red,)), lights=(lamp,)))
     np.testing.assert_allclose(model.geom_rgba[0], (0.75, 0.25, 0.0, 1.0))
     np.testing.assert_allclose(model.light("lamp").dir, (0.0, 0.0, -1.0), atol=1e-12)
 
 
-def test_a_mesh_is_named_and_made_as_large_as_its_body(tmp_path: Path) -> None:
+def test_a_mesh_is_referenced_and_scaled_to_its_body(tmp_path: Path) -> None:
     (tmp_path / "t.obj").write_text(TETRAHEDRON, encoding="utf-8")
-    world = world_of(thing("rock", at=(5.0, 6.0, 7.0), mesh="package://x/t.obj", size=(0.5, 1.0, 1.5)))
+    world = world_of(item("rock", at=(5.0, 6.0, 7.0), mesh="package://x/t.obj", size=(0.5, 1.0, 1.5)))
     written = world_to_mjcf(world, find_mesh=lambda name: tmp_path / name.removeprefix("package://x/"))
     assert str(tmp_path / "t.obj") in written.text
     model = mujoco.MjModel.from_xml_string(written.text)
@@ -180,52 +180,52 @@ def test_a_mesh_is_named_and_made_as_large_as_its_body(tmp_path: Path) -> None:
     assert not model.geom_contype[geom]
 
 
-def test_a_mesh_that_cannot_be_read_is_said(tmp_path: Path) -> None:
+def test_an_unreadable_mesh_is_reported(tmp_path: Path) -> None:
     (tmp_path / "t.obj").write_text("v 1 2 3\n", encoding="utf-8")
-    written = world_to_mjcf(world_of(thing("rock", mesh="t.obj")), find_mesh=lambda name: tmp_path / name)
+    written = world_to_mjcf(world_of(item("rock", mesh="t.obj")), find_mesh=lambda name: tmp_path / name)
     assert any("t.obj" in note for note in written.notes)
     mujoco.MjModel.from_xml_string(written.text)
 
 
-def test_names_that_mujoco_or_xml_dislike_are_changed_and_that_is_said() -> None:
-    written = world_to_mjcf(world_of(thing("world"), thing("a\x01b"), thing("ab"), thing('"<&>')))
+def test_names_that_mujoco_or_xml_forbid_are_changed_and_reported() -> None:
+    written = world_to_mjcf(world_of(item("world"), item("a\x01b"), item("ab"), item('"<&>')))
     model = mujoco.MjModel.from_xml_string(written.text)
     names = {model.body(number).name for number in range(model.nbody)}
     assert names == {"world", "world-2", "ab", "ab-2", '"<&>'}
-    assert len([note for note in written.notes if "is called" in note]) == 3
+    assert len([note for note in written.notes if "is named" in note]) == 3
 
 
-def test_what_each_thing_is_stands_among_the_texts() -> None:
-    texts = ElementTree.fromstring(world_to_mjcf(world_of(thing("cup"))).text).iter("text")
+def test_the_class_of_each_body_is_a_custom_text() -> None:
+    texts = ElementTree.fromstring(world_to_mjcf(world_of(item("cup"))).text).iter("text")
     assert {text.get("name"): text.get("data") for text in texts} == {"map": M + "map", "class of cup": M + "Thing"}
 
 
 def test_a_chain_that_is_too_long_is_refused() -> None:
-    links = [thing(f"link{number}", at=(float(number), 0.0, 0.0), dynamic=True) for number in range(450)]
+    links = [item(f"link{number}", at=(float(number), 0.0, 0.0), dynamic=True) for number in range(450)]
     pairs = [Attachment(parent=a.id, child=b.id) for a, b in pairwise(links)]
-    with pytest.raises(MapWriteError, match="hang one on another"):
+    with pytest.raises(MapWriteError, match="bodies are nested"):
         world_to_mjcf(world_of(*links, attachments=tuple(pairs)))
     assert mujoco.MjModel.from_xml_string(world_to_mjcf(world_of(*links[:390], attachments=tuple(pairs[:389]))).text)
 
 
-def test_forms_are_in_the_file_and_the_file_is_the_same_physics() -> None:
-    """A ball rolls down a hull onto a bouncy crate's floor, in here and from the file, step by step."""
-    forms = {
+def test_geometry_is_exported_and_simulates_the_same() -> None:
+    """A ball rolls down a hull onto the floor of a bouncy crate, in the engine and from the file, step by step."""
+    geometry = {
         BodyId("ramp"): wedge_geometry((0.6, 0.4, 0.3), friction=0.3),
         BodyId("crate"): bin_geometry((0.5, 0.5, 0.2), restitution=0.6),
         BodyId("ball"): single_shape_geometry(CollisionShapeType.SPHERE, (0.1, 0.1, 0.1)),
         BodyId("arm"): wedge_geometry((0.3, 0.2, 0.1)),
     }
     world = world_of(
-        replace(thing("ramp", at=(0.0, 0.0, 0.4)), size=(0.6, 0.4, 0.3)),
-        replace(thing("crate", at=(-0.5, 0.0, 0.1)), size=(0.5, 0.5, 0.2)),
-        replace(thing("ball", at=(0.1, 0.0, 0.7), dynamic=True), size=(0.1, 0.1, 0.1)),
-        replace(thing("arm", at=(-0.5, 0.1, 0.5), dynamic=True), size=(0.3, 0.2, 0.1)),
+        replace(item("ramp", at=(0.0, 0.0, 0.4)), size=(0.6, 0.4, 0.3)),
+        replace(item("crate", at=(-0.5, 0.0, 0.1)), size=(0.5, 0.5, 0.2)),
+        replace(item("ball", at=(0.1, 0.0, 0.7), dynamic=True), size=(0.1, 0.1, 0.1)),
+        replace(item("arm", at=(-0.5, 0.1, 0.5), dynamic=True), size=(0.3, 0.2, 0.1)),
     )
-    model = mujoco.MjModel.from_xml_string(world_to_mjcf(world, geometry=forms).text)
+    model = mujoco.MjModel.from_xml_string(world_to_mjcf(world, geometry=geometry).text)
     data = mujoco.MjData(model)
     engine = MujocoEngine()
-    engine.spawn(world, geometry=forms)
+    engine.spawn(world, geometry=geometry)
     rows = [engine.poses()[0].index(BodyId(name)) for name in ("ball", "arm")]
     numbers = [model.body(name).id for name in ("ball", "arm")]
     for _ in range(8):

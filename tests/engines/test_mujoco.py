@@ -1,4 +1,4 @@
-"""MujocoEngine keeps the whole contract, and what only MuJoCo can be asked about."""
+"""MujocoEngine fulfills the contract, and properties that only MuJoCo has."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from mindstage.scene import (
 )
 from mindstage.scene.transforms import normalize, quat_angle
 from tests.engines.contract import PhysicsContract, apply_force_for, current_pose
-from tests.engines.forms_contract import GeometryContract
+from tests.engines.geometry_contract import GeometryContract
 from tests.engines.scenes import FLOOR, attachment, body, fixed_joint, prismatic_joint, revolute_joint, room, world
 from tests.worlds import worlds
 
@@ -42,7 +42,7 @@ class TestMujocoEngine(PhysicsContract, GeometryContract):
 
 
 @given(described=worlds(max_bodies=8))
-def test_any_world_comes_back_identical_from_the_engine(described: World) -> None:
+def test_any_world_is_returned_unchanged_by_the_engine(described: World) -> None:
     engine = MujocoEngine()
     report = engine.spawn(described)
     assert report.ok, report
@@ -58,10 +58,10 @@ def test_any_world_comes_back_identical_from_the_engine(described: World) -> Non
 
 
 @given(described=worlds(max_bodies=6))
-def test_any_world_runs_or_says_why_it_cannot(described: World) -> None:
+def test_any_world_runs_or_reports_why_it_cannot(described: World) -> None:
     engine = MujocoEngine()
     engine.spawn(described)
-    with contextlib.suppress(SimulationDivergedError):  # a joint whose frame is a kilometre away may well break
+    with contextlib.suppress(SimulationDivergedError):  # a joint frame a kilometer away may well diverge
         engine.step(0.1)
         assert np.isfinite(engine.poses()[1]).all()
 
@@ -73,32 +73,32 @@ def model_of(engine: MujocoEngine) -> object:
 def test_masses_in_the_model_are_exactly_the_given_ones() -> None:
     engine = MujocoEngine()
     engine.spawn(room())
-    live = engine._cache.model()
+    compiled = engine._cache.model()
     for described in room().bodies:
         if described.physics.mass_kg:
-            assert live.model.body_mass[live.body_ids[described.id]] == described.physics.mass_kg
+            assert compiled.model.body_mass[compiled.body_ids[described.id]] == described.physics.mass_kg
 
 
-def test_the_log_comes_out_of_the_physics() -> None:
+def test_the_snapshot_is_read_from_the_simulation() -> None:
     engine = MujocoEngine()
     engine.spawn(room())
     assert {body.id for body in engine.snapshot().bodies} == set(engine._cache.model().rows)
     assert not engine._cache.stale
-    live = engine._cache.model()
-    live.data.xpos[live.body_ids[BodyId("crate")]] = (7.0, 8.0, 9.0)
+    compiled = engine._cache.model()
+    compiled.data.xpos[compiled.body_ids[BodyId("crate")]] = (7.0, 8.0, 9.0)
     assert engine.snapshot().body("crate").pose.position == (7.0, 8.0, 9.0)
 
 
-def test_edits_in_a_row_cost_one_recompile(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_consecutive_edits_cost_one_recompile(monkeypatch: pytest.MonkeyPatch) -> None:
     from mindstage.engines.mujoco import engine as scene
 
-    built = []
+    compile_count = []
     original = scene.compile_model
-    monkeypatch.setattr(scene, "compile_model", lambda blueprint: built.append(1) or original(blueprint))
+    monkeypatch.setattr(scene, "compile_model", lambda blueprint: compile_count.append(1) or original(blueprint))
     engine = MujocoEngine()
     engine.spawn(room())
     engine.step(0.01)
-    built.clear()
+    compile_count.clear()
     for i in range(20):
         engine.spawn(world(body(f"new{i}", (5, i, 1), (0.1, 0.1, 0.1), "dynamic", 1.0)))
     engine.set_physics(BodyId("mug"), BodyPhysics(mobility=Mobility.DYNAMIC, mass_kg=1.0))
@@ -107,18 +107,18 @@ def test_edits_in_a_row_cost_one_recompile(monkeypatch: pytest.MonkeyPatch) -> N
     engine.delete([BodyId("new4")])
     engine.restore_state(engine.save_state())
     assert current_pose(engine, "new3")[0] == 7
-    assert built == []
+    assert compile_count == []
     engine.step(0.01)
-    assert built == [1]
+    assert compile_count == [1]
 
 
-def test_what_sleeps_goes_on_sleeping_through_an_edit_elsewhere() -> None:
+def test_sleeping_bodies_stay_asleep_through_an_edit_elsewhere() -> None:
     engine = MujocoEngine()
     engine.spawn(room())
     engine.step(3.0)
     asleep = int((engine._cache.model().data.tree_asleep >= 0).sum())
     assert asleep == 4
-    engine.spawn(world(body("far", (8, 8, 1), (0.1, 0.1, 0.1), "dynamic", 1.0)))
+    engine.spawn(world(body("distant", (8, 8, 1), (0.1, 0.1, 0.1), "dynamic", 1.0)))
     engine.step(0.004)
     assert int((engine._cache.model().data.tree_asleep >= 0).sum()) == asleep
 
@@ -135,7 +135,9 @@ MOTIONS = [
 
 
 @pytest.mark.parametrize(("linear", "angular"), MOTIONS)
-def test_any_mix_of_axes_moves_just_as_it_says(linear: tuple[AxisMotion, ...], angular: tuple[AxisMotion, ...]) -> None:
+def test_any_combination_of_axes_moves_as_described(
+    linear: tuple[AxisMotion, ...], angular: tuple[AxisMotion, ...]
+) -> None:
     joint = Joint(
         id=BodyId("joint"),
         iri=Iri("http://example.org/maps/scene.owl#joint"),
@@ -155,12 +157,12 @@ def test_any_mix_of_axes_moves_just_as_it_says(linear: tuple[AxisMotion, ...], a
         x, y, z = current_pose(engine, "arm")[:3].tolist()
         engine.apply_force(BodyId("arm"), (6.0, 5.0, 4.0), (x + 0.005, y + 0.003, z + 0.002))
         engine.step(0.01)
-    place = engine.joint_positions().get(BodyId("joint"))
+    pose = engine.joint_positions().get(BodyId("joint"))
     if all(motion is AxisMotion.FREE for motion in (*linear, *angular)):
-        assert place is None
+        assert pose is None
         return
-    place = place or (0.0,) * 6
-    for motion, reached in zip(linear, place[:3], strict=True):
+    pose = pose or (0.0,) * 6
+    for motion, reached in zip(linear, pose[:3], strict=True):
         if motion is AxisMotion.LOCKED:
             assert abs(reached) < 1e-3
         elif motion is AxisMotion.LIMITED:
@@ -168,12 +170,12 @@ def test_any_mix_of_axes_moves_just_as_it_says(linear: tuple[AxisMotion, ...], a
         else:
             assert abs(reached) > 0.2
     if angular[0] is AxisMotion.LIMITED:
-        assert abs(place[5]) < 0.3 + 0.02
+        assert abs(pose[5]) < 0.3 + 0.02
     if angular[1] is AxisMotion.LOCKED and angular[0] is AxisMotion.LOCKED:
         assert quat_angle(current_pose(engine, "arm")[3:], [1, 0, 0, 0]) < 1e-6
 
 
-def test_a_soft_limit_gives_way_like_a_spring_of_its_stiffness() -> None:
+def test_a_soft_limit_yields_like_a_spring_of_its_stiffness() -> None:
     stiffness, force = 400.0, 40.0
     soft = LinearLimits(
         x=AxisMotion.LIMITED, limit=0.1, soft_limit=SoftLimit(enabled=True, stiffness=stiffness, damping=60.0)
@@ -191,13 +193,13 @@ def test_a_soft_limit_gives_way_like_a_spring_of_its_stiffness() -> None:
         world(body("base", (-1, 0, 1), (0.2, 0.2, 0.2)), body("arm", (0, 0, 1), (0.3, 0.1, 0.1), "dynamic", 2.0), joint)
     )
     apply_force_for(engine, "arm", (force, 0.0, 0.0), 6.0)
-    friction = 2.0 * 1.0 * 1.05  # what the slide holds against by itself, with some room
-    past = current_pose(engine, "arm")[0] - 0.1
-    assert (force - friction) / stiffness * 0.9 < past < force / stiffness * 1.05
+    friction = 2.0 * 1.0 * 1.05  # the friction of the slide, with a margin
+    beyond = current_pose(engine, "arm")[0] - 0.1
+    assert (force - friction) / stiffness * 0.9 < beyond < force / stiffness * 1.05
 
 
 @pytest.mark.parametrize("make", [prismatic_joint, revolute_joint, fixed_joint])
-def test_a_constraint_that_closes_a_loop_holds_what_it_locks(make: object) -> None:
+def test_a_joint_that_closes_a_loop_holds_its_locked_axes(make: object) -> None:
     arms = [
         body(name, (0.5 * i, 0, 1), (0.3, 0.1, 0.1), "dynamic", 1.0) for i, name in enumerate(("one", "two"), start=1)
     ]
@@ -221,9 +223,7 @@ def test_a_constraint_that_closes_a_loop_holds_what_it_locks(make: object) -> No
     assert np.isfinite(engine.poses()[1]).all()
 
 
-def test_a_body_that_goes_to_infinity_is_reported_by_name_and_the_engine_lives_on(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_diverging_body_is_named_and_the_engine_stays_usable(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     engine = MujocoEngine()
     engine.spawn(room())
@@ -237,7 +237,7 @@ def test_a_body_that_goes_to_infinity_is_reported_by_name_and_the_engine_lives_o
     assert list(tmp_path.iterdir()) == [], "a log file was left behind"
 
 
-def test_a_dynamic_body_attached_without_constraint_moves_rigidly_and_it_is_said() -> None:
+def test_a_dynamic_body_attached_without_a_joint_moves_rigidly_and_is_reported() -> None:
     engine = MujocoEngine()
     magnet = body("magnet", (0.345, 2.1, 1.4), (0.002, 0.05, 0.05), "dynamic", 0.05)
     described = world(*room().bodies, magnet, *room().joints, *room().attachments, attachment("door", "magnet"))
@@ -247,7 +247,7 @@ def test_a_dynamic_body_attached_without_constraint_moves_rigidly_and_it_is_said
     assert quat_angle(current_pose(engine, "magnet")[3:], [1, 0, 0, 0]) == pytest.approx(np.pi / 4, abs=0.01)
 
 
-def test_a_constraint_wins_over_an_attachment_and_it_is_said() -> None:
+def test_a_joint_takes_precedence_over_an_attachment_and_is_reported() -> None:
     engine = MujocoEngine()
     described = world(*room().bodies, *room().joints, *room().attachments, attachment("fridge", "door"))
     report = engine.spawn(described)
@@ -258,7 +258,7 @@ def test_a_constraint_wins_over_an_attachment_and_it_is_said() -> None:
     assert diff(described, engine.snapshot()).lost_facts == 0
 
 
-def test_hundreds_of_bodies_in_one_place_are_spawned_and_do_not_explode() -> None:
+def test_hundreds_of_bodies_in_one_place_do_not_explode() -> None:
     boxes = [body(f"b{i}", (0, 0, 1), (0.1, 0.1, 0.1), "dynamic", 1.0, gravity=False) for i in range(600)]
     engine = MujocoEngine()
     assert engine.spawn(world(*boxes)).ok

@@ -1,10 +1,10 @@
-"""NullEngine keeps all of the contract that needs no physics."""
+"""NullEngine fulfills the part of the contract without physics."""
 
 import pytest
 
 from mindstage.engines import NullEngine
 from tests.engines.contract import DescriptionContract
-from tests.engines.forms_contract import GeometryDescriptionContract
+from tests.engines.geometry_contract import GeometryDescriptionContract
 
 
 class TestNullEngine(DescriptionContract, GeometryDescriptionContract):

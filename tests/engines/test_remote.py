@@ -1,4 +1,4 @@
-"""RemoteEngine: who is met at an address, what travels, and whose time it is."""
+"""RemoteEngine: addresses, profiles, time control, saved states, and data on the wire."""
 
 from __future__ import annotations
 
@@ -32,22 +32,22 @@ from mindstage.scene import (
     diff,
 )
 from tests.bridge.talking import eventually
-from tests.engines.far_side import ServedSimulation
 from tests.engines.scenes import BASE, FLOOR, body, prismatic_joint, room, world
+from tests.engines.served_simulation import ServedSimulation
 from tests.worlds import worlds
 
 NAN = float("nan")
 
 
 @pytest.fixture
-def far_side() -> Iterator[ServedSimulation]:
-    with ServedSimulation(NullEngine) as far_side:
-        yield far_side
+def served() -> Iterator[ServedSimulation]:
+    with ServedSimulation(NullEngine) as served:
+        yield served
 
 
 @pytest.fixture
-def engine(far_side: ServedSimulation) -> Iterator[RemoteEngine]:
-    with closing(connect(far_side.address)) as engine:
+def engine(served: ServedSimulation) -> Iterator[RemoteEngine]:
+    with closing(connect(served.address)) as engine:
         yield engine
 
 
@@ -69,28 +69,26 @@ def engine(far_side: ServedSimulation) -> Iterator[RemoteEngine]:
         ),
     ],
 )
-def test_an_address_is_read_as_it_is_typed_and_shown_without_its_token(
-    text: str, address: RemoteUrl, shown: str
-) -> None:
+def test_an_address_is_parsed_and_shown_without_its_token(text: str, address: RemoteUrl, shown: str) -> None:
     assert RemoteUrl.parse(text) == address
     assert str(address) == shown
     assert address.url == f"ws://{shown.removeprefix('ros://').partition('/')[0]}"
 
 
 @pytest.mark.parametrize(
-    ("text", "why"),
+    ("text", "reason"),
     [
-        ("ros://", "it is no address; write ros://HOST"),
-        ("ws://robot", "it is no address"),
-        ("ros://robot:port/x?token=secret", "it is no address: .*port"),
-        ("ros://robot:99999/x?token=secret", "it is no address: .*0-65535"),
-        ("ros://me:secret@robot/x", "it is no address"),
-        ("ros://robot/x?tokn=secret", "an address has no 'tokn'; there is token and profile"),
-        ("ros://robot/x?token=secret&profile=unity", "no profile 'unity'; choose mindstage or unreal"),
+        ("ros://", "it is not a valid address; write ros://HOST"),
+        ("ws://robot", "it is not a valid address"),
+        ("ros://robot:port/x?token=secret", "it is not a valid address: .*port"),
+        ("ros://robot:99999/x?token=secret", "it is not a valid address: .*0-65535"),
+        ("ros://me:secret@robot/x", "it is not a valid address"),
+        ("ros://robot/x?tokn=secret", "unknown parameter 'tokn'; the parameters are token and profile"),
+        ("ros://robot/x?token=secret&profile=unity", "unknown profile 'unity'; choose mindstage or unreal"),
     ],
 )
-def test_what_is_no_address_is_refused_with_the_form_of_one_and_keeps_the_token_secret(text: str, why: str) -> None:
-    with pytest.raises(EngineUnavailableError, match=why) as refused:
+def test_an_invalid_address_is_refused_without_revealing_the_token(text: str, reason: str) -> None:
+    with pytest.raises(EngineUnavailableError, match=reason) as refused:
         RemoteUrl.parse(text)
     assert "token=secret" not in str(refused.value)
 
@@ -101,37 +99,37 @@ def test_what_is_no_address_is_refused_with_the_form_of_one_and_keeps_the_token_
     names=st.lists(st.from_regex(r"[a-z]\w{0,8}", fullmatch=True), min_size=1, max_size=3),
     token=st.text(st.characters(exclude_categories=["Cs"]), max_size=20),
 )
-def test_any_address_is_read_back(host: str, port: int, names: list[str], token: str) -> None:
+def test_any_address_is_parsed_from_its_text(host: str, port: int, names: list[str], token: str) -> None:
     address = RemoteUrl(host=host, port=port, namespace="/".join(names), token=token)
     assert RemoteUrl.parse(f"{address}?token={quote(token, safe='')}") == address
 
 
-# -- meeting -----------------------------------------------------------------------------------------------------------
+# -- profiles ----------------------------------------------------------------------------------------------------------
 
 
-def test_another_mindstage_is_met_as_such_with_its_powers(far_side: ServedSimulation, engine: RemoteEngine) -> None:
+def test_another_mindstage_is_detected_with_its_capabilities(served: ServedSimulation, engine: RemoteEngine) -> None:
     assert engine.profile is RemoteProfile.MINDSTAGE
-    assert engine.name == far_side.address
+    assert engine.name == served.address
     assert engine.capabilities == {Capability.SAVE}
     assert 0.0 <= engine.ping() < 20.0
 
 
-def test_a_mindstage_can_be_met_as_if_it_were_unreal(far_side: ServedSimulation) -> None:
-    with closing(connect(f"{far_side.address}?profile=unreal")) as engine:
+def test_a_mindstage_can_be_used_through_the_unreal_profile(served: ServedSimulation) -> None:
+    with closing(connect(f"{served.address}?profile=unreal")) as engine:
         assert engine.profile is RemoteProfile.UNREAL
         assert engine.spawn(room()).ok
         assert diff(room(), engine.snapshot()).identical(0.0)
-        assert {each.id for each in far_side.stage.snapshot().bodies} == {each.id for each in room().bodies}
+        assert {each.id for each in served.simulation.snapshot().bodies} == {each.id for each in room().bodies}
         engine.clear()
-    assert far_side.stage.snapshot().bodies == ()
+    assert served.simulation.snapshot().bodies == ()
 
 
-def test_where_no_engine_is_it_is_told_where_one_is(far_side: ServedSimulation) -> None:
-    with pytest.raises(EngineUnavailableError, match="no engine answers below /lab there; there is one below /unreal"):
-        connect(far_side.address.replace("/unreal", "/lab"))
+def test_a_wrong_namespace_is_answered_with_the_right_one(served: ServedSimulation) -> None:
+    with pytest.raises(EngineUnavailableError, match="no engine answers below /lab there; engines there: /unreal"):
+        connect(served.address.replace("/unreal", "/lab"))
 
 
-def test_a_rosbridge_without_any_engine_says_what_to_start() -> None:
+def test_a_rosbridge_without_an_engine_names_what_to_start() -> None:
     with LocalNode() as hub, RosbridgeServer(hub, port=0) as server:
         address = f"ros://127.0.0.1:{server.port}"
         with pytest.raises(EngineUnavailableError, match="start mindstage serve there"):
@@ -140,62 +138,60 @@ def test_a_rosbridge_without_any_engine_says_what_to_start() -> None:
             connect(address, profile=RemoteProfile.UNREAL)
 
 
-def test_only_the_right_token_opens_and_no_text_tells_it() -> None:
-    with ServedSimulation(NullEngine, token="open sesame") as far_side:
-        with closing(connect(f"{far_side.address}?token=open%20sesame")) as engine:
+def test_only_the_right_token_connects_and_no_text_reveals_it() -> None:
+    with ServedSimulation(NullEngine, token="open sesame") as served:
+        with closing(connect(f"{served.address}?token=open%20sesame")) as engine:
             assert engine.spawn(room()).ok
             assert "sesame" not in engine.name
         for wrong in ("?token=close%20sesame", ""):
             with pytest.raises(EngineUnavailableError, match="token") as refused:
-                connect(far_side.address + wrong, timeout_s=5.0)
+                connect(served.address + wrong, timeout_s=5.0)
             assert "sesame" not in str(refused.value)
 
 
 # -- time --------------------------------------------------------------------------------------------------------------
 
 
-def test_a_world_that_lives_by_itself_waits_while_it_is_driven_and_lives_on_afterwards(
-    far_side: ServedSimulation,
+def test_a_running_world_is_paused_while_its_time_is_controlled(
+    served: ServedSimulation,
 ) -> None:
-    far_side.stage.spawn(room())
-    far_side.stage.play(speed=2.0)
-    with closing(connect(far_side.address)) as engine:
+    served.simulation.spawn(room())
+    served.simulation.play(speed=2.0)
+    with closing(connect(served.address)) as engine:
         began_s = engine.time_s
         engine.step(0.5)
-        assert not far_side.stage.state.playing
+        assert not served.simulation.state.playing
         assert engine.time_s == pytest.approx(began_s + 0.5)
-    eventually(lambda: far_side.stage.state.playing)
-    assert far_side.stage.state.speed == 2.0
+    eventually(lambda: served.simulation.state.playing)
+    assert served.simulation.state.speed == 2.0
 
 
-def test_a_world_that_stands_still_is_left_so(far_side: ServedSimulation) -> None:
-    connect(far_side.address).close()
-    assert not far_side.stage.state.playing
+def test_a_paused_world_stays_paused(served: ServedSimulation) -> None:
+    connect(served.address).close()
+    assert not served.simulation.state.playing
 
 
-def test_a_living_world_can_be_looked_at_without_holding_its_time(far_side: ServedSimulation) -> None:
-    far_side.stage.spawn(room())
-    far_side.stage.play()
-    with closing(connect(far_side.address, control_time=False)) as engine:
+def test_a_running_world_can_be_observed_without_controlling_its_time(served: ServedSimulation) -> None:
+    served.simulation.spawn(room())
+    served.simulation.play()
+    with closing(connect(served.address, control_time=False)) as engine:
         began_s = engine.time_s
         eventually(lambda: engine.time_s > began_s)
-    assert far_side.stage.state.playing
+    assert served.simulation.state.playing
 
 
 # -- states ------------------------------------------------------------------------------------------------------------
 
 
-def kept(far_side: ServedSimulation) -> int:
-    """How many states the far side still has: it says so when it is asked for another one."""
-    with pytest.raises(Exception, match="no state") as told:
-        far_side.hub.call_service("/unreal/mindstage/restore_state", {"handle": "?"})
-    names = str(told.value).partition("there is ")[2].splitlines()[0]
+def saved_state_count(served: ServedSimulation) -> int:
+    """The number of states on the remote side, from its error message on an unknown handle."""
+    with pytest.raises(Exception, match="no state") as error:
+        served.hub.call_service("/unreal/mindstage/restore_state", {"handle": "?"})
+    names = str(error.value).partition("there is ")[2].splitlines()[0]
     return 0 if names == "none" else len(names.split(","))
 
 
-def test_states_that_nobody_has_any_more_are_thrown_away_over_there(
-    far_side: ServedSimulation, engine: RemoteEngine
-) -> None:
+def test_unreferenced_states_are_deleted_remotely(served: ServedSimulation, engine: RemoteEngine) -> None:
     engine.spawn(room())
     first = engine.save_state()
     for _ in range(100):
@@ -204,25 +200,25 @@ def test_states_that_nobody_has_any_more_are_thrown_away_over_there(
     engine.delete([BodyId("mug")])
     engine.restore_state(first)
     assert "mug" in engine.poses()[0]
-    assert kept(far_side) <= 3
+    assert saved_state_count(served) <= 3
     engine.close()
-    assert kept(far_side) == 0
+    assert saved_state_count(served) == 0
 
 
-def test_a_state_of_another_engine_is_refused(far_side: ServedSimulation, engine: RemoteEngine) -> None:
-    with closing(connect(far_side.address)) as other:
+def test_a_state_of_another_engine_is_refused(served: ServedSimulation, engine: RemoteEngine) -> None:
+    with closing(connect(served.address)) as other:
         for foreign in (other.save_state(), NullEngine().save_state(), None):
-            with pytest.raises(TypeError, match="this very engine"):
+            with pytest.raises(TypeError, match="this engine's save_state"):
                 engine.restore_state(foreign)  # type: ignore[arg-type]
 
 
-# -- what travels ------------------------------------------------------------------------------------------------------
+# -- data on the wire --------------------------------------------------------------------------------------------------
 
 
-def test_what_json_cannot_hold_is_left_out_with_the_reason_and_the_rest_is_spawned(engine: RemoteEngine) -> None:
+def test_entities_that_json_cannot_express_fail_and_the_rest_is_spawned(engine: RemoteEngine) -> None:
     lamp = Light(id=BodyId("lamp"), iri=Iri(BASE + "lamp"), type=LightType.POINT, pose=Pose(), intensity=NAN)
     painted = body("painted", (5, 0, 0), (1, 1, 1), materials=(Material(name="Sky", color=(0.0, 0.0, NAN)),))
-    mad = world(
+    invalid = world(
         FLOOR,
         body("nowhere", (NAN, 0, 0), (1, 1, 1)),
         body("box", (0, 0, 1), (1, 1, 1)),
@@ -232,17 +228,17 @@ def test_what_json_cannot_hold_is_left_out_with_the_reason_and_the_rest_is_spawn
         ),
         prismatic_joint("loose", "floor", "nowhere", (0, 0, 0)),
     )
-    report = engine.spawn(msgspec.structs.replace(mad, lights=(lamp,)))
+    report = engine.spawn(msgspec.structs.replace(invalid, lights=(lamp,)))
     assert {failure.id for failure in report.failed_bodies} == {"nowhere", "painted", "lamp"}
     reasons = {failure.id: failure.reason for failure in (*report.failed_bodies, *report.failed_joints)}
     assert "not finite" in reasons["nowhere"]
     assert "not all finite" in reasons["mad"]
     assert "materials" in reasons["painted"]
-    assert "'nowhere', which is not there" in reasons["loose"]
+    assert "'nowhere', which does not exist" in reasons["loose"]
     assert engine.poses()[0] == ("floor", "box")
 
 
-def test_numbers_that_cannot_travel_change_nothing(engine: RemoteEngine) -> None:
+def test_numbers_that_json_cannot_express_change_nothing(engine: RemoteEngine) -> None:
     engine.spawn(room())
     mug = BodyId("mug")
     with pytest.raises(PoseUnreachableError, match="not finite"):
@@ -256,28 +252,30 @@ def test_numbers_that_cannot_travel_change_nothing(engine: RemoteEngine) -> None
 
 def test_a_world_too_large_for_one_message_is_refused_before_it_is_sent(engine: RemoteEngine) -> None:
     story = PropertyAssertion(Iri(BASE + "story"), Literal("x" * (33 << 20)))
-    huge = World(iri=Iri(BASE + "huge"), facts=(story,))
-    with pytest.raises(MessageValidationError, match="33 MiB, and 32 can travel in one message"):
-        engine.spawn(huge)
+    too_large = World(iri=Iri(BASE + "huge"), facts=(story,))
+    with pytest.raises(MessageValidationError, match="33 MiB, and one message can have 32 MiB"):
+        engine.spawn(too_large)
     assert engine.snapshot().facts == ()
 
 
-def test_a_world_of_a_thousand_bodies_comes_back_whole(engine: RemoteEngine) -> None:
-    many: tuple[Body, ...] = tuple(body(f"box{i}", (i, i % 7, 0.1 * i), (0.1, 0.2, 0.3)) for i in range(1000))
-    assert engine.spawn(world(*many)).bodies == 1000
-    assert diff(world(*many), engine.snapshot()).identical(0.0)
+def test_a_world_of_a_thousand_bodies_is_returned_completely(engine: RemoteEngine) -> None:
+    bodies: tuple[Body, ...] = tuple(body(f"box{i}", (i, i % 7, 0.1 * i), (0.1, 0.2, 0.3)) for i in range(1000))
+    assert engine.spawn(world(*bodies)).bodies == 1000
+    assert diff(world(*bodies), engine.snapshot()).identical(0.0)
     assert engine.poses()[1].shape == (1000, 7)
 
 
 @pytest.fixture(scope="module")
 def engine_of_all_examples() -> Iterator[RemoteEngine]:
-    with ServedSimulation(MujocoEngine) as far_side, closing(connect(far_side.address)) as engine:
+    with ServedSimulation(MujocoEngine) as served, closing(connect(served.address)) as engine:
         yield engine
 
 
 @settings(max_examples=25)
 @given(described=worlds(max_bodies=6))
-def test_any_world_comes_back_identical_over_the_socket(engine_of_all_examples: RemoteEngine, described: World) -> None:
+def test_any_world_is_returned_unchanged_over_the_socket(
+    engine_of_all_examples: RemoteEngine, described: World
+) -> None:
     engine = engine_of_all_examples
     engine.clear()
     report = engine.spawn(described)
@@ -286,7 +284,7 @@ def test_any_world_comes_back_identical_over_the_socket(engine_of_all_examples: 
     assert found.identical(0.0), found
 
 
-def test_names_that_were_perhaps_meant_come_along(engine: RemoteEngine) -> None:
+def test_similar_names_are_suggested(engine: RemoteEngine) -> None:
     engine.spawn(room())
     with pytest.raises(BodyNotFoundError, match="no body 'drawr' in 'scene'; near: 'drawer'"):
         engine.set_pose(BodyId("drawr"), Pose())

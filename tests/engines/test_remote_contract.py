@@ -1,4 +1,4 @@
-"""RemoteEngine keeps the whole contract: another Mindstage's MuJoCo, driven over a real socket."""
+"""RemoteEngine fulfills the contract with another Mindstage's MuJoCo, over a real socket."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ import pytest
 
 from mindstage.engines import RemoteEngine, connect
 from tests.engines.contract import PhysicsContract
-from tests.engines.far_side import ServedSimulation
-from tests.engines.forms_contract import GeometryContract
+from tests.engines.geometry_contract import GeometryContract
+from tests.engines.served_simulation import ServedSimulation
 
 
 class TestRemoteEngine(PhysicsContract, GeometryContract):
     @pytest.fixture
     def engine(self) -> Iterator[RemoteEngine]:
-        with ServedSimulation() as far_side, closing(connect(far_side.address)) as engine:
+        with ServedSimulation() as served, closing(connect(served.address)) as engine:
             yield engine

@@ -1,4 +1,4 @@
-"""A far engine that is killed, cut off, late or mad: the right outcome within the timeout, and then it works."""
+"""Remote engines that crash, disconnect, delay or send invalid responses: the right error in time, and recovery."""
 
 from __future__ import annotations
 
@@ -29,8 +29,7 @@ from mindstage.knowledge import KnowledgeBase
 from mindstage.scene import BodyId, diff
 from mindstage.simulation import Simulation
 from tests.bridge.talking import TIMEOUT_S, eventually
-from tests.engines.far_side import ServedSimulation
-from tests.engines.odd_far_side import (
+from tests.engines.fake_remote import (
     DESCRIBE_VALUES,
     NO_REFUSAL,
     REPORT,
@@ -41,13 +40,14 @@ from tests.engines.odd_far_side import (
     response,
 )
 from tests.engines.scenes import FLOOR, room, world
+from tests.engines.served_simulation import ServedSimulation
 
 ROOT = Path(__file__).resolve().parents[2]
 
 
 @contextmanager
-def far_process(*args: object) -> Iterator[tuple[subprocess.Popen[str], str]]:
-    command = [sys.executable, "-m", "tests.engines.slow_far_side", *map(str, args)]
+def server_process(*args: object) -> Iterator[tuple[subprocess.Popen[str], str]]:
+    command = [sys.executable, "-m", "tests.engines.stuck_server", *map(str, args)]
     process = subprocess.Popen(command, cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
     try:
         assert process.stdout is not None
@@ -60,22 +60,22 @@ def far_process(*args: object) -> Iterator[tuple[subprocess.Popen[str], str]]:
 
 
 @pytest.fixture
-def odd() -> Iterator[FakeRemote]:
-    with FakeRemote() as odd:
-        yield odd
+def fake() -> Iterator[FakeRemote]:
+    with FakeRemote() as fake:
+        yield fake
 
 
 @pytest.fixture
-def odd_engine(odd: FakeRemote) -> Iterator[RemoteEngine]:
-    with closing(connect(odd.address, timeout_s=TIMEOUT_S)) as engine:
+def fake_engine(fake: FakeRemote) -> Iterator[RemoteEngine]:
+    with closing(connect(fake.address, timeout_s=TIMEOUT_S)) as engine:
         yield engine
 
 
-# -- it is gone --------------------------------------------------------------------------------------------------------
+# -- disconnections ----------------------------------------------------------------------------------------------------
 
 
-def test_a_far_engine_that_is_killed_in_the_middle_of_a_spawn_is_lost_at_once_and_then_works_again() -> None:
-    with far_process("--stuck") as (process, address), ThreadPoolExecutor(1) as other:
+def test_an_engine_killed_during_a_spawn_is_reported_at_once_and_usable_after_a_restart() -> None:
+    with server_process("--stuck") as (process, address), ThreadPoolExecutor(1) as other:
         engine = connect(address, timeout_s=600.0)
         spawning = other.submit(engine.spawn, room())
         assert process.stdout is not None
@@ -85,9 +85,9 @@ def test_a_far_engine_that_is_killed_in_the_middle_of_a_spawn_is_lost_at_once_an
             spawning.result(TIMEOUT_S)
         with pytest.raises(EngineUnavailableError):
             engine.ping()
-    with closing(engine), far_process(address.rpartition(":")[2].partition("/")[0]):
+    with closing(engine), server_process(address.rpartition(":")[2].partition("/")[0]):
         eventually(lambda: answers(engine))
-        with pytest.raises(EngineUnavailableError, match="started anew since, and the world that it ran is gone"):
+        with pytest.raises(EngineUnavailableError, match="it was restarted, and its world is lost"):
             engine.snapshot()
         assert engine.spawn(room()).ok
         assert diff(room(), engine.snapshot()).identical(0.0)
@@ -100,24 +100,24 @@ def answers(engine: RemoteEngine) -> bool:
         return False
 
 
-def cut(far_side: ServedSimulation) -> None:
-    """Cuts every socket without a word."""
-    for client in list(far_side.server._clients):
-        far_side.hub._loop.call(client.connection.abort, "it was cut")
+def abort_connections(served: ServedSimulation) -> None:
+    """Aborts every connection."""
+    for client in list(served.server._clients):
+        served.hub._loop.call(client.connection.abort, "aborted by the test")
 
 
-def is_noticed(link: ServiceClient, meetings: int) -> bool:
-    """Whether a loss is, or was, since so many meetings."""
-    return link.connection_count > meetings or not link._transport.connected
+def is_noticed(client: ServiceClient, connection_count: int) -> bool:
+    """Whether a loss was noticed since a number of connections."""
+    return client.connection_count > connection_count or not client._transport.connected
 
 
-def test_a_cut_socket_is_mended_before_the_next_call_and_the_world_is_still_there() -> None:
-    with ServedSimulation(NullEngine) as far_side, closing(connect(far_side.address)) as engine:
+def test_a_broken_connection_is_restored_before_the_next_call_and_the_world_is_kept() -> None:
+    with ServedSimulation(NullEngine) as served, closing(connect(served.address)) as engine:
         engine.spawn(room())
         state = engine.save_state()
-        for meetings in (1, 2, 3):
-            cut(far_side)
-            eventually(partial(is_noticed, engine._client, meetings))
+        for connection_count in (1, 2, 3):
+            abort_connections(served)
+            eventually(partial(is_noticed, engine._client, connection_count))
             assert diff(room(), engine.snapshot()).identical(0.0)
         engine.delete([BodyId("mug")])
         engine.restore_state(state)
@@ -125,7 +125,7 @@ def test_a_cut_socket_is_mended_before_the_next_call_and_the_world_is_still_ther
 
 
 class Blocked(NullEngine):
-    """Steps only when it is let go."""
+    """An engine whose `step` waits for an event."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -137,62 +137,62 @@ class Blocked(NullEngine):
         super().step(duration_s)
 
 
-def test_a_socket_that_is_cut_during_a_call_ends_that_call_and_no_other() -> None:
+def test_a_connection_broken_during_a_call_fails_only_that_call() -> None:
     blocked = Blocked()
     with (
-        ServedSimulation(lambda: blocked) as far_side,
-        closing(connect(far_side.address, timeout_s=600.0)) as engine,
+        ServedSimulation(lambda: blocked) as served,
+        closing(connect(served.address, timeout_s=600.0)) as engine,
         ThreadPoolExecutor(1) as other,
     ):
         stepping = other.submit(engine.step, 1.0)
         assert blocked.stepping.wait(TIMEOUT_S)
-        cut(far_side)
+        abort_connections(served)
         with pytest.raises(EngineUnavailableError):
             stepping.result(TIMEOUT_S)
         blocked.go.set()
         assert engine.poses()[0] == ()
-        assert engine.time_s == 1.0  # it was done all the same, and the next call tells
+        assert engine.time_s == 1.0  # the step was executed all the same, as the next call shows
 
 
-def test_saved_states_go_with_the_world_they_were_of() -> None:
-    with ServedSimulation(NullEngine) as far_side, closing(connect(far_side.address)) as engine:
+def test_saved_states_are_lost_with_their_world() -> None:
+    with ServedSimulation(NullEngine) as served, closing(connect(served.address)) as engine:
         engine.spawn(room())
         state = engine.save_state()
-        far_side.stop()
-        far_side.start()
+        served.stop()
+        served.start()
         eventually(lambda: answers(engine))
         engine.clear()
-        with pytest.raises(EngineUnavailableError, match="the state went with its world"):
+        with pytest.raises(EngineUnavailableError, match="its saved states are lost"):
             engine.restore_state(state)
         engine.save_state()
         assert engine.spawn(room()).ok
 
 
-def test_a_stage_on_a_far_engine_tells_of_its_loss_and_goes_on_when_it_is_back() -> None:
-    with ServedSimulation(NullEngine) as far_side, KnowledgeBase() as knowledge:
-        engine = connect(far_side.address)
-        with Simulation(knowledge, engine, timeout_s=TIMEOUT_S) as stage:
-            assert stage.spawn(room()).ok
-            stage.play()
-            eventually(lambda: stage.state.time_s > 0.05)
-            far_side.stop()
-            eventually(lambda: stage.engine_error is not None)
-            assert "no connection" in stage.state.error
+def test_a_simulation_reports_the_loss_of_its_engine_and_continues_after_it_is_restored() -> None:
+    with ServedSimulation(NullEngine) as served, KnowledgeBase() as knowledge:
+        engine = connect(served.address)
+        with Simulation(knowledge, engine, timeout_s=TIMEOUT_S) as simulation:
+            assert simulation.spawn(room()).ok
+            simulation.play()
+            eventually(lambda: simulation.state.time_s > 0.05)
+            served.stop()
+            eventually(lambda: simulation.engine_error is not None)
+            assert "no connection" in simulation.state.error
             with pytest.raises(EngineError):
-                stage.ping()
-            far_side.start()
+                simulation.ping()
+            served.start()
             eventually(lambda: answers(engine))
-            assert stage.spawn(room()).ok
-            assert stage.engine_error is None
-            assert diff(room(), stage.snapshot()).identical(0.0)
+            assert simulation.spawn(room()).ok
+            assert simulation.engine_error is None
+            assert diff(room(), simulation.snapshot()).identical(0.0)
 
 
-# -- it is slow --------------------------------------------------------------------------------------------------------
+# -- delays ------------------------------------------------------------------------------------------------------------
 
 
 @contextmanager
-def in_a_hurry(engine: RemoteEngine) -> Iterator[None]:
-    """Calls have but a moment meanwhile; to meet has taken as long as it took."""
+def short_timeout(engine: RemoteEngine) -> Iterator[None]:
+    """Shortens the timeout of calls, after connecting with the usual one."""
     usual_s, engine._client.timeout_s = engine._client.timeout_s, 0.2
     try:
         yield
@@ -200,36 +200,36 @@ def in_a_hurry(engine: RemoteEngine) -> Iterator[None]:
         engine._client.timeout_s = usual_s
 
 
-def test_a_late_answer_is_a_timeout_and_the_next_call_gets_its_own() -> None:
+def test_a_late_response_is_a_timeout_and_is_not_taken_for_the_next() -> None:
     blocked = Blocked()
-    with ServedSimulation(lambda: blocked) as far_side, closing(connect(far_side.address)) as engine:
+    with ServedSimulation(lambda: blocked) as served, closing(connect(served.address)) as engine:
         late = r"did not answer .*/step within 0\.2 s; it may have been executed"
-        with in_a_hurry(engine), pytest.raises(EngineTimeoutError, match=late):
+        with short_timeout(engine), pytest.raises(EngineTimeoutError, match=late):
             engine.step(0.0)
         blocked.go.set()
         assert engine.spawn(room()).ok
         assert len(engine.poses()[0]) == len(room().bodies)
 
 
-def test_a_far_stage_that_is_busy_says_so_as_an_error_of_the_engine() -> None:
+def test_a_busy_remote_simulation_is_an_engine_error() -> None:
     blocked = Blocked()
-    with ServedSimulation(lambda: blocked) as far_side, closing(connect(far_side.address)) as engine:
-        far_side.stage.timeout_s = 0.1
-        with pytest.raises(EngineError, match=r"ros://.* failed: step did not finish within 0\.1 s") as told:
+    with ServedSimulation(lambda: blocked) as served, closing(connect(served.address)) as engine:
+        served.simulation.timeout_s = 0.1
+        with pytest.raises(EngineError, match=r"ros://.* failed: step did not finish within 0\.1 s") as message:
             engine.step(0.0)
-        assert not isinstance(told.value, EngineTimeoutError)
+        assert not isinstance(message.value, EngineTimeoutError)
         blocked.go.set()
-        far_side.stage.timeout_s = TIMEOUT_S
+        served.simulation.timeout_s = TIMEOUT_S
         engine.step(0.5)
         assert engine.time_s == 0.5
 
 
-# -- it answers twice, or nonsense -------------------------------------------------------------------------------------
+# -- duplicate and invalid responses -----------------------------------------------------------------------------------
 
 
-def test_the_second_of_two_answers_does_no_harm(odd: FakeRemote, odd_engine: RemoteEngine) -> None:
+def test_a_duplicate_response_is_ignored(fake: FakeRemote, fake_engine: RemoteEngine) -> None:
     for name in ("a", "b", "c"):
-        told = {
+        message = {
             "success": True,
             "refusal": NO_REFUSAL,
             "time_s": 0.0,
@@ -238,11 +238,14 @@ def test_the_second_of_two_answers_does_no_harm(odd: FakeRemote, odd_engine: Rem
             "revision": 1,
             "rows": "",
         }
-        odd.respond["get_poses"] = lambda call, told=told: [response(call, told), response(call, {"ids": ["never"]})]
-        assert odd_engine.poses()[0] == (name,)
+        fake.respond["get_poses"] = lambda call, message=message: [
+            response(call, message),
+            response(call, {"ids": ["never"]}),
+        ]
+        assert fake_engine.poses()[0] == (name,)
 
 
-NONSENSE: dict[str, tuple[str, Callable[[RemoteEngine], object], Any]] = {
+INVALID_RESPONSES: dict[str, tuple[str, Callable[[RemoteEngine], object], Any]] = {
     "nothing in it": ("get_poses", lambda engine: engine.poses(), lambda call: [response(call, {})]),
     "no object": ("get_poses", lambda engine: engine.poses(), lambda call: [response(call, [1, 2])]),
     "more ids than poses": (
@@ -262,7 +265,7 @@ NONSENSE: dict[str, tuple[str, Callable[[RemoteEngine], object], Any]] = {
         lambda engine: engine.spawn(world(FLOOR)),
         ok_response(report={**REPORT, "notes": [{"kind": "mood", "ids": [], "text": ""}]}),
     ),
-    "more colours than bodies": (
+    "more colors than bodies": (
         "get_highlights",
         lambda engine: engine.highlights(),
         ok_response(ids=["a"], colors=[]),
@@ -270,63 +273,61 @@ NONSENSE: dict[str, tuple[str, Callable[[RemoteEngine], object], Any]] = {
 }
 
 
-@pytest.mark.parametrize("what", NONSENSE)
-def test_nonsense_is_an_error_of_the_engine_and_the_next_call_works(
-    what: str, odd: FakeRemote, odd_engine: RemoteEngine
+@pytest.mark.parametrize("case", INVALID_RESPONSES)
+def test_an_invalid_response_is_an_engine_error_and_the_next_call_works(
+    case: str, fake: FakeRemote, fake_engine: RemoteEngine
 ) -> None:
-    service, call, behave = NONSENSE[what]
-    usual = dict(odd.respond)
-    odd.respond[service] = behave
-    with pytest.raises(EngineUnavailableError, match=f"{service} answered makes no sense"):
-        call(odd_engine)
-    odd.respond = usual
-    assert odd_engine.poses()[0] == ()
+    service, call, behave = INVALID_RESPONSES[case]
+    usual = dict(fake.respond)
+    fake.respond[service] = behave
+    with pytest.raises(EngineUnavailableError, match=rf"the response of \S*{service} is invalid"):
+        call(fake_engine)
+    fake.respond = usual
+    assert fake_engine.poses()[0] == ()
 
 
-def test_frames_that_are_no_json_are_no_answer(odd: FakeRemote) -> None:
-    odd.respond["get_poses"] = lambda call: ["no JSON", b"\xff", "[]", '{"op":"zip"}', '{"op":"service_response"}']
-    with closing(connect(odd.address)) as engine:
-        with in_a_hurry(engine), pytest.raises(EngineTimeoutError):
+def test_messages_that_are_not_json_are_no_response(fake: FakeRemote) -> None:
+    fake.respond["get_poses"] = lambda call: ["no JSON", b"\xff", "[]", '{"op":"zip"}', '{"op":"service_response"}']
+    with closing(connect(fake.address)) as engine:
+        with short_timeout(engine), pytest.raises(EngineTimeoutError):
             engine.poses()
-        odd.respond["get_poses"] = ok_response(time_s=0.0, ids=[], poses=[], revision=0, rows="")
+        fake.respond["get_poses"] = ok_response(time_s=0.0, ids=[], poses=[], revision=0, rows="")
         assert engine.poses()[0] == ()
 
 
-def test_a_no_without_a_reason_is_a_no_of_the_world(odd: FakeRemote, odd_engine: RemoteEngine) -> None:
-    odd.respond["clear"] = ok_response(success=False)
-    with pytest.raises(WorldError, match="does not say why"):
-        odd_engine.clear()
-    odd.respond["clear"] = ok_response(
+def test_a_failure_without_a_reason_is_a_world_error(fake: FakeRemote, fake_engine: RemoteEngine) -> None:
+    fake.respond["clear"] = ok_response(success=False)
+    with pytest.raises(WorldError, match="without a reason"):
+        fake_engine.clear()
+    fake.respond["clear"] = ok_response(
         success=False, refusal={**NO_REFUSAL, "kind": "GravityOffended", "text": "not on Sundays"}
     )
     with pytest.raises(WorldError, match="not on Sundays"):
-        odd_engine.clear()
+        fake_engine.clear()
 
 
-def test_abilities_that_are_not_known_here_are_none(odd_engine: RemoteEngine) -> None:
-    assert odd_engine.capabilities == frozenset()
+def test_unknown_capabilities_are_ignored(fake_engine: RemoteEngine) -> None:
+    assert fake_engine.capabilities == frozenset()
 
 
-def test_worlds_of_another_format_are_refused_when_one_meets(odd: FakeRemote) -> None:
-    odd.respond["describe"] = lambda call: [response(call, DESCRIBE_VALUES | {"format_version": 2})]
-    with pytest.raises(
-        EngineUnavailableError, match="worlds of the format 2, and this Mindstage writes 1; use the same"
-    ):
-        connect(odd.address)
+def test_another_world_format_is_refused_on_connection(fake: FakeRemote) -> None:
+    fake.respond["describe"] = lambda call: [response(call, DESCRIBE_VALUES | {"format_version": 2})]
+    with pytest.raises(EngineUnavailableError, match="its world format is 2, and this Mindstage's is 1; use the same"):
+        connect(fake.address)
 
 
-def test_a_peer_that_fails_to_describe_itself_is_not_taken_for_another(odd: FakeRemote) -> None:
-    odd.respond["describe"] = failed("out of order")
+def test_a_peer_whose_description_fails_is_not_taken_for_unreal(fake: FakeRemote) -> None:
+    fake.respond["describe"] = failed("out of order")
     with pytest.raises(EngineError, match="failed: out of order"):
-        connect(odd.address)
-    assert "get_model_pose" not in odd.calls
+        connect(fake.address)
+    assert "get_model_pose" not in fake.calls
 
 
-# -- it breaks over there ----------------------------------------------------------------------------------------------
+# -- errors of the remote engine ---------------------------------------------------------------------------------------
 
 
 class Breaking(NullEngine):
-    """Breaks in every way that there is."""
+    """An engine that fails in all possible ways."""
 
     error: Exception = ZeroDivisionError("an unforeseen thing")
 
@@ -345,28 +346,30 @@ class Breaking(NullEngine):
     ],
     ids=lambda value: getattr(value, "__name__", type(value).__name__),
 )
-def test_what_breaks_there_is_told_here_and_the_world_goes_on(error: Exception, comes_as: type[EngineError]) -> None:
+def test_a_remote_engine_error_is_reported_and_the_world_continues(
+    error: Exception, comes_as: type[EngineError]
+) -> None:
     breaking = Breaking()
     breaking.error = error
-    with ServedSimulation(lambda: breaking) as far_side, closing(connect(far_side.address)) as engine:
+    with ServedSimulation(lambda: breaking) as served, closing(connect(served.address)) as engine:
         engine.spawn(room())
-        with pytest.raises(EngineError, match=str(error)) as told:
+        with pytest.raises(EngineError, match=str(error)) as message:
             engine.step(0.1)
-        assert type(told.value) is comes_as
+        assert type(message.value) is comes_as
         assert diff(room(), engine.snapshot()).identical(0.0)
 
 
-def test_nothing_is_left_behind() -> None:
+def test_closing_leaves_no_threads_or_states() -> None:
     before = set(threading.enumerate())
 
-    def left() -> list[str]:
+    def remaining_threads() -> list[str]:
         return [thread.name for thread in set(threading.enumerate()) - before if thread.name.startswith("mindstage")]
 
-    with ServedSimulation(NullEngine) as far_side:
-        engines: list[Engine] = [connect(far_side.address) for _ in range(3)]
+    with ServedSimulation(NullEngine) as served:
+        engines: list[Engine] = [connect(served.address) for _ in range(3)]
         for engine in engines:
             engine.close()
-        for address in (f"{far_side.address}/elsewhere", "ros://127.0.0.1:1/unreal"):
+        for address in (f"{served.address}/elsewhere", "ros://127.0.0.1:1/unreal"):
             with pytest.raises(EngineUnavailableError):
                 connect(address, timeout_s=0.3)
-    eventually(lambda: not left())
+    eventually(lambda: not remaining_threads())

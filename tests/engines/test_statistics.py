@@ -1,4 +1,4 @@
-"""How busy an engine is: told by those that declare it, at any time, and without any work for the engine."""
+"""Statistics of engines: available at any time, without work for the engine."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def room(height_m: float) -> World:
     return World(iri=Iri("urn:room"), bodies=(floor, brick))
 
 
-def test_what_falls_is_awake_and_what_lies_touches_and_falls_asleep() -> None:
+def test_a_falling_body_is_awake_and_a_resting_one_has_contacts_and_falls_asleep() -> None:
     engine = MujocoEngine(timestep_s=0.002)
     assert engine.stats() == EngineStats(movable=0, awake=0, contacts=0, timestep_s=0.002)
     engine.spawn(room(0.3))
@@ -42,7 +42,7 @@ def test_what_falls_is_awake_and_what_lies_touches_and_falls_asleep() -> None:
     assert (resting.movable, resting.awake, resting.contacts) == (1, 0, 0)
 
 
-def test_an_edit_is_not_carried_out_because_somebody_looks() -> None:
+def test_reading_statistics_does_not_compile_pending_edits() -> None:
     engine = MujocoEngine()
     engine.spawn(room(0.0))
     engine.step(0.1)
@@ -53,14 +53,14 @@ def test_an_edit_is_not_carried_out_because_somebody_looks() -> None:
     assert engine.stats().movable == 0
 
 
-def test_where_nothing_ever_moves_nothing_is_awake() -> None:
+def test_a_static_world_has_nothing_awake() -> None:
     engine = NullEngine()
     engine.spawn(room(1.0))
     assert engine.stats() == NOTHING
 
 
 @pytest.mark.parametrize("engine", [NullEngine(), MujocoEngine()], ids=lambda engine: engine.name)
-def test_a_closed_engine_says_nothing(engine: Engine) -> None:
+def test_a_closed_engine_has_no_statistics(engine: Engine) -> None:
     assert Capability.STATISTICS in engine.capabilities
     engine.close()
     with pytest.raises(EngineClosedError):

@@ -1,4 +1,4 @@
-"""One copy of Godot's project for all tests of a session."""
+"""A copy of the Godot project for all tests of a session."""
 
 from __future__ import annotations
 
@@ -11,5 +11,5 @@ from tests.godot.project import copy_project
 
 @pytest.fixture(scope="session")
 def project(godot: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """It is ready to run, and may be written to."""
+    """The path of a prepared copy, which tests may change."""
     return copy_project(godot, tmp_path_factory.mktemp("godot"))

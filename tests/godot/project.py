@@ -1,4 +1,4 @@
-"""A copy of Godot's project, with its tests, in which tests may write."""
+"""Copies of the Godot project with its tests, which tests may change."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ IMPORT_TIMEOUT_S = 180.0
 
 
 def copy_project(godot: Path, folder: Path) -> Path:
-    """Copies it with all that it is tested by, and has Godot learn the names of its classes."""
+    """Copies the project with its tests, and imports it in Godot."""
     copy = folder / "godot"
     shutil.copytree(PROJECT, copy, ignore=shutil.ignore_patterns(".godot"))
     shutil.copytree(PROJECT.parent / "wire", folder / "wire")
-    done = run(godot, copy, "--headless", "--import", timeout_s=IMPORT_TIMEOUT_S)
-    assert "SCRIPT ERROR" not in done.stdout, done.stdout
+    result = run(godot, copy, "--headless", "--import", timeout_s=IMPORT_TIMEOUT_S)
+    assert "SCRIPT ERROR" not in result.stdout, result.stdout
     return copy
 
 
 def run(godot: Path, copy: Path, *arguments: str, timeout_s: float) -> subprocess.CompletedProcess[str]:
-    """Runs Godot on a copy until it ends."""
+    """Runs Godot in a copy until it exits."""
     return subprocess.run(
         [godot, "--path", copy, *arguments],
         stdin=subprocess.DEVNULL,

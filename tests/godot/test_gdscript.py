@@ -1,4 +1,4 @@
-"""The addon's own tests, which are written in GDScript and run in Godot."""
+"""The addon's own tests, written in GDScript and run in Godot."""
 
 from __future__ import annotations
 
@@ -11,31 +11,31 @@ from tests.godot.project import run
 _RUN = ("--headless", "--script", "tests/run.gd")
 
 
-def test_all_tests_in_gdscript_pass_and_no_script_breaks_off(godot: Path, project: Path) -> None:
-    done = run(godot, project, *_RUN, timeout_s=300.0)
-    assert done.returncode == 0, done.stdout
-    assert "SCRIPT ERROR" not in done.stdout, done.stdout
-    assert " 0 failed" in done.stdout
+def test_all_gdscript_tests_pass_without_script_errors(godot: Path, project: Path) -> None:
+    process = run(godot, project, *_RUN, timeout_s=300.0)
+    assert process.returncode == 0, process.stdout
+    assert "SCRIPT ERROR" not in process.stdout, process.stdout
+    assert " 0 failed" in process.stdout
 
 
-def test_a_failing_test_in_gdscript_is_noticed(godot: Path, project: Path) -> None:
+def test_a_failing_gdscript_test_is_detected(godot: Path, project: Path) -> None:
     wrong = "func test_wrong_sum() -> void:\n\tsame(1, 2)\n\n\nfunc test_wrong_silence() -> void:\n\tpass\n"
     path = project / "tests" / "test_wrong.gd"
     path.write_text(f"extends MindstageTestCase\n\n\n{wrong}")
     try:
-        done = run(godot, project, *_RUN, "--", "test_wrong_", timeout_s=120.0)
+        process = run(godot, project, *_RUN, "--", "test_wrong_", timeout_s=120.0)
     finally:
         path.unlink()
-    assert done.returncode == 1, done.stdout
-    assert "0 passed, 2 failed" in done.stdout
+    assert process.returncode == 1, process.stdout
+    assert "0 passed, 2 failed" in process.stdout
 
 
 @pytest.mark.parametrize(
-    ("argument", "said"),
+    ("argument", "message"),
     [("--mindstage-url=http://x", "is not the URL of a rosbridge"), ("--wrong", "there is no option --wrong")],
 )
-def test_bad_arguments_are_refused_with_what_is_wrong(godot: Path, project: Path, argument: str, said: str) -> None:
-    done = run(godot, project, "--headless", "res://main.tscn", "--", argument, timeout_s=120.0)
-    assert done.returncode == 2, done.stdout
-    assert said in done.stdout
-    assert "leaked" not in done.stdout
+def test_invalid_arguments_are_refused_with_a_reason(godot: Path, project: Path, argument: str, message: str) -> None:
+    process = run(godot, project, "--headless", "res://main.tscn", "--", argument, timeout_s=120.0)
+    assert process.returncode == 2, process.stdout
+    assert message in process.stdout
+    assert "leaked" not in process.stdout

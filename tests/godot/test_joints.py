@@ -1,4 +1,4 @@
-"""Constraints in Jolt: what each axis allows, it allows; what it locks, it locks; a range ends where it says."""
+"""Joints in Godot's Jolt physics: free, limited and locked axes, and the ends of ranges."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def engine(godot: Path) -> Iterator[GodotEngine]:
         ((LOCKED, LOCKED, LOCKED), (LOCKED, LOCKED, LOCKED)),
     ],
 )
-def test_any_mix_of_axes_moves_just_as_it_says(
+def test_any_combination_of_axes_moves_as_described(
     engine: GodotEngine, linear: tuple[AxisMotion, ...], angular: tuple[AxisMotion, ...]
 ) -> None:
     engine.clear()
@@ -55,8 +55,8 @@ def test_any_mix_of_axes_moves_just_as_it_says(
         x, y, z = current_pose(engine, "arm")[:3].tolist()
         engine.apply_force(BodyId("arm"), (6.0, 5.0, 4.0), (x + 0.005, y + 0.003, z + 0.002))
         engine.step(0.02)
-    place = engine.joint_positions().get(BodyId("joint"), (0.0,) * 6)
-    for motion, reached in zip(linear, place[:3], strict=True):
+    position = engine.joint_positions().get(BodyId("joint"), (0.0,) * 6)
+    for motion, reached in zip(linear, position[:3], strict=True):
         if motion is LOCKED:
             assert abs(reached) < WITHIN_M
         elif motion is LIMITED:
@@ -64,6 +64,6 @@ def test_any_mix_of_axes_moves_just_as_it_says(
         else:
             assert abs(reached) > LIMIT_M
     if angular[0] is LIMITED:
-        assert abs(place[5]) < LIMIT_RAD + WITHIN_RAD
+        assert abs(position[5]) < LIMIT_RAD + WITHIN_RAD
     if angular == (LOCKED, LOCKED, LOCKED):
         assert quat_angle(current_pose(engine, "arm")[3:], [1, 0, 0, 0]) < WITHIN_RAD

@@ -1,4 +1,4 @@
-"""What Godot tells unasked, up to whoever listens at the bridge: what touches what, and where everything is."""
+"""Topics that Godot publishes: overlap events and poses."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ from tests.engines.scenes import FLOOR, body, world
 
 LONG_S = 60.0
 BALL, FLOOR_ID = BodyId("ball"), BodyId("floor")
-TELLING = BodyPhysics(mobility=Mobility.STATIC, overlap_events=True)
+WITH_OVERLAP_EVENTS = BodyPhysics(mobility=Mobility.STATIC, overlap_events=True)
 
 
-class Place(NamedTuple):
-    """A hub, and the Godot that joined it."""
+class Connected(NamedTuple):
+    """A hub and the engine of the Godot that is connected to it."""
 
     hub: LocalNode
     engine: RemoteEngine
 
 
 @pytest.fixture(scope="module")
-def running(godot: Path) -> Iterator[Place]:
+def running(godot: Path) -> Iterator[Connected]:
     found = find_godot(godot)
     with LocalNode() as hub, RosbridgeServer(hub, port=0) as server:
         process = GodotProcess(
@@ -45,70 +45,72 @@ def running(godot: Path) -> Iterator[Place]:
         try:
             wait_for(lambda: any("/lab/place/" in each.name for each in hub.graph_info().services))
             with closing(connect(f"ros://127.0.0.1:{server.port}/lab/place", timeout_s=LONG_S)) as engine:
-                yield Place(hub, engine)
+                yield Connected(hub, engine)
         finally:
             process.terminate()
 
 
 @pytest.fixture
-def place(running: Place) -> Iterator[Place]:
+def connected(running: Connected) -> Iterator[Connected]:
     yield running
     running.engine.clear()
 
 
 def wait_for(is_so: Any) -> None:
-    until_s = time.monotonic() + LONG_S
+    deadline_s = time.monotonic() + LONG_S
     while not is_so():
-        assert time.monotonic() < until_s, "waited in vain"
+        assert time.monotonic() < deadline_s, "timed out"
         time.sleep(0.02)
 
 
-def test_overlaps_are_told_as_they_begin_and_end(place: Place) -> None:
-    told: list[dict[str, Any]] = []
-    listening = place.hub.subscribe("/lab/place/overlaps", lambda message: told.append(json.loads(message["data"])))
+def test_overlap_events_are_published_as_they_begin_and_end(connected: Connected) -> None:
+    messages: list[dict[str, Any]] = []
+    subscription = connected.hub.subscribe(
+        "/lab/place/overlaps", lambda message: messages.append(json.loads(message["data"]))
+    )
     ball = body("ball", (0.3, 0.2, 0.4), (0.2, 0.2, 0.2), "dynamic", 1.0)
-    assert place.engine.spawn(world(FLOOR, ball)).ok
-    place.engine.step(0.5)
-    place.engine.set_physics(FLOOR_ID, TELLING)  # from now on
-    place.engine.step(0.1)
-    place.engine.set_pose(BALL, Pose((0.3, 0.2, 3.0)))
-    place.engine.step(0.1)
-    wait_for(lambda: len(told) == 2)
-    assert [(each["body"], each["other"], each["began"]) for each in told] == [
+    assert connected.engine.spawn(world(FLOOR, ball)).ok
+    connected.engine.step(0.5)
+    connected.engine.set_physics(FLOOR_ID, WITH_OVERLAP_EVENTS)  # from now on
+    connected.engine.step(0.1)
+    connected.engine.set_pose(BALL, Pose((0.3, 0.2, 3.0)))
+    connected.engine.step(0.1)
+    wait_for(lambda: len(messages) == 2)
+    assert [(each["body"], each["other"], each["began"]) for each in messages] == [
         ("floor", "ball", True),
         ("floor", "ball", False),
     ]
-    assert told[0]["time_s"] < told[1]["time_s"]
-    place.engine.set_physics(FLOOR_ID, BodyPhysics(mobility=Mobility.STATIC))
-    place.engine.step(1.5)  # it falls on it again
-    listening.close()
-    assert len(told) == 2
+    assert messages[0]["time_s"] < messages[1]["time_s"]
+    connected.engine.set_physics(FLOOR_ID, BodyPhysics(mobility=Mobility.STATIC))
+    connected.engine.step(1.5)  # the ball falls on it again
+    subscription.close()
+    assert len(messages) == 2
 
 
-def test_where_everything_is_is_told_while_time_passes_by_itself(place: Place) -> None:
-    told: list[Any] = []
-    listening = place.hub.subscribe("/lab/place/tf", told.append)
-    assert place.engine.spawn(world(FLOOR, body("ball", (1, 2, 0.5), (0.2, 0.2, 0.2), "dynamic", 1.0))).ok
-    place.hub.call_service("/lab/place/mindstage/set_speed", {"speed": 1.0}, timeout_s=LONG_S)
+def test_poses_are_published_while_time_runs(connected: Connected) -> None:
+    messages: list[Any] = []
+    subscription = connected.hub.subscribe("/lab/place/tf", messages.append)
+    assert connected.engine.spawn(world(FLOOR, body("ball", (1, 2, 0.5), (0.2, 0.2, 0.2), "dynamic", 1.0))).ok
+    connected.hub.call_service("/lab/place/mindstage/set_speed", {"speed": 1.0}, timeout_s=LONG_S)
     try:
-        wait_for(lambda: told and heights(told)[-1] == pytest.approx(0.1, abs=0.002))
+        wait_for(lambda: messages and heights(messages)[-1] == pytest.approx(0.1, abs=0.002))
     finally:
-        place.hub.call_service("/lab/place/mindstage/set_speed", {"speed": 0.0}, timeout_s=LONG_S)
-        listening.close()
-    message = told[-1]["transforms"][1]
+        connected.hub.call_service("/lab/place/mindstage/set_speed", {"speed": 0.0}, timeout_s=LONG_S)
+        subscription.close()
+    message = messages[-1]["transforms"][1]
     assert (message["header"]["frame_id"], message["child_frame_id"]) == ("map", "ball")
     assert message["transform"]["translation"]["x"] == pytest.approx(1.0, abs=1e-3)
     assert message["transform"]["translation"]["y"] == pytest.approx(2.0, abs=1e-3)
-    stamps = [each["transforms"][1]["header"]["stamp"] for each in told]
+    stamps = [each["transforms"][1]["header"]["stamp"] for each in messages]
     assert [(each["secs"], each["nsecs"]) for each in stamps] == sorted(
         (each["secs"], each["nsecs"]) for each in stamps
     )
 
 
-def heights(told: list[Any]) -> list[float]:
+def heights(messages: list[Any]) -> list[float]:
     return [
         each["transform"]["translation"]["z"]
-        for message in told
+        for message in messages
         for each in message["transforms"]
         if each["child_frame_id"] == "ball"
     ]

@@ -39,7 +39,7 @@ class Texts(HTMLParser):
 
 
 @given(title=TEXTS, rows=st.lists(st.tuples(TEXTS, TEXTS), max_size=5), notes=st.lists(TEXTS, max_size=3))
-def test_whatever_a_table_holds_is_escaped(title: str, rows: list[tuple[str, str]], notes: list[str]) -> None:
+def test_all_text_in_a_table_is_escaped(title: str, rows: list[tuple[str, str]], notes: list[str]) -> None:
     page = html_table(title, ("a", "<b>"), rows, notes=notes)
     assert set(Texts(page).tags) <= {"table", "caption", "thead", "tbody", "tr", "th", "td", "p"}
     cells = [part.partition("</td>")[0] for part in page.split("<td>")[1:]]
@@ -47,13 +47,13 @@ def test_whatever_a_table_holds_is_escaped(title: str, rows: list[tuple[str, str
     assert not any(mark in cell for cell in cells for mark in '<>"')
 
 
-def test_a_long_table_is_cut_and_says_so() -> None:
+def test_a_long_table_is_truncated_with_a_note() -> None:
     page = html_table("t", ("n",), [(n,) for n in range(250)])
     assert page.count("<td>") == 100
     assert "and 150 more rows" in page
 
 
-def test_a_world_of_ten_thousand_bodies_is_one_line() -> None:
+def test_the_repr_of_a_large_world_is_one_line() -> None:
     mug = kitchenette().body("Mug")
     world = replace(kitchenette(), bodies=tuple(replace(mug, id=f"{mug.id}{n}") for n in range(10_000)))  # type: ignore[arg-type]
     assert repr(world).startswith("<World map: 10,000 bodies, ")
@@ -61,7 +61,7 @@ def test_a_world_of_ten_thousand_bodies_is_one_line() -> None:
     assert len(world._repr_html_()) < 50_000
 
 
-def test_bodies_and_joints_say_what_they_are() -> None:
+def test_the_repr_of_bodies_and_joints_identifies_them() -> None:
     world = kitchenette()
     mug = replace(world.body("Mug"), pose=Pose((1.0, 2.0, 3.0)))
     assert repr(mug) == f"<Body Mug ({short_name(mug.cls)}) at (1.000, 2.000, 3.000) m>"
@@ -69,7 +69,7 @@ def test_bodies_and_joints_say_what_they_are() -> None:
     assert repr(joint).endswith(f"{joint.id}: {joint.parent} -> {joint.child}>")
 
 
-def test_a_report_counts_what_failed_and_lists_it() -> None:
+def test_a_spawn_report_counts_and_lists_failures() -> None:
     report = SpawnReport(
         bodies=1,
         failed_bodies=(SpawnFailure("<b>", "it is & bad"),),
@@ -81,9 +81,9 @@ def test_a_report_counts_what_failed_and_lists_it() -> None:
     assert "<b>" not in report._repr_html_()
 
 
-def test_a_difference_says_how_much_and_what() -> None:
+def test_a_diff_is_formatted_with_errors_and_changes() -> None:
     a = kitchenette()
-    assert (str(diff(a, a)), repr(diff(a, a))) == ("identical", "<Difference: identical>")
+    assert (str(diff(a, a)), repr(diff(a, a))) == ("identical", "<WorldDiff: identical>")
     moved = replace(a.body("Mug"), pose=Pose((9.0, 9.0, 9.0)), physics=replace(a.body("Mug").physics, mass_kg=None))
     b = replace(a, bodies=(moved, *(body for body in a.bodies if body.id not in ("Mug", "Floor"))))
     found = diff(a, b)
@@ -97,5 +97,5 @@ def test_a_difference_says_how_much_and_what() -> None:
     assert len(str(many).splitlines()) < 60
 
 
-def test_numbers_come_with_their_noun() -> None:
+def test_counted_formats_numbers_with_their_noun() -> None:
     assert [counted(n, "body") for n in (0, 1, 1200)] == ["0 bodies", "1 body", "1,200 bodies"]

@@ -38,7 +38,7 @@ def polygons(*rows: tuple[float, ...]) -> np.ndarray:
         ((0, 0, 0, *UPRIGHT, 2, 0, 4), 0.0),
     ],
 )
-def test_the_shadow_of_a_box_has_the_area_it_should(box: tuple[float, ...], expected: float) -> None:
+def test_the_footprint_of_a_box_has_its_analytic_area(box: tuple[float, ...], expected: float) -> None:
     assert_allclose(polygon_areas(polygons(box)), [expected], atol=1e-12)
 
 
@@ -54,7 +54,7 @@ def test_the_shadow_of_a_box_has_the_area_it_should(box: tuple[float, ...], expe
         ((0, 0, 0, *EIGHTH, 2, 2, 2), 8 * (sqrt(2) - 1), 0.0),
     ],
 )
-def test_two_shadows_share_what_they_should_or_have_a_gap(second: tuple[float, ...], both: float, gap: float) -> None:
+def test_two_footprints_have_their_analytic_overlap_or_gap(second: tuple[float, ...], both: float, gap: float) -> None:
     pair = polygons((0, 0, 0, *UPRIGHT, 2, 2, 2), second)
     assert_allclose(polygon_overlap_areas(pair, ONE, OTHER), [both], atol=1e-12)
     if both == 0.0:
@@ -67,7 +67,7 @@ boxes = st.tuples(vectors(-2.0, 2.0), st.tuples(*(st.floats(-1, 1) for _ in rang
 
 
 @given(boxes, boxes)
-def test_a_shared_area_is_the_same_either_way_and_no_larger_than_either(a: tuple, b: tuple) -> None:
+def test_the_overlap_is_symmetric_and_at_most_the_smaller_area(a: tuple, b: tuple) -> None:
     pair = polygons(a, b)
     shared = polygon_overlap_areas(pair, ONE, OTHER)
     assert_allclose(shared, polygon_overlap_areas(pair, OTHER, ONE), atol=1e-9)
@@ -77,7 +77,7 @@ def test_a_shared_area_is_the_same_either_way_and_no_larger_than_either(a: tuple
 
 @given(boxes, boxes)
 @settings(max_examples=30)
-def test_points_in_both_shadows_are_as_many_as_the_shared_area_says(a: tuple, b: tuple) -> None:
+def test_the_overlap_agrees_with_monte_carlo_sampling(a: tuple, b: tuple) -> None:
     pair = polygons(a, b)
     low, high = pair.reshape(-1, 2).min(axis=0), pair.reshape(-1, 2).max(axis=0)
     points = np.random.default_rng(0).uniform(low, high, (4000, 2))
@@ -92,7 +92,7 @@ def _within(polygon: np.ndarray, points: np.ndarray) -> np.ndarray:
     return np.all(sides[:, 0] * away[..., 1] - sides[:, 1] * away[..., 0] >= 0.0, axis=1)
 
 
-def test_many_pairs_are_measured_as_one_is() -> None:
+def test_chunked_pairs_give_the_same_result_as_single_ones() -> None:
     table = np.random.default_rng(1).uniform(0.1, 2.0, (300, 10))
     many = polygons(*table)
     a, b = np.divmod(np.arange(40_000), 200)

@@ -1,5 +1,5 @@
-"""Assets: mesh files that others have modeled, found and made into forms."""
+"""Mesh files and glTF: meshes found for the bodies of a world, and worlds exported as glTF."""
 
-from mindstage.assets.library import MeshGeometries, MeshLibrary
+from mindstage.assets.library import MeshLibrary, MeshLibraryResult
 
-__all__ = ["MeshGeometries", "MeshLibrary"]
+__all__ = ["MeshLibrary", "MeshLibraryResult"]

@@ -1,6 +1,6 @@
-"""Shelf: a folder in which forms lie as files, for engines on this machine that read what bodies look like from there.
+"""A directory of glTF files with visual meshes, for engines on this machine that load them from disk.
 
-A file is called after its form's key, so what lies there is never wrong, only perhaps no longer needed.
+Files are named by the key of their geometry, so a file is never outdated. The least recently used ones are deleted.
 """
 
 from __future__ import annotations
@@ -16,18 +16,18 @@ from mindstage.scene import BodyGeometry
 __all__ = ["cache_geometry_glb", "geometry_cache_dir"]
 
 _MAX_BYTES = 512 << 20
-"""What lies there longest without being used goes first."""
+"""Total size from which the least recently used files are deleted."""
 _MAX_KEY_LENGTH = 64
 _HEX_DIGITS = frozenset("0123456789abcdef")
 
 
 def geometry_cache_dir() -> Path:
-    """The folder."""
+    """The directory of the files."""
     return cache_dir("forms")
 
 
 def cache_geometry_glb(geometry: BodyGeometry) -> str:
-    """Has a file that shows a form lie on the shelf, and gives its name; empty for what has no looks, or no digest."""
+    """Writes the visual meshes of a geometry and returns the file name; empty if it has none, or no valid key."""
     if (
         not geometry.visuals
         or not 8 <= len(geometry.key) <= _MAX_KEY_LENGTH
@@ -45,13 +45,13 @@ def cache_geometry_glb(geometry: BodyGeometry) -> str:
 
 
 def _evict(newest: Path) -> None:
-    """Takes away what has not been used for longest, once there is too much."""
+    """Deletes the least recently used files while their total size is too large."""
     found = [(entry.stat(), entry.path) for entry in os.scandir(newest.parent) if entry.name.endswith(".glb")]
-    left = sum(status.st_size for status, _ in found)
+    total = sum(status.st_size for status, _ in found)
     for status, path in sorted(found, key=lambda each: each[0].st_mtime_ns):
-        if left <= _MAX_BYTES:
+        if total <= _MAX_BYTES:
             return
         if path != str(newest):
-            with suppress(OSError):  # somebody else tidies as well
+            with suppress(OSError):  # another process may have deleted it
                 os.unlink(path)
-            left -= status.st_size
+            total -= status.st_size

@@ -1,9 +1,7 @@
-"""glTF: a world as one binary file (.glb) that viewers, browsers and game engines show.
+"""Writes worlds and geometry as binary glTF 2.0 (.glb).
 
-A node is a body; what hangs on it are the nodes below. Its extras hold its id and class. The file's own axes are
-glTF's (y up, z forward), all of which its one root turns; below that everything is as the world has it.
-
-GltfFile: a binary glTF 2.0 file while it is being put together; what is alike stands in it once.
+Each body is a node below the body to which it is attached, with its id and class as extras. The root node rotates the
+world to glTF's axes (y up, z forward); all nodes below have the world's axes.
 """
 
 from __future__ import annotations
@@ -50,10 +48,10 @@ _TYPES = {2: "VEC2", 3: "VEC3"}
 
 
 class GltfWriter:
-    """Nodes, meshes, materials, textures and lights."""
+    """A binary glTF 2.0 document; equal meshes, materials and textures are stored once."""
 
     def __init__(self, name: str) -> None:
-        """Begins a file without nodes; the first one that is added is the root of its only scene."""
+        """Creates a document without nodes; the first node added is the root of its only scene."""
         self.nodes: list[dict[str, Any]] = []
         self._name = name
         self._lists: dict[str, list[dict[str, Any]]] = {}
@@ -63,36 +61,36 @@ class GltfWriter:
         self._cache: dict[object, Any] = {}
 
     def data(self) -> bytes:
-        """The file: a header, what there is as JSON, and its numbers."""
-        told: dict[str, Any] = {
+        """The document as bytes: header, JSON chunk and binary chunk."""
+        document: dict[str, Any] = {
             "asset": {"version": "2.0", "generator": "Mindstage"},
             "scene": 0,
             "scenes": [{"name": self._name, "nodes": [0]}],
             "nodes": self.nodes,
         } | self._lists
         if self._binary:
-            told["buffers"] = [{"byteLength": len(self._binary)}]
+            document["buffers"] = [{"byteLength": len(self._binary)}]
         if self._extensions:
-            told["extensionsUsed"] = sorted(self._extensions)
+            document["extensionsUsed"] = sorted(self._extensions)
         if self._lights:
-            told["extensions"] = {_LIGHTS: {"lights": self._lights}}
-        text = msgspec.json.encode(told)
+            document["extensions"] = {_LIGHTS: {"lights": self._lights}}
+        text = msgspec.json.encode(document)
         chunks = _chunk(b"JSON", text + b" " * (-len(text) % 4))
         if self._binary:
             chunks += _chunk(b"BIN\0", bytes(self._binary))
         return struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks
 
-    # -- what nodes refer to -------------------------------------------------------------------------------------------
+    # -- meshes, materials and lights ----------------------------------------------------------------------------------
 
     def mesh(self, key: object, make: Callable[[], Iterable[dict[str, Any]]]) -> int:
-        """The number of a mesh; its primitives are made only for the first of that key."""
+        """The index of the mesh with a key; `make` returns its primitives when the key is new."""
         return int(self._cached(("mesh", key), lambda: self._add("meshes", {"primitives": list(make())})))
 
     def visual_primitive(self, visual: VisualMesh) -> dict[str, Any]:
-        """A primitive with a surface of its own."""
+        """A primitive with the material of a visual mesh."""
         primitive = self.mesh_primitive(TriangleMesh(visual.points, visual.faces, visual.normals))
         if visual.uv is not None:
-            # glTF counts from the upper edge of an image.
+            # texture coordinates start at the upper edge in glTF
             primitive["attributes"]["TEXCOORD_0"] = self._accessor(
                 np.column_stack([visual.uv[:, 0], 1.0 - visual.uv[:, 1]])
             )
@@ -100,7 +98,7 @@ class GltfWriter:
         return primitive | {"material": self.material(visual.material, image=image)}
 
     def mesh_primitive(self, mesh: TriangleMesh) -> dict[str, Any]:
-        """A primitive without a material; flat faces where there are no normals."""
+        """A primitive without a material; its faces are flat-shaded if it has no normals."""
         attributes = {"POSITION": self._accessor(mesh.points, bounds=True)}
         if mesh.normals is not None:
             attributes["NORMAL"] = self._accessor(mesh.normals)
@@ -109,7 +107,7 @@ class GltfWriter:
         return {"attributes": attributes, "indices": self._add("accessors", indices)}
 
     def material(self, pbr_material: PbrMaterial, *, image: NDArray[np.uint8] | None = None, name: str = "") -> int:
-        """The number of a material."""
+        """The index of a material."""
         texture = None if image is None else self._texture(image)
 
         def make() -> int:
@@ -136,15 +134,15 @@ class GltfWriter:
         return int(self._cached(("material", pbr_material, texture, name), make))
 
     def light(self, type: LightType, color: Color, intensity: float, *, name: str) -> dict[str, Any]:
-        """What a node gets to shine."""
-        told: dict[str, Any] = {"type": type.value, "color": color, "intensity": intensity, "name": name}
+        """The part of a node that makes it a light."""
+        light: dict[str, Any] = {"type": type.value, "color": color, "intensity": intensity, "name": name}
         if type is LightType.SPOT:
-            told["spot"] = {}
+            light["spot"] = {}
         self._extensions.add(_LIGHTS)
-        self._lights.append(told)
+        self._lights.append(light)
         return {"extensions": {_LIGHTS: {"light": len(self._lights) - 1}}}
 
-    # -- numbers -------------------------------------------------------------------------------------------------------
+    # -- buffers -------------------------------------------------------------------------------------------------------
 
     def _cached(self, key: object, make: Callable[[], Any]) -> Any:
         if key not in self._cache:
@@ -198,41 +196,41 @@ def _chunk(type: bytes, content: bytes) -> bytes:
 _PRIMITIVES = {PrimitiveType.BOX: box, PrimitiveType.SPHERE: sphere, PrimitiveType.CYLINDER: cylinder}
 
 _ROOT_ROTATION = (-0.5, -0.5, -0.5, 0.5)
-"""From x forward, y left, z up to z forward, x left, y up; x y z w."""
+"""Rotates x forward, y left, z up to z forward, x left, y up; x y z w."""
 _GODOT_FROM_ROS = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, 1.0], [-1.0, 0.0, 0.0]])
-"""Godot looks along negative z, with x to the right and y up."""
+"""Godot's axes are x right, y up, and negative z forward."""
 _MAX_SIZE_M = 1e30
-"""What single precision, which all of glTF's numbers have, can hold with ease [m]."""
+"""Limit that single precision represents with a margin [m]."""
 
 
 class GlbExport(NamedTuple):
-    """A file, and what it does not say."""
+    """A glTF document, and notes on what it leaves out."""
 
     data: bytes
     notes: tuple[str, ...]
 
 
 def world_to_glb(world: World, *, geometry: GeometryMap = NO_GEOMETRY) -> GlbExport:
-    """A world as binary glTF 2.0.
+    """Writes a world as binary glTF 2.0.
 
     Args:
-        world: what is written.
-        forms: what its bodies are made of; one without a form is its shape, in its size.
+        world: the world.
+        geometry: geometry of its bodies; a body without any is its primitive shape in its size.
 
     Raises:
-        MapWriteError: something stands where no number leads.
+        MapWriteError: a pose or size is invalid.
     """
     document = _Document(world, geometry)
     document.write()
     return GlbExport(document.file.data(), tuple(document.notes))
 
 
-def geometry_to_glb(form: BodyGeometry) -> bytes:
-    """One form as a file of its own, in Godot's axes: x right, y up, forward along negative z."""
-    file = GltfWriter(form.shape_name)
-    turned = (_rotated_visual(skin, _GODOT_FROM_ROS) for skin in form.visuals)
+def geometry_to_glb(geometry: BodyGeometry) -> bytes:
+    """Writes the visual meshes of a geometry in Godot's axes: x right, y up, negative z forward."""
+    file = GltfWriter(geometry.shape_name)
+    rotated = (_rotated_visual(visual, _GODOT_FROM_ROS) for visual in geometry.visuals)
     file.nodes.append(
-        {"name": form.shape_name, "mesh": file.mesh(form.key, lambda: map(file.visual_primitive, turned))}
+        {"name": geometry.shape_name, "mesh": file.mesh(geometry.key, lambda: map(file.visual_primitive, rotated))}
     )
     return file.data()
 
@@ -244,7 +242,7 @@ class _Document:
         self.notes: list[str] = []
 
     def write(self) -> None:
-        """Fills the file."""
+        """Builds the document."""
         world, nodes = self.world, self.file.nodes
         rows = {body.id: self._pose_array(body.id, body.pose) for body in world.bodies}
         numbers = {body.id: number for number, body in enumerate(world.bodies, 1)}
@@ -261,20 +259,20 @@ class _Document:
             self._add_child(len(nodes), 0)
             nodes.append(self._light_node(light))
         for body in world.bodies:
-            for glow in self.geometry[body.id].lights if body.id in self.geometry else ():
+            for attached_light in self.geometry[body.id].lights if body.id in self.geometry else ():
                 self._add_child(len(nodes), numbers[body.id])
-                nodes.append(self._attached_light_node(body, glow))
+                nodes.append(self._attached_light_node(body, attached_light))
         self._add_omission_notes()
 
     # -- nodes ---------------------------------------------------------------------------------------------------------
 
-    def _add_child(self, number: int, above: int) -> None:
-        self.file.nodes[above].setdefault("children", []).append(number)
+    def _add_child(self, number: int, parent: int) -> None:
+        self.file.nodes[parent].setdefault("children", []).append(number)
 
     def _pose_array(self, id: str, pose: Pose) -> Array:
         row = normalized_pose_array(pose)
         if not np.isfinite(row).all():
-            raise MapWriteError(repr(id), cause="its pose is none")
+            raise MapWriteError(repr(id), cause="its pose is not finite")
         return row
 
     def _body_node(self, body: Body, row: Array) -> dict[str, Any]:
@@ -303,31 +301,31 @@ class _Document:
     def _add_omission_notes(self) -> None:
         world = self.world
         unsized = sum(body.size is None and body.id not in self.geometry for body in world.bodies)
-        shown = [
-            (unsized, "bodies have no size; those without a mesh are nodes that show nothing"),
-            (len(world.joints), "constraints have no place in glTF; they are left out"),
+        omissions = [
+            (unsized, "bodies have neither size nor mesh; they are nodes without a mesh"),
+            (len(world.joints), "joints cannot be expressed in glTF; they are left out"),
             (sum(len(body.facts) for body in world.bodies) + len(world.resources), "facts and resources are left out"),
             (sum(len(body.tags) for body in world.bodies), "tags are left out"),
         ]
-        self.notes += [f"{count} {what}" for count, what in shown if count]
+        self.notes += [f"{count} {text}" for count, text in omissions if count]
 
-    # -- looks ---------------------------------------------------------------------------------------------------------
+    # -- meshes --------------------------------------------------------------------------------------------------------
 
     def _mesh(self, body: Body) -> int | None:
-        if (form := self.geometry.get(body.id)) is not None:
+        if (geometry := self.geometry.get(body.id)) is not None:
             return (
-                self.file.mesh(form.key, lambda: map(self.file.visual_primitive, form.visuals))
-                if form.visuals
+                self.file.mesh(geometry.key, lambda: map(self.file.visual_primitive, geometry.visuals))
+                if geometry.visuals
                 else None
             )
         if body.size is None:
             return None
         size, kind = body.size, (body.shape or PrimitiveShape()).type
         if not all(0.0 <= extent <= _MAX_SIZE_M for extent in size):
-            raise MapWriteError(repr(body.id), cause=f"its size {size} is none")
-        named = next((material for material in body.materials if material.color), None)
-        surface = PbrMaterial() if named is None or named.color is None else PbrMaterial(color=named.color)
-        name = named.name if named else ""
+            raise MapWriteError(repr(body.id), cause=f"its size {size} is invalid")
+        material = next((material for material in body.materials if material.color), None)
+        surface = PbrMaterial() if material is None or material.color is None else PbrMaterial(color=material.color)
+        name = material.name if material else ""
         return self.file.mesh((kind, size, surface, name), lambda: self._primitive_mesh(kind, size, surface, name))
 
     def _primitive_mesh(
@@ -337,9 +335,9 @@ class _Document:
         yield primitive | {"material": self.file.material(material, name=name)}
 
 
-def _rotated_visual(visual: VisualMesh, turn: Array) -> VisualMesh:
-    normals = None if visual.normals is None else visual.normals @ turn.T
-    return VisualMesh(visual.points @ turn.T, visual.faces, visual.material, normals, visual.uv, visual.image)
+def _rotated_visual(visual: VisualMesh, rotation: Array) -> VisualMesh:
+    normals = None if visual.normals is None else visual.normals @ rotation.T
+    return VisualMesh(visual.points @ rotation.T, visual.faces, visual.material, normals, visual.uv, visual.image)
 
 
 def _node_transform(row: Array) -> dict[str, Sequence[float]]:

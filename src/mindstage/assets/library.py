@@ -1,12 +1,9 @@
-"""Assets: for each body whose mesh is at hand, the form that the mesh gives it.
+"""Geometry of bodies from mesh files.
 
-Catalog: which mesh file is meant, among all those in some folders.
-
-Maps name meshes as their makers did: by a path in somebody's package, by the name of an Unreal asset with or without
-its `SM_`, or not at all. So a file is looked for by path, then by name, then by the name of the class; neither case
-nor prefix counts.
-
-Levels: where a mesh is flat and looks up, so that things can be put on it or into it.
+Maps name meshes in many ways: by a path in some package, by the name of an Unreal asset with or without its `SM_`, or
+not at all. `MeshIndex` finds a body's file by path, then by name, then by the name of its class, ignoring case and
+prefix. `MeshLibrary` fits the meshes to the sizes of bodies. `find_support_surfaces` finds flat faces that look up, on
+which objects can be placed.
 """
 
 from __future__ import annotations
@@ -35,31 +32,31 @@ from mindstage.scene import (
 )
 from mindstage.scene.transforms import Array, mesh_scale
 
-__all__ = ["SUFFIXES", "MeshGeometries", "MeshIndex", "MeshLibrary", "MeshMatch", "find_support_surfaces"]
+__all__ = ["SUFFIXES", "MeshIndex", "MeshLibrary", "MeshLibraryResult", "MeshMatch", "find_support_surfaces"]
 
 
 SUFFIXES = (".glb", ".gltf", ".obj", ".dae", ".stl")
-"""What can be read; of several files of one name the earliest of these, since it says most about looks."""
+"""Supported formats; of several files with one name the first format is used, which has the best materials."""
 _MAX_FILES = 200_000
-"""A folder with more is no folder of meshes."""
+"""Maximum number of files in a folder; the rest is ignored."""
 
 
 class MeshMatch(NamedTuple):
-    """A file, and by what it was found."""
+    """The mesh file of a body, and whether its path, its name or the body's class matched."""
 
     path: Path
     matched_by: str
 
 
 class MeshIndex:
-    """The mesh files in some folders."""
+    """Index of the mesh files in some folders."""
 
     def __init__(self, folders: Iterable[Path], *, find_file: Callable[[str], Path | None] = lambda name: None) -> None:
-        """Looks through the folders, once.
+        """Indexes the folders.
 
         Args:
-            folders: searched with all that is below them; what an earlier one has comes first.
-            find_file: the file that a map's own name stands for, such as `package://…`.
+            folders: searched recursively; files in earlier folders take precedence.
+            find_file: resolves a name in a map, such as `package://…`, to a path, or returns None.
         """
         self.notes: list[str] = []
         self._find_file = find_file
@@ -69,11 +66,11 @@ class MeshIndex:
             self._index_folder(folder)
 
     def find(self, body: Body) -> MeshMatch | None:
-        """The file for a body, if there is one."""
+        """The mesh file of a body, or None."""
         if body.mesh:
-            told = self._find_file(body.mesh)
-            if told is not None and told.suffix.lower() in SUFFIXES:
-                return MeshMatch(told, "path")
+            resolved = self._find_file(body.mesh)
+            if resolved is not None and resolved.suffix.lower() in SUFFIXES:
+                return MeshMatch(resolved, "path")
             if (path := self._find_by_path(body.mesh)) is not None:
                 return MeshMatch(path, "path")
             if (path := self._find_by_name(PurePosixPath(body.mesh.replace("\\", "/")).name)) is not None:
@@ -85,14 +82,14 @@ class MeshIndex:
     def _index_folder(self, folder: Path) -> None:
         for count, path in enumerate(_files(folder)):
             if count == _MAX_FILES:
-                self.notes.append(f"{folder} has more than {_MAX_FILES} files: only so many were looked at")
+                self.notes.append(f"{folder} has more than {_MAX_FILES} files; the others are ignored")
                 return
             if path.suffix.lower() in SUFFIXES:
                 self._by_path.setdefault(path.relative_to(folder).as_posix().lower(), path)
                 self._by_name.setdefault(_normalized_name(path.name), []).append(path)
 
     def _find_by_path(self, name: str) -> Path | None:
-        """The file whose path ends as the name does: of `package://a/merged_meshes/b.dae` first all, then `b.dae`'s folder."""
+        """The file whose path has the longest common suffix with a name such as `package://a/merged_meshes/b.dae`."""
         parts = [
             part for part in unquote(name.partition("://")[2] or name).replace("\\", "/").lower().split("/") if part
         ]
@@ -109,74 +106,74 @@ class MeshIndex:
 
 
 def _files(folder: Path) -> Iterator[Path]:
-    """All files below a folder, in an order that is the same everywhere; links to folders are not followed."""
-    for where, below, files in os.walk(folder):
-        below.sort()
+    """All files below a folder in a fixed order; links to folders are not followed."""
+    for parent, folders, files in os.walk(folder):
+        folders.sort()
         for file in sorted(files):
-            yield Path(where, file)
+            yield Path(parent, file)
 
 
 def _normalized_name(name: str) -> str:
-    """A name without what makers of meshes put before and behind it."""
-    plain = name.lower()
+    """A file or class name in lower case, without suffix and `SM_` prefix."""
+    normalized = name.lower()
     for suffix in SUFFIXES:
-        plain = plain.removesuffix(suffix)
-    return plain.removeprefix("sm_")
+        normalized = normalized.removesuffix(suffix)
+    return normalized.removeprefix("sm_")
 
 
 _MIN_UP_COSINE = 0.985
-"""Cosine of the steepest slope on which things stay."""
+"""Cosine of the steepest slope on which objects stay."""
 _SAME_LEVEL_M = 0.005
-"""Faces whose heights differ by less are of one level."""
+"""Faces whose heights differ by less are on one level."""
 _MIN_AREA_FRACTION = 0.2
-"""A level is at least so much of what its mesh covers of the ground."""
+"""Minimum area of a level, as a part of the mesh's horizontal bounding box."""
 _MAX_HULL_BULGE = 1 / 30
-"""Convex pieces are cut out of a grid; they stand out by so much of the largest extent at most."""
+"""Convex parts come from a voxel grid; they protrude by at most this part of the largest extent."""
 _MIN_CLEARANCE_M = 0.01
-"""With less room above it nothing can be put on a level."""
+"""Minimum clearance above a level for it to be used."""
 
 
 def find_support_surfaces(
     visuals: Sequence[VisualMesh], collision_shapes: Sequence[CollisionShape] = ()
 ) -> tuple[SupportSurface, ...]:
-    """The highest level of a mesh as a place on it, and those that are lower and have room above them as places in it.
+    """Support surfaces of a mesh: its highest level, and lower levels with enough clearance above.
 
-    Each is the rectangle round its faces, which may be more than they fill: whether something stays where it is put is
-    for an engine to find out.
+    Each surface is the rectangle around its faces, which may be larger than the faces: only an engine can determine
+    whether an object stays where it is put. The highest surface is on the mesh, the others are inside.
 
     Args:
-        skins: what is seen of it.
-        solids: what can be touched of it, which may bulge a little over a level.
+        visuals: the visual meshes.
+        collision_shapes: the collision shapes, which may protrude slightly above a level.
     """
-    faces = np.concatenate([skin.points[skin.faces.astype(np.intp)] for skin in visuals])
+    faces = np.concatenate([visual.points[visual.faces.astype(np.intp)] for visual in visuals])
     low, high = faces.min(axis=(0, 1)), faces.max(axis=(0, 1))
     normals = np.cross(faces[:, 1] - faces[:, 0], faces[:, 2] - faces[:, 0])
-    twice = np.linalg.norm(normals, axis=1)
-    up = normals[:, 2] > _MIN_UP_COSINE * twice
-    found = _flat_levels(faces[up], twice[up] / 2, _MIN_AREA_FRACTION * float(np.prod((high - low)[:2])))
-    touched = np.array(
+    doubled_areas = np.linalg.norm(normals, axis=1)
+    up = normals[:, 2] > _MIN_UP_COSINE * doubled_areas
+    found = _flat_levels(faces[up], doubled_areas[up] / 2, _MIN_AREA_FRACTION * float(np.prod((high - low)[:2])))
+    contact_points = np.array(
         [np.add(point, each.pose.position) for each in collision_shapes for point in each.points]
     ).reshape(-1, 3)
-    places = []
+    surfaces = []
     above: float | None = None
     for first, last in found:
-        level = _contact_height(first, last, touched, _MAX_HULL_BULGE * float((high - low).max()))
+        level = _contact_height(first, last, contact_points, _MAX_HULL_BULGE * float((high - low).max()))
         if above is None or above - level > _MIN_CLEARANCE_M:
-            middle = (first + last) / 2
-            places.append(
+            center = (first + last) / 2
+            surfaces.append(
                 SupportSurface(
-                    center=(float(middle[0]), float(middle[1]), level),
+                    center=(float(center[0]), float(center[1]), level),
                     size=(float(last[0] - first[0]), float(last[1] - first[1])),
                     clearance=None if above is None else above - level,
                     is_inside=above is not None,
                 )
             )
             above = level
-    return tuple(places)
+    return tuple(surfaces)
 
 
 def _flat_levels(faces: Array, areas: Array, min_area: float) -> list[tuple[Array, Array]]:
-    """The corners round the faces of each level that is large enough, the highest first."""
+    """Lower and upper corner of the faces of each level that is large enough, highest first."""
     heights = faces[:, :, 2].mean(axis=1) if len(faces) else np.zeros(0)
     order = np.argsort(-heights, kind="stable")
     starts = np.flatnonzero(np.diff(heights[order], prepend=np.inf) < -_SAME_LEVEL_M)
@@ -188,7 +185,7 @@ def _flat_levels(faces: Array, areas: Array, min_area: float) -> list[tuple[Arra
 
 
 def _contact_height(first: Array, last: Array, collision_points: Array, max_bulge: float) -> float:
-    """The height at which something stands on a level: that of its faces, or of what bulges over them."""
+    """Height at which objects rest on a level: that of its faces, or of collision shapes that protrude above."""
     level = float(last[2])
     over = np.all(
         (collision_points[:, :2] >= first[:2] - max_bulge) & (collision_points[:, :2] <= last[:2] + max_bulge), axis=1
@@ -200,24 +197,24 @@ def _contact_height(first: Array, last: Array, collision_points: Array, max_bulg
 
 
 _UNIFORM_SCALE_TOLERANCE = 0.02
-"""Factors that differ by less than this part are one."""
+"""Scale factors whose relative differences are smaller count as uniform."""
 _CENTER_TOLERANCE = 0.01
-"""A mesh whose middle is farther from its origin than this part of its extent is moved."""
+"""Offset of a mesh's center from its origin, relative to its extent, up to which it is not reported."""
 _Z_UP_FROM_Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
-"""From y up to z up, x kept: many modellers' files are so, and neither OBJ nor STL says it."""
+"""From y up to z up, x kept; many OBJ and STL files have y up, without stating it."""
 _UNSPECIFIED_UP_AXIS = frozenset({".obj", ".stl"})
 
 
-class MeshGeometries(NamedTuple):
-    """What the meshes gave."""
+class MeshLibraryResult(NamedTuple):
+    """Geometry from mesh files."""
 
     geometry: dict[BodyId, BodyGeometry]
     notes: tuple[str, ...]
-    """What was changed about a mesh to fit, and what could not be read."""
+    """How meshes were changed to fit, and which files could not be read."""
 
 
 class MeshLibrary:
-    """Mesh files in some folders."""
+    """The mesh files in some folders."""
 
     def __init__(
         self,
@@ -226,34 +223,34 @@ class MeshLibrary:
         find_file: Callable[[str], Path | None] = lambda name: None,
         cache: Path | None = None,
     ) -> None:
-        """Looks through the folders.
+        """Indexes the folders.
 
         Args:
-            folders: where meshes may lie, at any depth.
-            find_file: the file that a map's own name of a mesh stands for (`KnowledgeBase.find_file`).
-            cache: where what was read is kept; by default in the user's cache.
+            folders: searched recursively.
+            find_file: resolves the name of a mesh in a map to a path (`KnowledgeBase.find_file`).
+            cache: directory for imported meshes; by default in the user's cache.
         """
         self._index = MeshIndex(folders, find_file=find_file)
         self._cache = cache
         self._fit_cache: dict[tuple[str, Vector | None], tuple[BodyGeometry, str]] = {}
 
-    def geometry_for(self, bodies: Sequence[Body]) -> MeshGeometries:
-        """The forms of those bodies whose meshes are at hand and can be read; never fails because of a file."""
-        found = {body.id: hit for body in bodies if (hit := self._index.find(body)) is not None}
-        read, refused = import_meshes((hit.path for hit in found.values()), folder=self._cache)
-        forms: dict[BodyId, BodyGeometry] = {}
-        fitted: dict[str, list[BodyId]] = {}
+    def geometry_for(self, bodies: Sequence[Body]) -> MeshLibraryResult:
+        """Geometry of the bodies with a readable mesh file; errors in files become notes."""
+        found = {body.id: match for body in bodies if (match := self._index.find(body)) is not None}
+        imported, rejected = import_meshes((match.path for match in found.values()), folder=self._cache)
+        geometry: dict[BodyId, BodyGeometry] = {}
+        changes: dict[str, list[BodyId]] = {}
         for body in bodies:
-            hit = found.get(body.id)
-            if hit is None or (mesh := read.get(hit.path)) is None:
+            match = found.get(body.id)
+            if match is None or (mesh := imported.get(match.path)) is None:
                 continue
-            forms[body.id], what = self._fit(mesh, hit, body.size)
-            if what:
-                fitted.setdefault(what, []).append(body.id)
+            geometry[body.id], change = self._fit(mesh, match, body.size)
+            if change:
+                changes.setdefault(change, []).append(body.id)
         notes = [*self._index.notes]
-        notes += [f"the mesh {path} is left out: {why}" for path, why in refused.items()]
-        notes += [f"{_join_ids(ids)}: {what}" for what, ids in fitted.items()]
-        return MeshGeometries(forms, tuple(notes))
+        notes += [f"the mesh {path} is left out: {reason}" for path, reason in rejected.items()]
+        notes += [f"{_join_ids(ids)}: {change}" for change, ids in changes.items()]
+        return MeshLibraryResult(geometry, tuple(notes))
 
     def _fit(self, mesh: ImportedMesh, match: MeshMatch, size: Vector | None) -> tuple[BodyGeometry, str]:
         key = (mesh.digest, size)
@@ -263,50 +260,52 @@ class MeshLibrary:
 
 
 def _fit_mesh(mesh: ImportedMesh, match: MeshMatch, size: Vector | None) -> tuple[BodyGeometry, str]:
-    """A mesh as large as its body and in its middle, and what that took."""
-    turn = _up_axis_rotation(mesh, size)
-    corners = np.array([mesh.low, mesh.high]) @ turn.T
+    """The mesh scaled to the size of a body and centered, and a description of these changes."""
+    rotation = _up_axis_rotation(mesh, size)
+    corners = np.array([mesh.low, mesh.high]) @ rotation.T
     low, high = corners.min(axis=0), corners.max(axis=0)
     extents = high - low
     scale = mesh_scale(extents, size)
-    # A body's origin is the middle of its size; without one, the mesh's own origin is all there is to go by.
-    middle = (low + high) / 2 if size is not None else np.zeros(3)
-    digest = hashlib.sha256(repr((mesh.digest, turn.tolist(), scale.tolist(), middle.tolist())).encode())
-    skins = tuple(_transform_visual(skin, turn, scale, middle) for skin in mesh.visuals)
-    # Pieces are cut out of a grid, and may stand out of the mesh by a part of a cell.
-    solids = tuple(_hull_shape((np.clip(piece @ turn.T, low, high) - middle) * scale) for piece in mesh.convex_parts)
-    form = BodyGeometry(
+    # A body's origin is the center of its size; without a size, the mesh keeps its own origin.
+    center = (low + high) / 2 if size is not None else np.zeros(3)
+    digest = hashlib.sha256(repr((mesh.digest, rotation.tolist(), scale.tolist(), center.tolist())).encode())
+    visuals = tuple(_transform_visual(visual, rotation, scale, center) for visual in mesh.visuals)
+    # Convex parts come from a grid, and may protrude from the mesh by a part of a cell.
+    collision_shapes = tuple(
+        _hull_shape((np.clip(part @ rotation.T, low, high) - center) * scale) for part in mesh.convex_parts
+    )
+    geometry = BodyGeometry(
         key=digest.hexdigest()[:32],
-        visuals=skins,
-        collision_shapes=solids,
+        visuals=visuals,
+        collision_shapes=collision_shapes,
         source=GeometrySource.MESH,
         reason=f"the mesh {match.path.name}, found by its {match.matched_by}",
         shape_name="mesh",
-        support_surfaces=find_support_surfaces(skins, solids),
+        support_surfaces=find_support_surfaces(visuals, collision_shapes),
     )
-    return form, _describe_changes(mesh, turn, scale, np.abs(middle) / np.where(extents > 0.0, extents, 1.0))
+    return geometry, _describe_changes(mesh, rotation, scale, np.abs(center) / np.where(extents > 0.0, extents, 1.0))
 
 
 def _up_axis_rotation(mesh: ImportedMesh, size: Vector | None) -> Array:
-    """Whether the mesh has y up: taken so where only then it is as large as its body, all ways alike."""
+    """The rotation to z up. OBJ and STL files are taken as y up if only then their proportions match the size."""
     if size is None or mesh.path.suffix.lower() not in _UNSPECIFIED_UP_AXIS or not all(size):
         return np.eye(3)
     extents = mesh.high - mesh.low
-    uneven = [float(np.ptp(ratio) / ratio.max()) for ratio in (extents / size, extents[[0, 2, 1]] / size)]
+    unevenness = [float(np.ptp(ratio) / ratio.max()) for ratio in (extents / size, extents[[0, 2, 1]] / size)]
     return (
         _Z_UP_FROM_Y_UP
-        if uneven[0] > 5 * _UNIFORM_SCALE_TOLERANCE and uneven[1] < _UNIFORM_SCALE_TOLERANCE
+        if unevenness[0] > 5 * _UNIFORM_SCALE_TOLERANCE and unevenness[1] < _UNIFORM_SCALE_TOLERANCE
         else np.eye(3)
     )
 
 
-def _transform_visual(visual: VisualMesh, turn: Array, scale: Array, middle: Array) -> VisualMesh:
+def _transform_visual(visual: VisualMesh, rotation: Array, scale: Array, center: Array) -> VisualMesh:
     normals = None
     if visual.normals is not None:
-        normals = visual.normals @ turn.T / scale
+        normals = visual.normals @ rotation.T / scale
         lengths = np.linalg.norm(normals, axis=1, keepdims=True)
         normals = normals / np.where(lengths > 0.0, lengths, 1.0)
-    points = (visual.points @ turn.T - middle) * scale
+    points = (visual.points @ rotation.T - center) * scale
     return VisualMesh(points, visual.faces, visual.material, normals, visual.uv, visual.image)
 
 
@@ -321,18 +320,18 @@ def _hull_shape(points: Array) -> CollisionShape:
     )
 
 
-def _describe_changes(mesh: ImportedMesh, turn: Array, scale: Array, offset: Array) -> str:
-    """What was done to a mesh, in words."""
-    done = []
-    if not np.array_equal(turn, np.eye(3)):
-        done.append("is turned from y up to z up")
+def _describe_changes(mesh: ImportedMesh, rotation: Array, scale: Array, offset: Array) -> str:
+    """The changes to a mesh, in words."""
+    changes = []
+    if not np.array_equal(rotation, np.eye(3)):
+        changes.append("is rotated from y up to z up")
     if np.any(scale != 1.0):
-        even = np.ptp(scale) / scale.max() < _UNIFORM_SCALE_TOLERANCE
-        factor = f"{scale.mean():.4g}" if even else " x ".join(f"{part:.4g}" for part in scale)
-        done.append(f"is scaled by {factor} to the map's size")
+        is_uniform = np.ptp(scale) / scale.max() < _UNIFORM_SCALE_TOLERANCE
+        factor = f"{scale.mean():.4g}" if is_uniform else " x ".join(f"{part:.4g}" for part in scale)
+        changes.append(f"is scaled by {factor} to the map's size")
     if offset.max() > _CENTER_TOLERANCE:
-        done.append("is moved to have its middle where the map has the body's")
-    return f"the mesh {mesh.path.name} {' and '.join(done)}" if done else ""
+        changes.append("is moved to center it at the body's pose")
+    return f"the mesh {mesh.path.name} {' and '.join(changes)}" if changes else ""
 
 
 def _join_ids(ids: Sequence[BodyId]) -> str:

@@ -1,4 +1,4 @@
-"""Reading: mesh files become arrays, each file once, in a process that can be ended."""
+"""Imports mesh files as arrays, in a separate process, with a cache."""
 
 from __future__ import annotations
 
@@ -24,67 +24,66 @@ from mindstage.scene.transforms import Array
 __all__ = ["ImportedMesh", "import_meshes"]
 
 _VERSION = 1
-"""Of what is kept; another one is made anew."""
+"""Version of the cached files."""
 _REJECTED_SUFFIX = ".refused"
 _TIMEOUT_S = 60.0
-"""For one file; taking it apart into convex pieces is the slow part."""
+"""Timeout for one file; convex decomposition is the slow part."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ImportedMesh:
-    """What is in a file, in its own units; x forward, y left, z up."""
+    """The content of a mesh file in its own units; x forward, y left, z up."""
 
     path: Path
     digest: str
-    """Of the file's content."""
+    """Hash of the file's content."""
     visuals: tuple[VisualMesh, ...]
     convex_parts: tuple[Array, ...]
-    """The corners of convex pieces, k x 3 each."""
+    """Points of convex parts, k x 3 each."""
     low: Array
-    """The lower corner of the box around it."""
+    """Lower corner of the bounding box."""
     high: Array
 
 
 def import_meshes(
     paths: Iterable[Path], *, folder: Path | None = None, timeout_s: float = _TIMEOUT_S
 ) -> tuple[dict[Path, ImportedMesh], dict[Path, str]]:
-    """Reads files, or takes what is kept of them.
+    """Imports files, or loads them from the cache.
 
     Args:
-        paths: which.
-        folder: where what was read is kept; by default in the user's cache.
-        timeout_s: for each file [s].
+        paths: the files.
+        folder: the cache directory; by default in the user's cache.
+        timeout_s: timeout for each file [s].
 
     Returns:
-        What could be read, and why the rest could not.
+        The imported meshes, and the reasons why other files were rejected.
     """
     folder = folder or cache_dir("meshes")
-    read: dict[Path, ImportedMesh] = {}
-    refused: dict[Path, str] = {}
+    imported: dict[Path, ImportedMesh] = {}
+    rejected: dict[Path, str] = {}
     missing: dict[Path, tuple[str, Path]] = {}
     for path in dict.fromkeys(paths):
         try:
             digest = _digest(path)
         except OSError as error:
-            refused[path] = error.strerror or str(error)
+            rejected[path] = error.strerror or str(error)
             continue
-        kept = folder / f"{digest}.npz"
-        if (mesh := _load_cached(path, digest, kept)) is not None:
-            read[path] = mesh
-        elif why := _rejection_reason(kept):
-            refused[path] = why
+        cache_file = folder / f"{digest}.npz"
+        if (mesh := _load_cached(path, digest, cache_file)) is not None:
+            imported[path] = mesh
+        elif reason := _rejection_reason(cache_file):
+            rejected[path] = reason
         else:
-            missing[path] = (digest, kept)
-    for path, why in _import_in_worker({path: kept for path, (_, kept) in missing.items()}, timeout_s):
-        mesh = None if why else _load_cached(path, *missing[path])
+            missing[path] = (digest, cache_file)
+    for path, reason in _import_in_worker({path: cache_file for path, (_, cache_file) in missing.items()}, timeout_s):
+        mesh = None if reason else _load_cached(path, *missing[path])
         if mesh is None:
-            refused[path] = why or "what was read of it could not be kept"
-            missing[path][1].with_suffix(_REJECTED_SUFFIX).write_text(
-                refused[path]
-            )  # so that nobody waits for it again
+            rejected[path] = reason or "its import could not be cached"
+            # Cached as well, so that the import is not tried again.
+            missing[path][1].with_suffix(_REJECTED_SUFFIX).write_text(rejected[path])
         else:
-            read[path] = mesh
-    return read, refused
+            imported[path] = mesh
+    return imported, rejected
 
 
 def _rejection_reason(cache_file: Path) -> str:
@@ -98,81 +97,90 @@ def _rejection_reason(cache_file: Path) -> str:
 def _can_decompose() -> bool:
     try:
         return find_spec("coacd") is not None
-    except ValueError:  # it was taken away on purpose
+    except ValueError:  # the module was disabled in `sys.modules`
         return False
 
 
 def _digest(path: Path) -> str:
-    """Of the file, and of how it is read; what it names beside itself counts by its time."""
+    """Hash of a file and of how it is imported; files beside it, which it may reference, count by size and time."""
     hasher = hashlib.sha256(f"{_VERSION} {_can_decompose()} {path.suffix.lower()}".encode())
     with path.open("rb") as file:
         while block := file.read(1 << 20):
             hasher.update(block)
     if path.suffix.lower() in {".gltf", ".obj", ".dae"}:
-        for beside in sorted(path.parent.iterdir()):
-            if beside != path and beside.is_file():
-                told = beside.stat()
-                hasher.update(f"{beside.name} {told.st_size} {told.st_mtime_ns}".encode())
+        for neighbor in sorted(path.parent.iterdir()):
+            if neighbor != path and neighbor.is_file():
+                status = neighbor.stat()
+                hasher.update(f"{neighbor.name} {status.st_size} {status.st_mtime_ns}".encode())
     return hasher.hexdigest()[:32]
 
 
 def _load_cached(path: Path, digest: str, cache_file: Path) -> ImportedMesh | None:
     try:
-        with np.load(cache_file, allow_pickle=False) as arrays:
-            found = {name: arrays[name] for name in arrays.files}
+        with np.load(cache_file, allow_pickle=False) as file:
+            arrays = {name: file[name] for name in file.files}
     except (OSError, ValueError, EOFError, KeyError, BadZipFile):
         return None
-    skins = tuple(_load_visual(found, number) for number in range(sum(name.startswith("points_") for name in found)))
-    pieces = tuple(found[f"piece_{number}"] for number in range(sum(name.startswith("piece_") for name in found)))
-    if not (skins and pieces):
+    visuals = tuple(
+        _load_visual(arrays, number) for number in range(sum(name.startswith("points_") for name in arrays))
+    )
+    convex_parts = tuple(
+        arrays[f"piece_{number}"] for number in range(sum(name.startswith("piece_") for name in arrays))
+    )
+    if not (visuals and convex_parts):
         return None
-    low = np.min([skin.points.min(axis=0) for skin in skins], axis=0)
-    high = np.max([skin.points.max(axis=0) for skin in skins], axis=0)
-    return ImportedMesh(path, digest, skins, pieces, low, high)
+    low = np.min([visual.points.min(axis=0) for visual in visuals], axis=0)
+    high = np.max([visual.points.max(axis=0) for visual in visuals], axis=0)
+    return ImportedMesh(path, digest, visuals, convex_parts, low, high)
 
 
-def _load_visual(found: Mapping[str, Array], number: int) -> VisualMesh:
-    red, green, blue, metalness, roughness, opacity = found[f"surface_{number}"].tolist()
+def _load_visual(arrays: Mapping[str, Array], number: int) -> VisualMesh:
+    red, green, blue, metalness, roughness, opacity = arrays[f"surface_{number}"].tolist()
     surface = PbrMaterial(color=(red, green, blue), metalness=metalness, roughness=roughness, opacity=opacity)
     return VisualMesh(
-        points=found[f"points_{number}"],
-        faces=found[f"faces_{number}"].astype(np.uint32),
+        points=arrays[f"points_{number}"],
+        faces=arrays[f"faces_{number}"].astype(np.uint32),
         material=surface,
-        normals=found.get(f"normals_{number}"),
-        uv=found.get(f"uv_{number}"),
-        image=None if (image := found.get(f"image_{number}")) is None else image.astype(np.uint8),
+        normals=arrays.get(f"normals_{number}"),
+        uv=arrays.get(f"uv_{number}"),
+        image=None if (image := arrays.get(f"image_{number}")) is None else image.astype(np.uint8),
     )
 
 
-def _import_in_worker(wanted: Mapping[Path, Path], timeout_s: float) -> Iterator[tuple[Path, str]]:
-    """Has files read, each into the place given; a file that ends its reader costs only itself."""
-    waiting = list(wanted)
-    pieces = _can_decompose()
-    hard: set[Path] = set()
-    """What took too long to take apart: its hull must do."""
-    while waiting:
-        with _MeshWorker() as reader:
-            while waiting:
-                path = waiting[0]
-                out = wanted[path].with_suffix(".part.npz")
-                why = reader.read(path, out, decompose=pieces and path not in hard, timeout_s=timeout_s)
-                if why is None and pieces and path not in hard:
-                    hard.add(path)
+def _import_in_worker(cache_files: Mapping[Path, Path], timeout_s: float) -> Iterator[tuple[Path, str]]:
+    """Imports files to cache files in a worker; yields reasons for rejection, empty on success.
+
+    A file on which the worker crashes or times out is retried without convex decomposition; other files are not
+    affected.
+    """
+    pending = list(cache_files)
+    decompose = _can_decompose()
+    undecomposable: set[Path] = set()
+    """Files whose decomposition takes too long; their convex hull is used."""
+    while pending:
+        with _MeshWorker() as worker:
+            while pending:
+                path = pending[0]
+                out = cache_files[path].with_suffix(".part.npz")
+                reason = worker.read(path, out, decompose=decompose and path not in undecomposable, timeout_s=timeout_s)
+                if reason is None and decompose and path not in undecomposable:
+                    undecomposable.add(path)
                     break
-                waiting.pop(0)
-                if why == "":
-                    out.replace(wanted[path])
+                pending.pop(0)
+                if reason == "":
+                    out.replace(cache_files[path])
                 out.unlink(missing_ok=True)
-                yield path, f"reading it took longer than {timeout_s:g} s, or ended the reader" if why is None else why
-                if why is None:
+                if reason is None:
+                    yield path, f"importing it took longer than {timeout_s:g} s, or crashed the importer"
                     break
+                yield path, reason
 
 
 class _MeshWorker:
-    """The process, for as long as it lives."""
+    """The worker process, as a context manager."""
 
     def __enter__(self) -> _MeshWorker:
-        # -P: nothing that lies in the working directory is taken for a library.
+        # -P: modules in the working directory must not be imported
         command = [sys.executable, "-P", "-m", "mindstage.assets.mesh_worker"]
         self._process = subprocess.Popen(
             command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
@@ -193,12 +201,12 @@ class _MeshWorker:
         self._answers.put("")
 
     def read(self, path: Path, out: Path, *, decompose: bool, timeout_s: float) -> str | None:
-        """Why the file was refused; empty if it was not, None if the process is lost over it."""
+        """The reason why a file was rejected, empty if it was not; None if the worker crashed or timed out."""
         assert self._process.stdin is not None
         try:
             self._process.stdin.write(json.dumps({"path": str(path), "out": str(out), "pieces": decompose}) + "\n")
             self._process.stdin.flush()
-            answer = self._answers.get(timeout=timeout_s)
+            response = self._answers.get(timeout=timeout_s)
         except (OSError, queue.Empty):
             return None
-        return str(json.loads(answer)["why"]) if answer else None
+        return str(json.loads(response)["why"]) if response else None

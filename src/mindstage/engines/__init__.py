@@ -1,4 +1,4 @@
-"""Engines: the `Engine` contract, its implementations, and `make_engine`, which makes one by its name."""
+"""Engines that run a world: the `Engine` protocol, its implementations, and `make_engine` to create one by name."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from mindstage.errors import EngineUnavailableError
 if TYPE_CHECKING:
     from mindstage.engines.godot import GodotEngine
     from mindstage.engines.mujoco.engine import MujocoEngine
-    from mindstage.engines.remote.connect import connect
+    from mindstage.engines.remote import connect
     from mindstage.engines.remote.engine import RemoteEngine
 
 __all__ = [
@@ -45,12 +45,12 @@ __all__ = [
     "make_engine",
 ]
 
-_REMOTE = "ros://"
-_NAMES = f"choose mujoco, godot, godot:window, null, or {_REMOTE}HOST:PORT/NAMESPACE"
+_REMOTE_SCHEME = "ros://"
+_NAMES = f"choose mujoco, godot, godot:window, null, or {_REMOTE_SCHEME}HOST:PORT/NAMESPACE"
 
 
 def __getattr__(name: str) -> object:
-    # A heavy engine loads when it is first asked for.
+    # Engines are imported on first use, since their libraries take long to load.
     if name == "MujocoEngine":
         return import_module("mindstage.engines.mujoco").MujocoEngine
     if name == "GodotEngine":
@@ -58,21 +58,21 @@ def __getattr__(name: str) -> object:
     if name == "RemoteEngine":
         return import_module("mindstage.engines.remote.engine").RemoteEngine
     if name == "connect":
-        return import_module("mindstage.engines.remote.connect").connect
+        return import_module("mindstage.engines.remote").connect
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
 def make_engine(name: str, *, godot: str | os.PathLike[str] | None = None, timeout_s: float | None = None) -> Engine:
-    """Makes an engine by its name; whoever makes it closes it, which a simulation that owns it does.
+    """Creates an engine by name; the caller closes it, or passes it to a simulation that does.
 
     Args:
-        name: "mujoco", "godot", "godot:window" (shows the world in a window), "null" (no physics), or the address of an
-            engine that runs elsewhere, `ros://HOST:PORT/NAMESPACE`.
-        godot: the Godot program; by default the one on PATH, or in a usual place.
-        timeout_s: how long a call to Godot or to a remote engine may take [s]; by default the engine's own.
+        name: "mujoco", "godot", "godot:window" (shows the world in a window), "null" (no physics), or the address of a
+            remote engine, `ros://HOST:PORT/NAMESPACE`.
+        godot: path of the Godot executable; by default the one on PATH, or in a common location.
+        timeout_s: timeout of a call to Godot or to a remote engine [s]; by default the engine's own.
 
     Raises:
-        EngineUnavailableError: there is no such engine, it cannot be loaded or started here, or not be reached.
+        EngineUnavailableError: the name is unknown, or the engine cannot be loaded, started or reached.
     """
     match name:
         case "null":
@@ -92,7 +92,7 @@ def make_engine(name: str, *, godot: str | os.PathLike[str] | None = None, timeo
             program, window = None if godot is None else os.fspath(godot), name != "godot"
             return GodotEngine(program, window=window, timeout_s=20.0 if timeout_s is None else timeout_s)
         case _ if is_remote(name):
-            from mindstage.engines.remote.connect import connect
+            from mindstage.engines.remote import connect
 
             return connect(name, timeout_s=10.0 if timeout_s is None else timeout_s)
         case _:
@@ -100,5 +100,5 @@ def make_engine(name: str, *, godot: str | os.PathLike[str] | None = None, timeo
 
 
 def is_remote(name: str) -> bool:
-    """Whether an engine's name is the address of one that runs elsewhere; its world outlives the connection."""
-    return name.startswith(_REMOTE)
+    """Whether a name is the address of a remote engine, whose world continues to run after it is disconnected."""
+    return name.startswith(_REMOTE_SCHEME)

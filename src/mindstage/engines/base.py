@@ -1,11 +1,12 @@
-"""What every engine promises: a world goes in, lives, and comes back out with nothing lost.
+"""The `Engine` protocol: what every physics or game engine that runs a world implements.
 
-An engine is single-threaded and owned by whoever made it (usually a `Simulation`). All edits keep the rest of the running
-world as it was: poses, velocities, contacts, sleep. Poses enter and leave in the world frame [m, w x y z]; each
-engine changes axes and units on its own side.
+An engine is single-threaded and is owned by its creator (usually a `Simulation`), which also closes it. An edit leaves
+the rest of the running world unchanged: poses, velocities, contacts and sleep. Poses are given and returned in the
+world frame (x forward, y left, z up), positions in meters, unit quaternions w x y z; each engine converts axes and
+units internally.
 
-A call ends in one of three ways: it succeeds; it raises a `WorldError`, because the world does not allow it, and the
-world is unchanged; or it raises an `EngineError`, because the engine broke.
+A call ends in one of three ways: it succeeds; it raises a `WorldError` because its arguments are invalid for the
+current world, which is then unchanged; or it raises an `EngineError` because the engine failed.
 """
 
 from __future__ import annotations
@@ -34,17 +35,17 @@ __all__ = [
 ]
 
 PoseArray = NDArray[np.float64]
-"""n x 7: x y z [m], then w x y z."""
+"""Poses of n bodies, shape (n, 7): x y z [m], then w x y z."""
 
 SavedState = NewType("SavedState", object)
-"""What `save` returns; only the engine that made it can read it."""
+"""The opaque result of `save_state`; only the engine that made it can restore it."""
 
 
 class Capability(StrEnum):
-    """What only some engines can do; ask `engine.capabilities` before calling."""
+    """An optional part of the `Engine` protocol; check `engine.capabilities` before calling."""
 
     SAVE = "save"
-    """`save` and `restore_state`."""
+    """`save_state` and `restore_state`."""
     JOINTS = "joints"
     """`joint_positions`."""
     STATISTICS = "statistics"
@@ -52,53 +53,53 @@ class Capability(StrEnum):
 
 
 class EngineStats(msgspec.Struct, frozen=True, kw_only=True):
-    """How busy an engine is just now."""
+    """Activity of an engine at the current time."""
 
     movable: int
-    """Bodies that can move, by themselves or with what they hang on."""
+    """Number of bodies that can move: dynamic ones and those attached to them."""
     awake: int
-    """Those of them that are not at rest."""
+    """Number of movable bodies that are not asleep."""
     contacts: int
-    """Places where those that are awake touch something."""
+    """Number of contact points of the awake bodies."""
     timestep_s: float | None = None
-    """Of the physics; None where it has none of its own [s]."""
+    """Time step of the physics [s]; None for an engine without one."""
 
 
 class SpawnFailure(msgspec.Struct, frozen=True):
-    """Something that could not be spawned."""
+    """A body, joint or attachment that could not be spawned."""
 
     id: str
     reason: str
 
 
 class SpawnNoteKind(StrEnum):
-    """What an engine had to decide by itself; each kind can be counted and filtered."""
+    """The kinds of decisions and assumptions an engine makes during a spawn."""
 
     MASS_ESTIMATED = "mass estimated"
     SIZE_ASSUMED = "size assumed"
     MOBILITY_ASSUMED = "mobility assumed"
     ENCLOSURE = "shell"
-    """Encloses much of the world; nothing collides with it."""
+    """The body encloses much of the world, so it collides with nothing."""
     HOLLOW = "hollow"
-    """Has something inside that must rest on it, so it got an inside."""
+    """Other bodies rest inside the body, so its collision shape is made of wall panels."""
     SHAPE = "shape"
-    """A form is a guess, or not all of it could be used."""
+    """The geometry is a guess, or part of it could not be used."""
     OVERLAP = "overlap"
-    """The first body and each of the others stand in one another, so they do not collide."""
+    """The first body overlaps each of the others, so their collisions are disabled."""
     PENETRATION = "sunk"
-    """The first body stands a little in each of the others, and is pushed out by the physics."""
+    """The first body slightly penetrates each of the others; the physics pushes it out."""
     JOINT = "constraint"
-    """A constraint is not taken literally."""
+    """A joint is not simulated exactly as described."""
     ATTACHMENT = "attachment"
-    """An attachment is not taken literally."""
+    """An attachment is not simulated exactly as described."""
     SOLVER = "solver"
-    """The physics warned that it left something out."""
+    """The physics engine warned that it left something out."""
     NOT_TRANSFERRED = "untold"
-    """There is no word for it on the way to a far engine, so that engine does not know of it."""
+    """The protocol of a remote engine has no field for a property, so it was not sent."""
 
 
 class SpawnNote(msgspec.Struct, frozen=True):
-    """One decision that the map did not make, in words."""
+    """One decision or assumption of an engine about bodies or joints that the world leaves open."""
 
     kind: SpawnNoteKind
     ids: tuple[str, ...]
@@ -108,26 +109,26 @@ class SpawnNote(msgspec.Struct, frozen=True):
 class SpawnReport(
     msgspec.Struct, frozen=True, kw_only=True, rename={"joints": "constraints", "failed_joints": "failed_constraints"}
 ):
-    """What became of a world that was to be spawned."""
+    """The result of spawning a world: counts, failures and notes."""
 
     bodies: int = 0
-    """Spawned bodies."""
+    """Number of spawned bodies."""
     joints: int = 0
     attachments: int = 0
     failed_bodies: tuple[SpawnFailure, ...] = ()
     failed_joints: tuple[SpawnFailure, ...] = ()
     failed_attachments: tuple[SpawnFailure, ...] = ()
-    """The child's id."""
+    """Each failure's `id` is the id of the child."""
     notes: tuple[SpawnNote, ...] = ()
-    """What was assumed."""
+    """Decisions and assumptions made during the spawn."""
 
     def ids_with_note(self, kind: SpawnNoteKind) -> frozenset[BodyId]:
-        """What the notes of a kind are about."""
+        """The ids of bodies and joints that the notes of one kind are about."""
         return frozenset(BodyId(id) for note in self.notes if note.kind is kind for id in note.ids)
 
     @property
     def ok(self) -> bool:
-        """Whether everything was spawned; assumptions do not count against it."""
+        """Whether everything was spawned; notes do not count as failures."""
         return not self._failures
 
     @property
@@ -141,7 +142,7 @@ class SpawnReport(
         return f"<{type(self).__name__}: {counts}, {failed}, {counted(len(self.notes), 'note')}>"
 
     def _repr_html_(self) -> str:
-        """What failed and what was assumed, as a table for notebooks."""
+        """Failures and notes as an HTML table, for notebooks."""
         rows = [("failed", each.id, each.reason) for each in self._failures]
         rows += [(note.kind.value, ", ".join(note.ids), note.text) for note in self.notes]
         return html_table(repr(self), ("kind", "about", "text"), rows)
@@ -149,127 +150,151 @@ class SpawnReport(
 
 @runtime_checkable
 class Engine(Protocol):
-    """A running world. Every method but `close` raises `EngineClosedError` after `close`."""
+    """A running world. Every method except `close` raises `EngineClosedError` after `close`."""
 
     @property
     def name(self) -> str:
-        """A short name for reports, such as "mujoco"."""
+        """Short name for reports and error messages, such as "mujoco"."""
 
     @property
     def capabilities(self) -> frozenset[Capability]:
-        """What this engine can do beyond the rest of this contract."""
+        """The optional parts of this protocol that the engine implements."""
 
     @property
     def time_s(self) -> float:
-        """Simulated time since the engine was made [s]."""
+        """Simulated time since the engine was created [s]."""
 
     def spawn(self, world: World, *, geometry: GeometryMap = NO_GEOMETRY) -> SpawnReport:
-        """Adds a world to what is there: bodies first, then constraints, then attachments.
+        """Adds a world to the running one: bodies and lights first, then joints, then attachments.
 
-        What cannot be spawned is listed in the report with the reason; the rest is spawned.
+        Entities that cannot be spawned (an id in use, a joint without its bodies, a pose that is not finite) are listed
+        in the report with the reason; the rest is spawned.
 
         Args:
-            world: what comes.
-            forms: what its bodies are made of; a body without one is its shape, in its size. They are not logged.
+            world: the world to add.
+            geometry: visual meshes and collision shapes of its bodies; a body without an entry is its primitive shape,
+                scaled to its size. Geometry is not part of a snapshot.
         """
 
     def delete(self, ids: Iterable[BodyId]) -> None:
-        """Removes bodies, their constraints and attachments; what hung on them stays where it is.
+        """Removes bodies with their joints and attachments; bodies attached to them stay where they are.
 
         Raises:
-            BodyNotFoundError: for the first id that is not there; nothing is deleted then.
+            BodyNotFoundError: for the first unknown id; nothing is deleted then.
         """
 
     def clear(self) -> None:
-        """Removes everything; time goes on."""
+        """Removes everything; `time_s` continues."""
 
     def attach(self, parent: BodyId, child: BodyId) -> None:
-        """From now on the child goes rigidly where the parent goes; both stay where they are now.
+        """Attaches a child rigidly to a parent; both keep their current poses.
+
+        A child that is attached to another body is detached from it first.
 
         Raises:
-            BodyNotFoundError: one of the two is not there.
-            AttachmentError: it would close a circle. A child that hung elsewhere is detached first.
+            BodyNotFoundError: either body is unknown.
+            AttachmentError: the attachment would close a cycle.
         """
 
     def detach(self, child: BodyId) -> None:
-        """Lets go of a child where it is, with the velocity that it has; nothing happens if it hangs nowhere.
+        """Detaches a child, which keeps its pose and velocity; does nothing if it is not attached.
 
         Raises:
-            BodyNotFoundError: there is no such body.
+            BodyNotFoundError: the body is unknown.
         """
 
     def set_pose(self, id: BodyId, pose: Pose) -> None:
-        """Puts a body somewhere else, at rest, and all that hangs on it with it.
+        """Moves a body, at rest, and with it all bodies that are attached to it.
+
+        Args:
+            id: the body.
+            pose: its new pose in the world frame.
 
         Raises:
-            BodyNotFoundError: there is no such body.
-            PoseUnreachableError: its constraint does not let it get there, or the pose is not finite.
+            BodyNotFoundError: the body is unknown.
+            PoseUnreachableError: a joint of the body does not allow the pose, or the pose is not finite.
         """
 
     def set_physics(self, id: BodyId, physics: BodyPhysics) -> None:
-        """Changes mobility, gravity, mass, overlap events.
+        """Replaces mobility, gravity, mass [kg] and overlap events of a body.
 
         Raises:
-            BodyNotFoundError: there is no such body.
+            BodyNotFoundError: the body is unknown.
         """
 
     def set_materials(self, id: BodyId, materials: tuple[Material, ...]) -> None:
-        """Changes the surface.
+        """Replaces the surface materials of a body.
 
         Raises:
-            BodyNotFoundError: there is no such body.
+            BodyNotFoundError: the body is unknown.
         """
 
     def highlight(self, ids: Iterable[BodyId], color: Color | None) -> None:
-        """Lights bodies up in a color; None puts them out.
+        """Highlights bodies in a color, or removes their highlights.
+
+        Args:
+            ids: the bodies.
+            color: the highlight color; None removes it.
 
         Raises:
-            BodyNotFoundError: for the first id that is not there; nothing changes then.
+            BodyNotFoundError: for the first unknown id; nothing changes then.
         """
 
     def highlights(self) -> Mapping[BodyId, Color]:
-        """Which bodies are lit, and how."""
+        """The highlighted bodies and their colors."""
 
     def apply_force(self, id: BodyId, force: Vector, point: Vector | None = None) -> None:
-        """Applies a force [N, world frame] throughout the next `step`, at a point [m, world frame].
+        """Applies a force to a body throughout the next `step`.
 
-        Without a point it acts on the center of mass. Pushes on one body add up; static and kinematic bodies
-        do not feel them.
+        Forces on one body add up. Static and kinematic bodies are not affected.
+
+        Args:
+            id: the body.
+            force: force vector in the world frame [N].
+            point: point of application in the world frame [m]; None for the center of mass.
 
         Raises:
-            BodyNotFoundError: there is no such body.
+            BodyNotFoundError: the body is unknown.
         """
 
     def step(self, duration_s: float) -> None:
-        """Lets time pass. What is less than a time step of the engine is kept for the next call.
+        """Advances the simulation.
+
+        Args:
+            duration_s: simulated time to advance [s]. A remainder shorter than the engine's time step is carried over
+                to the next call.
 
         Raises:
-            SimulationDivergedError: the numbers stopped making sense; the engine is still usable (delete, restore).
+            SimulationDivergedError: the state is no longer finite; the engine stays usable (`delete`, `restore_state`).
         """
 
     def poses(self) -> tuple[tuple[BodyId, ...], PoseArray]:
-        """All bodies' ids and poses at once, in one order; the array is the caller's to keep.
+        """The ids and poses of all bodies, in the same order; the array is a copy.
 
-        The tuple of ids is the same object until a body comes or goes.
+        The tuple of ids is the same object until a body is added or removed.
         """
 
     def joint_positions(self) -> Mapping[BodyId, tuple[float, ...]]:
-        """How far each constraint has moved from where it was spawned (ability JOINTS).
+        """Displacement of each movable joint since it was spawned (capability JOINTS).
 
-        Six numbers for each constraint that can move: x, y, z [m], twist, swing2, swing1 [rad].
+        Six numbers for each joint: x, y, z [m], twist, swing2, swing1 [rad].
         """
 
     def stats(self) -> EngineStats:
-        """How busy it is, at next to no cost: it may be asked after each tick (ability STATISTICS)."""
+        """Current activity; cheap enough to call after every step (capability STATISTICS)."""
 
     def snapshot(self) -> World:
-        """Everything as it is now. What was not moved comes back exactly as it was given."""
+        """The current world. Bodies that have not moved are returned exactly as they were spawned."""
 
     def save_state(self) -> SavedState:
-        """The whole state, bodies included (ability SAVE)."""
+        """Saves the complete state, including which bodies exist (capability SAVE)."""
 
     def restore_state(self, state: SavedState) -> None:
-        """Brings a saved state back, exactly (ability SAVE)."""
+        """Restores a saved state exactly (capability SAVE).
+
+        Raises:
+            TypeError: the state was not made by this kind of engine.
+        """
 
     def close(self) -> None:
-        """Ends the engine; any number of times."""
+        """Closes the engine; closing it again has no effect."""

@@ -1,17 +1,17 @@
-"""Collision: which pairs may touch, decided once for all engines.
+"""Decides which bodies collide, once for all engines.
 
-Maps hold the boxes around things, and those stand in one another: a drawer in its cabinet, milk in the fridge, the
-whole kitchen in a box named "walls". Taken literally such a world explodes. What is decided instead:
+Maps describe bounding boxes, which overlap: a drawer and its cabinet, milk and the fridge, the whole kitchen and a box
+named "walls". Simulated literally, such a world explodes. Instead:
 
-- a **shell**, a body larger than a room's corner that holds several pieces of furniture, collides with nothing;
-- a body that holds something loose is **hollow**: it gets walls, an opening, and a floor where its contents stand;
-- any other pair that overlaps when spawned does not collide, nor do pairs joined by a constraint.
+- an **enclosure**, a large body that contains several pieces of furniture, collides with nothing;
+- a body that contains free bodies is **hollow**: it gets walls, an opening, and a floor under its contents;
+- any other pair that overlaps when spawned does not collide, nor do pairs connected by a joint.
 
-Where a body has a form, its solids decide and not the box around them: a form has its inside already, two forms
-overlap only if solids of theirs do, and what is loose and a little too deep in what it stands on is pushed out of it.
-What hangs in joints may not even graze what it does not hang on: pressed in by a millimetre, a drawer jams.
+Collision shapes of a geometry are used in place of the bounding box: such a body has its interior already, pairs
+overlap only if their shapes do, and free bodies that penetrate their support slightly are pushed out. Bodies on joints
+must not even touch other bodies: a drawer that penetrates one by a millimeter jams.
 
-Every decision is a note in the spawn report; none is silent.
+Every decision is a note in the spawn report.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,144 +38,150 @@ __all__ = [
     "CollisionFilter",
     "CollisionFilterInput",
     "compute_collision_filter",
+    "sorted_pair",
 ]
 
+K = TypeVar("K", int, BodyId)
+
 TOUCH_TOLERANCE_M = 0.002
-"""Boxes that stand in one another by less than this only touch: maps round to a micrometre, people to a millimetre."""
+"""Boxes that overlap by less only touch [m]; maps round to a micrometer, people to a millimeter."""
 
 JOINT_TOUCH_TOLERANCE_M = 0.00005
-"""What hangs in a joint and what does not move only touch if the solids stand in one another by less than this.
+"""The same for a body on a joint and a fixed one [m].
 
-An engine should feel nothing of that: faces without a gap between them would rub, and two such drawers jam.
+Engines must not resolve such contacts, since faces without a gap would rub and drawers jam.
 """
 
 MAX_RESOLVED_PENETRATION_M = 0.01
-"""What is loose and stands in solids by no more than this (and half its thickness) is pushed out of them."""
+"""Free bodies that penetrate others by at most this, and half their thickness, are pushed out [m]."""
 
 _MAX_OVERLAPS = 256
-"""A body that overlaps more others than this is not told apart from each of them."""
+"""A body that overlaps more bodies than this is not compared with each of them."""
 
 _MAX_NEIGHBORS = 1024
-"""Of bodies that have more neighbors than this, pairs are not even looked at: ten thousand have fifty million."""
+"""Pairs of bodies with more neighbors than this are skipped, since ten thousand bodies have fifty million pairs."""
 
 
 @dataclass(frozen=True, slots=True)
 class CollisionFilterInput:
-    """What is to be decided about: n bodies as they stand now."""
+    """The n bodies whose collisions are decided."""
 
     ids: tuple[BodyId, ...]
     poses: Array
-    """n x 7, unit quaternions."""
+    """n x 7, with unit quaternions."""
     sizes: Array
     """n x 3 [m]."""
     group: NDArray[np.intp]
-    """A number for each body's assembly; bodies of one never collide."""
+    """Index of each body's rigid group; bodies of one group never collide."""
     is_dynamic: NDArray[np.bool_]
-    """Whether the physics moves the body's assembly."""
+    """Whether the body's group is dynamic."""
     is_free: NDArray[np.bool_]
-    """Whether it is on its own: the physics moves it and no constraint holds it."""
+    """Whether its group is dynamic and has no joints."""
     is_new: NDArray[np.bool_]
-    """Whether it came just now; pairs of old ones are not looked at again."""
+    """Whether it was just added; pairs of other bodies are not decided again."""
     jointed_pairs: frozenset[tuple[int, int]]
-    """Pairs of assemblies (lower number first) that are joined by a constraint and must not collide."""
+    """Pairs of groups (lower index first) that are connected by a joint and must not collide."""
     overlap_boxes: OrientedBoxes
-    """The boxes that count for overlaps: what is round does not fill the corners of its own."""
+    """Boxes for the overlap test; those of round shapes are smaller, since these do not fill their corners."""
     collision_shapes: CollisionShapeBatch | None = None
-    """What the bodies are made of; None where none of them has a form."""
+    """Collision shapes of the bodies; None if no body has geometry."""
     has_geometry: NDArray[np.bool_] | None = None
-    """Whether a body has a form of its own, which is not just the box of its size."""
+    """Whether a body's collision shapes differ from the box of its size."""
     could_collide_before: Callable[[int, int], bool] = lambda a, b: False
-    """Whether a pair could collide before the edit in question: then it still may, however deep it is just now."""
+    """Whether a pair could collide before the edit; then it still can, however deep the overlap."""
 
 
 @dataclass(slots=True)
 class CollisionFilter:
-    """The decisions, kept as long as the bodies are."""
+    """The decisions on bodies that exist."""
 
     excluded_pairs: set[tuple[BodyId, BodyId]] = field(default_factory=set)
-    """Pairs that do not collide, in the order of their ids."""
+    """Pairs that do not collide, the lower id first."""
     non_colliding: set[BodyId] = field(default_factory=set)
     """Bodies that collide with nothing."""
     wall_panels: dict[BodyId, tuple[WallPanel, ...]] = field(default_factory=dict)
-    """The plates that a hollow body is made of, in its own frame."""
+    """Wall panels of each hollow body, in its own frame."""
     contents: dict[BodyId, tuple[BodyId, ...]] = field(default_factory=dict)
-    """What each hollow body was made hollow for."""
+    """The bodies for which each hollow body was made hollow."""
 
     def copy(self) -> CollisionFilter:
-        """The same decisions, to be changed on their own."""
+        """An independent copy."""
         return CollisionFilter(
             set(self.excluded_pairs), set(self.non_colliding), dict(self.wall_panels), dict(self.contents)
         )
 
     def remove(self, ids: Iterable[BodyId]) -> None:
-        """Drops what was decided about bodies that are no longer there."""
-        gone = set(ids)
-        self.excluded_pairs = {pair for pair in self.excluded_pairs if not gone.intersection(pair)}
-        self.non_colliding -= gone
-        for id in gone:
+        """Removes the decisions on bodies."""
+        removed = set(ids)
+        self.excluded_pairs = {pair for pair in self.excluded_pairs if not removed.intersection(pair)}
+        self.non_colliding -= removed
+        for id in removed:
             self.wall_panels.pop(id, None)
             self.contents.pop(id, None)
 
 
 def compute_collision_filter(
-    scene: CollisionFilterInput, previous: CollisionFilter
+    filter_input: CollisionFilterInput, previous: CollisionFilter
 ) -> tuple[CollisionFilter, list[SpawnNote]]:
-    """Decides about all that is fresh, on top of what was decided before."""
-    collisions, notes = previous.copy(), list[SpawnNote]()
-    boxes = OrientedBoxes.from_poses(scene.poses, scene.sizes)
-    thronged = _overcrowded(scene)
-    a, b, depth = _overlapping(scene, thronged)
-    holds = _containing_pairs(scene, boxes, a, b)
-    shells = find_enclosing_bodies(
+    """Decides about all new bodies, given the previous decisions."""
+    result, notes = previous.copy(), list[SpawnNote]()
+    boxes = OrientedBoxes.from_poses(filter_input.poses, filter_input.sizes)
+    overcrowded = _overcrowded(filter_input)
+    a, b, depth = _overlapping(filter_input, overcrowded)
+    containing = _containing_pairs(filter_input, boxes, a, b)
+    enclosures = find_enclosing_bodies(
         boxes,
-        holds,
-        is_dynamic=scene.is_dynamic,
-        is_free=scene.is_free,
-        group=scene.group,
-        jointed_pairs=scene.jointed_pairs,
+        containing,
+        is_dynamic=filter_input.is_dynamic,
+        is_free=filter_input.is_free,
+        group=filter_input.group,
+        jointed_pairs=filter_input.jointed_pairs,
     )
-    for index, count in shells.items():
-        id = scene.ids[index]
-        collisions.non_colliding.add(id)
-        text = f"{id} encloses {count} pieces of furniture: it is seen through and collides with nothing"
+    for index, count in enclosures.items():
+        id = filter_input.ids[index]
+        result.non_colliding.add(id)
+        text = f"{id} encloses {count} pieces of furniture: it collides with nothing"
         notes.append(SpawnNote(SpawnNoteKind.ENCLOSURE, (id,), text))
-    contents = _contents(scene, boxes, shells, collisions, a, b)
-    fronts = _front_positions(scene)
+    contents = _contents(filter_input, boxes, enclosures, result, a, b)
+    fronts = _front_positions(filter_input)
     for outer, inner in contents.items():
-        notes.append(_make_hollow(scene, boxes, collisions, outer, inner, fronts.get(int(scene.group[outer]), ())))
+        notes.append(
+            _make_hollow(filter_input, boxes, result, outer, inner, fronts.get(int(filter_input.group[outer]), ()))
+        )
     resting = {(outer, item) for outer, inner in contents.items() for item in inner}
-    a, b, depth, sunk = _refine_overlaps(scene, a, b, depth)
-    notes += sunk
-    notes += _disable_collisions(scene, collisions, _crowded_mask(scene, a, b) | thronged)
-    notes += _exclude_overlapping_pairs(scene, collisions, (a, b, depth), resting)
-    return collisions, notes
+    a, b, depth, penetrating_notes = _refine_overlaps(filter_input, a, b, depth)
+    notes += penetrating_notes
+    notes += _disable_collisions(filter_input, result, _crowded_mask(filter_input, a, b) | overcrowded)
+    notes += _exclude_overlapping_pairs(filter_input, result, (a, b, depth), resting)
+    return result, notes
 
 
-def _overcrowded(scene: CollisionFilterInput) -> NDArray[np.bool_]:
-    """Which bodies have so many neighbors that the pairs among them are too many to look at."""
-    everything = np.ones(len(scene.ids), dtype=bool)
-    count = np.zeros(len(scene.ids), dtype=np.intp)
-    if len(scene.ids) > _MAX_NEIGHBORS:
-        for a, b in overlapping_pairs(scene.overlap_boxes, scene.is_new, everything):
+def _overcrowded(filter_input: CollisionFilterInput) -> NDArray[np.bool_]:
+    """Bodies with more neighbors than `_MAX_NEIGHBORS`."""
+    every_body = np.ones(len(filter_input.ids), dtype=bool)
+    count = np.zeros(len(filter_input.ids), dtype=np.intp)
+    if len(filter_input.ids) > _MAX_NEIGHBORS:
+        for a, b in overlapping_pairs(filter_input.overlap_boxes, filter_input.is_new, every_body):
             count += np.bincount(a, minlength=len(count)) + np.bincount(b, minlength=len(count))
     return np.asarray(count > _MAX_NEIGHBORS)
 
 
-def _overlapping(scene: CollisionFilterInput, overcrowded: NDArray[np.bool_]) -> tuple[Indices, Indices, Array]:
-    """All pairs of different assemblies that stand in one another, at least one of them fresh."""
-    everything = np.ones(len(scene.ids), dtype=bool)
+def _overlapping(filter_input: CollisionFilterInput, overcrowded: NDArray[np.bool_]) -> tuple[Indices, Indices, Array]:
+    """Overlapping pairs of different groups, at least one body of which is new, and their depths [m]."""
+    every_body = np.ones(len(filter_input.ids), dtype=bool)
     found_a, found_b, found_depth = [], [], []
-    for a, b in overlapping_pairs(scene.overlap_boxes, scene.is_new, everything):
-        apart = (scene.group[a] != scene.group[b]) & ~(overcrowded[a] & overcrowded[b])
-        a, b = a[apart], b[apart]
-        depth = penetration_depths(scene.overlap_boxes, a, b)
-        deep = depth > _allowed_depth(scene, a, b)
-        deep[deep] = [
-            not scene.could_collide_before(i, j) for i, j in zip(a[deep].tolist(), b[deep].tolist(), strict=True)
+    for a, b in overlapping_pairs(filter_input.overlap_boxes, filter_input.is_new, every_body):
+        is_candidate = (filter_input.group[a] != filter_input.group[b]) & ~(overcrowded[a] & overcrowded[b])
+        a, b = a[is_candidate], b[is_candidate]
+        depth = penetration_depths(filter_input.overlap_boxes, a, b)
+        is_overlapping = depth > _allowed_depth(filter_input, a, b)
+        is_overlapping[is_overlapping] = [
+            not filter_input.could_collide_before(i, j)
+            for i, j in zip(a[is_overlapping].tolist(), b[is_overlapping].tolist(), strict=True)
         ]
-        found_a.append(a[deep])
-        found_b.append(b[deep])
-        found_depth.append(depth[deep])
+        found_a.append(a[is_overlapping])
+        found_b.append(b[is_overlapping])
+        found_depth.append(depth[is_overlapping])
     if not found_a:
         none = np.zeros(0, dtype=np.intp)
         return none, none, np.zeros(0)
@@ -182,82 +189,93 @@ def _overlapping(scene: CollisionFilterInput, overcrowded: NDArray[np.bool_]) ->
 
 
 def _refine_overlaps(
-    scene: CollisionFilterInput, a: Indices, b: Indices, depth: Array
+    filter_input: CollisionFilterInput, a: Indices, b: Indices, depth: Array
 ) -> tuple[Indices, Indices, Array, list[SpawnNote]]:
-    """Of pairs whose boxes overlap those whose solids do, and how deep these stand in one another.
+    """The pairs whose collision shapes overlap, and their depths [m].
 
-    What is loose and sunk in something by a little is none of them: it is pushed out, for else it would fall through
-    what it stands on.
+    Free bodies that penetrate others slightly are left out: they are pushed out, and without the collision they would
+    fall through their support.
     """
-    if scene.collision_shapes is None or scene.has_geometry is None:
+    if filter_input.collision_shapes is None or filter_input.has_geometry is None:
         return a, b, depth, []
-    formed = scene.has_geometry[a] | scene.has_geometry[b]
+    has_shapes = filter_input.has_geometry[a] | filter_input.has_geometry[b]
     depth = depth.copy()
-    depth[formed] = scene.collision_shapes.penetration_depths(a[formed], b[formed], depth[formed])
-    deep = depth > _allowed_depth(scene, a, b)
-    thickness = np.where(scene.is_free, scene.sizes.min(axis=1), np.inf)
-    bearable = np.minimum(MAX_RESOLVED_PENETRATION_M, np.minimum(thickness[a], thickness[b]) / 2)
-    sunk = deep & formed & (scene.is_free[a] | scene.is_free[b]) & (depth <= bearable)
-    deep &= ~sunk
-    return a[deep], b[deep], depth[deep], _penetration_notes(scene, a[sunk], b[sunk], depth[sunk])
+    depth[has_shapes] = filter_input.collision_shapes.penetration_depths(
+        a[has_shapes], b[has_shapes], depth[has_shapes]
+    )
+    is_overlapping = depth > _allowed_depth(filter_input, a, b)
+    thickness = np.where(filter_input.is_free, filter_input.sizes.min(axis=1), np.inf)
+    resolvable = np.minimum(MAX_RESOLVED_PENETRATION_M, np.minimum(thickness[a], thickness[b]) / 2)
+    is_penetrating = (
+        is_overlapping & has_shapes & (filter_input.is_free[a] | filter_input.is_free[b]) & (depth <= resolvable)
+    )
+    is_overlapping &= ~is_penetrating
+    return (
+        a[is_overlapping],
+        b[is_overlapping],
+        depth[is_overlapping],
+        _penetration_notes(filter_input, a[is_penetrating], b[is_penetrating], depth[is_penetrating]),
+    )
 
 
-def _penetration_notes(scene: CollisionFilterInput, a: Indices, b: Indices, depth: Array) -> list[SpawnNote]:
-    """One note for each body that is a little in something else, for the loose one or else the first."""
+def _penetration_notes(filter_input: CollisionFilterInput, a: Indices, b: Indices, depth: Array) -> list[SpawnNote]:
+    """One note for each body that penetrates others slightly."""
     others: dict[int, list[tuple[int, float]]] = {}
     for i, j, deep in zip(a.tolist(), b.tolist(), depth.tolist(), strict=True):
-        loose, other = (i, j) if scene.is_free[i] else (j, i)
-        others.setdefault(loose, []).append((other, deep))
+        free_index, other = (i, j) if filter_input.is_free[i] else (j, i)
+        others.setdefault(free_index, []).append((other, deep))
     notes = []
-    for loose, found in others.items():
-        names = tuple(scene.ids[other] for other, _ in found)
-        deepest = max(deep for _, deep in found) * 1000
-        text = f"{scene.ids[loose]} stands in {', '.join(names)} by up to {deepest:.0f} mm and is pushed out of it"
-        notes.append(SpawnNote(SpawnNoteKind.PENETRATION, (scene.ids[loose], *names), text))
+    for free_index, penetrated in others.items():
+        names = tuple(filter_input.ids[other] for other, _ in penetrated)
+        deepest = max(deep for _, deep in penetrated) * 1000
+        text = (
+            f"{filter_input.ids[free_index]} penetrates {', '.join(names)} by up to {deepest:.0f} mm and is pushed out"
+        )
+        notes.append(SpawnNote(SpawnNoteKind.PENETRATION, (filter_input.ids[free_index], *names), text))
     return notes
 
 
-def _allowed_depth(scene: CollisionFilterInput, a: Indices, b: Indices) -> Array:
-    """How deep the bodies of each pair may stand in one another and still only touch [m]."""
-    return np.where(scene.is_free[a] | scene.is_free[b], TOUCH_TOLERANCE_M, JOINT_TOUCH_TOLERANCE_M)
+def _allowed_depth(filter_input: CollisionFilterInput, a: Indices, b: Indices) -> Array:
+    """Overlap of each pair up to which it only touches [m]."""
+    return np.where(filter_input.is_free[a] | filter_input.is_free[b], TOUCH_TOLERANCE_M, JOINT_TOUCH_TOLERANCE_M)
 
 
 def _containing_pairs(
-    scene: CollisionFilterInput, boxes: OrientedBoxes, a: Indices, b: Indices
+    filter_input: CollisionFilterInput, boxes: OrientedBoxes, a: Indices, b: Indices
 ) -> tuple[Indices, Indices]:
-    """Pairs (outer, inner) in which the outer box holds all of the inner one."""
-    outer, inner = _outer_and_inner(scene, a, b)
+    """Pairs (outer, inner) in which the outer box contains the inner one."""
+    outer, inner = _outer_and_inner(filter_input, a, b)
     inside = contains(boxes, outer, inner)
     return outer[inside], inner[inside]
 
 
-def _outer_and_inner(scene: CollisionFilterInput, a: Indices, b: Indices) -> tuple[Indices, Indices]:
-    """Each pair both ways, but for those whose first one has a form: what is in that is its form's business."""
+def _outer_and_inner(filter_input: CollisionFilterInput, a: Indices, b: Indices) -> tuple[Indices, Indices]:
+    """Each pair in both orders, without those whose outer body has collision shapes with an interior of their own."""
     outer, inner = np.concatenate([a, b]), np.concatenate([b, a])
-    if scene.has_geometry is not None:
-        plain = ~scene.has_geometry[outer]
-        outer, inner = outer[plain], inner[plain]
+    if filter_input.has_geometry is not None:
+        without_geometry = ~filter_input.has_geometry[outer]
+        outer, inner = outer[without_geometry], inner[without_geometry]
     return outer, inner
 
 
 def _contents(
-    scene: CollisionFilterInput,
+    filter_input: CollisionFilterInput,
     boxes: OrientedBoxes,
     enclosing: Mapping[int, int],
-    collisions: CollisionFilter,
+    result: CollisionFilter,
     a: Indices,
     b: Indices,
 ) -> dict[int, list[int]]:
-    """For each body that holds something loose: what. Of nested holders the smallest counts."""
-    outer, inner = _outer_and_inner(scene, a, b)
+    """The free bodies inside each body; of nested containers the smallest counts."""
+    outer, inner = _outer_and_inner(filter_input, a, b)
     volume = np.prod(boxes.half_extents, axis=1)
-    able = scene.is_free[inner] & (volume[outer] > 2 * volume[inner])
-    outer, inner = outer[able], inner[able]
+    is_content = filter_input.is_free[inner] & (volume[outer] > 2 * volume[inner])
+    outer, inner = outer[is_content], inner[is_content]
     inside = contains(boxes, outer, inner, min_fraction=0.8)
     outer, inner = outer[inside], inner[inside]
     smallest: dict[int, int] = {}
     for o, i in zip(outer.tolist(), inner.tolist(), strict=True):
-        if o in enclosing or scene.ids[o] in collisions.non_colliding:
+        if o in enclosing or filter_input.ids[o] in result.non_colliding:
             continue
         if i not in smallest or volume[o] < volume[smallest[i]]:
             smallest[i] = o
@@ -267,85 +285,90 @@ def _contents(
     return contents
 
 
-def _front_positions(scene: CollisionFilterInput) -> dict[int, list[Array]]:
-    """For each assembly that does not move by itself: where what is joined to it (doors, drawers) stands."""
-    backwards = range(len(scene.ids) - 1, -1, -1)
-    first = dict(zip(scene.group[::-1].tolist(), backwards, strict=True))  # of several, the first comes last
+def _front_positions(filter_input: CollisionFilterInput) -> dict[int, list[Array]]:
+    """Positions of doors and drawers: the groups that are jointed to each fixed group."""
+    reverse_rows = range(len(filter_input.ids) - 1, -1, -1)
+    # Later entries replace earlier ones, so this is the first body of each group.
+    first = dict(zip(filter_input.group[::-1].tolist(), reverse_rows, strict=True))
     fronts: dict[int, list[Array]] = {}
-    for pair in scene.jointed_pairs:
-        for here, there in (pair, pair[::-1]):
-            if not scene.is_dynamic[first[here]]:
-                fronts.setdefault(here, []).append(scene.poses[first[there], :3])
+    for pair in filter_input.jointed_pairs:
+        for group, other in (pair, pair[::-1]):
+            if not filter_input.is_dynamic[first[group]]:
+                fronts.setdefault(group, []).append(filter_input.poses[first[other], :3])
     return fronts
 
 
 def _make_hollow(
-    scene: CollisionFilterInput,
+    filter_input: CollisionFilterInput,
     boxes: OrientedBoxes,
-    collisions: CollisionFilter,
+    result: CollisionFilter,
     outer: int,
     inner: list[int],
     fronts: Sequence[Array],
 ) -> SpawnNote:
-    """Makes one body hollow around its contents: those that just came, and those that are still in it."""
-    id = scene.ids[outer]
-    before = set(collisions.contents.get(id, ()))
-    old = np.array([i for i, other in enumerate(scene.ids) if other in before], dtype=np.intp) if before else inner[:0]
-    still = [int(i) for i in old if contains(boxes, np.array([outer]), np.array([i]), min_fraction=0.8)[0]]
-    inside = sorted({*inner, *still})
-    hollow = hollow_box(boxes, outer, inside, fronts)
-    names = tuple(scene.ids[i] for i in inside)
-    collisions.wall_panels[id] = hollow.panels
-    collisions.contents[id] = names
+    """Makes a body hollow around its contents, new ones and those that are still inside."""
+    id = filter_input.ids[outer]
+    before = set(result.contents.get(id, ()))
+    old = (
+        np.array([i for i, other in enumerate(filter_input.ids) if other in before], dtype=np.intp)
+        if before
+        else inner[:0]
+    )
+    remaining = [int(i) for i in old if contains(boxes, np.array([outer]), np.array([i]), min_fraction=0.8)[0]]
+    contents = sorted({*inner, *remaining})
+    hollow = hollow_box(boxes, outer, contents, fronts)
+    names = tuple(filter_input.ids[i] for i in contents)
+    result.wall_panels[id] = hollow.panels
+    result.contents[id] = names
     text = f"{id} is hollow, open {hollow.opening}, so that {', '.join(names)} can be inside"
     return SpawnNote(SpawnNoteKind.HOLLOW, (id, *names), text)
 
 
-def _crowded_mask(scene: CollisionFilterInput, a: Indices, b: Indices) -> NDArray[np.bool_]:
-    """Which bodies overlap more others than can be told one by one."""
-    matters = scene.is_dynamic[a] | scene.is_dynamic[b]
-    partners = np.bincount(np.concatenate([a[matters], b[matters]]), minlength=len(scene.ids))
+def _crowded_mask(filter_input: CollisionFilterInput, a: Indices, b: Indices) -> NDArray[np.bool_]:
+    """Bodies that overlap more than `_MAX_OVERLAPS` others."""
+    is_dynamic = filter_input.is_dynamic[a] | filter_input.is_dynamic[b]
+    partners = np.bincount(np.concatenate([a[is_dynamic], b[is_dynamic]]), minlength=len(filter_input.ids))
     return np.asarray(partners > _MAX_OVERLAPS)
 
 
 def _disable_collisions(
-    scene: CollisionFilterInput, collisions: CollisionFilter, crowded: NDArray[np.bool_]
+    filter_input: CollisionFilterInput, result: CollisionFilter, crowded: NDArray[np.bool_]
 ) -> list[SpawnNote]:
-    """Bodies in a crowd collide with nothing; what stands still is left as it is."""
+    """Disables all collisions of dynamic bodies among the given ones."""
     notes = []
-    for index in np.flatnonzero(crowded & scene.is_dynamic).tolist():
-        id = scene.ids[index]
-        if id not in collisions.non_colliding:
-            collisions.non_colliding.add(id)
+    for index in np.flatnonzero(crowded & filter_input.is_dynamic).tolist():
+        id = filter_input.ids[index]
+        if id not in result.non_colliding:
+            result.non_colliding.add(id)
             text = f"{id} overlaps more than {_MAX_OVERLAPS} others, so it collides with nothing"
             notes.append(SpawnNote(SpawnNoteKind.OVERLAP, (id,), text))
     return notes
 
 
 def _exclude_overlapping_pairs(
-    scene: CollisionFilterInput,
-    collisions: CollisionFilter,
+    filter_input: CollisionFilterInput,
+    result: CollisionFilter,
     overlaps: tuple[Indices, Indices, Array],
     supported: set[tuple[int, int]],
 ) -> list[SpawnNote]:
-    """Overlapping pairs do not collide, unless one of them now has an inside for the other."""
+    """Disables collisions of overlapping pairs, except between a hollow body and its contents."""
     a, b, depth = overlaps
-    matters = scene.is_dynamic[a] | scene.is_dynamic[b]
-    a, b, depth = a[matters], b[matters], depth[matters]
-    told: list[tuple[int, int, float]] = []
+    is_dynamic = filter_input.is_dynamic[a] | filter_input.is_dynamic[b]
+    a, b, depth = a[is_dynamic], b[is_dynamic], depth[is_dynamic]
+    reported: list[tuple[int, int, float]] = []
     for i, j, deep in zip(a.tolist(), b.tolist(), depth.tolist(), strict=True):
-        first, second = scene.ids[i], scene.ids[j]
-        ghost = first in collisions.non_colliding or second in collisions.non_colliding
-        if ghost or (i, j) in supported or (j, i) in supported:
+        first, second = filter_input.ids[i], filter_input.ids[j]
+        non_colliding = first in result.non_colliding or second in result.non_colliding
+        if non_colliding or (i, j) in supported or (j, i) in supported:
             continue
-        collisions.excluded_pairs.add((first, second) if first < second else (second, first))
-        if _sorted_pair(int(scene.group[i]), int(scene.group[j])) not in scene.jointed_pairs:
-            told.append((i, j, deep))
-    return _overlap_notes(scene.ids, told)
+        result.excluded_pairs.add(sorted_pair(first, second))
+        if sorted_pair(int(filter_input.group[i]), int(filter_input.group[j])) not in filter_input.jointed_pairs:
+            reported.append((i, j, deep))
+    return _overlap_notes(filter_input.ids, reported)
 
 
 def _overlap_notes(ids: tuple[BodyId, ...], pairs: list[tuple[int, int, float]]) -> list[SpawnNote]:
-    """One note for each body that overlaps others; a pair is told once, by the one with more partners."""
+    """One note for each body that overlaps others; a pair is reported once, for the body with more partners."""
     partners = Counter(index for i, j, _ in pairs for index in (i, j))
     by_hub: dict[int, list[tuple[int, float]]] = {}
     for i, j, deep in pairs:
@@ -355,10 +378,11 @@ def _overlap_notes(ids: tuple[BodyId, ...], pairs: list[tuple[int, int, float]])
     for hub, others in by_hub.items():
         names = tuple(ids[other] for other, _ in others)
         deepest = max(deep for _, deep in others) * 1000
-        text = f"{ids[hub]} overlaps {', '.join(names)} by up to {deepest:.0f} mm where they stand: they do not collide"
+        text = f"{ids[hub]} overlaps {', '.join(names)} by up to {deepest:.0f} mm: they do not collide"
         notes.append(SpawnNote(SpawnNoteKind.OVERLAP, (ids[hub], *names), text))
     return notes
 
 
-def _sorted_pair(a: int, b: int) -> tuple[int, int]:
+def sorted_pair(a: K, b: K) -> tuple[K, K]:
+    """The pair with its lower element first."""
     return (a, b) if a < b else (b, a)

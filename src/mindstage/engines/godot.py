@@ -1,9 +1,8 @@
-"""Line: the way to a Godot of ours: a bridge in this process, which nobody but that Godot can join.
+"""GodotEngine: a world simulated by a Godot process of its own.
 
-GodotEngine: a world in a Godot of its own.
-
-It is started for this engine, joins a bridge that only it can join, is told what was decided here, and ends with the
-engine. Godot's numbers have single precision: a pose that nothing moved comes back as it was given, others are rounded.
+The process is started for the engine, connects to a rosbridge server in this process that accepts no other client,
+receives a compiled physics model, and ends with the engine. Godot uses single precision: poses of unmoved bodies are
+returned as given, others are rounded.
 """
 
 from __future__ import annotations
@@ -34,7 +33,7 @@ _LIMITS = BridgeLimits(
 )  # a whole world may come in one message
 _POLL_INTERVAL_S = 0.02
 _EXIT_GRACE_S = 2.0
-"""How long after its connection broke a process may take to be gone [s]."""
+"""How long a process may take to exit after its connection is lost [s]."""
 _REQUIRED_SERVICES = (
     wire.Describe, wire.SpawnWorld, wire.LogWorld, wire.Delete, wire.Clear, wire.Attach, wire.Detach, wire.SetPose,
     wire.SetPhysics, wire.SetMaterials, wire.Highlight, wire.GetHighlights, wire.Step, wire.SetSpeed, wire.GetPoses,
@@ -42,10 +41,10 @@ _REQUIRED_SERVICES = (
 
 
 class GodotBridge(LocalNode):
-    """A hub with a server of its own at a free port, and the one process that joins it."""
+    """A rosbridge server at a free port, and the Godot process that is its only client."""
 
     def __init__(self) -> None:
-        """Lets a Godot in from now on; `process` is it, once there is one."""
+        """Starts the server; `process` is set by the caller."""
         super().__init__(limits=_LIMITS)
         self.token = token_urlsafe(24)
         self.process: GodotProcess | None = None
@@ -53,44 +52,44 @@ class GodotBridge(LocalNode):
             self.server = RosbridgeServer(self, port=0, token=self.token, ping_interval_s=None).start()
         except BridgeError as error:
             super().close()
-            cause = f"no port of this machine can be listened at: {error}"
+            cause = f"the server cannot listen on a local port: {error}"
             raise EngineUnavailableError("godot", cause=cause) from error
 
     @property
     def connected(self) -> bool:
-        """Whether it runs and is here."""
+        """Whether the process runs and is connected."""
         return self.process is not None and self.process.is_running and self.server.client_count > 0
 
     def wait_connected(self, timeout_s: float) -> None:
-        """Nobody comes back who is gone.
+        """Checks the connection; Godot never reconnects.
 
         Raises:
-            ConnectionLostError: it is gone.
+            ConnectionLostError: the connection is lost.
         """
         if not self.connected:
-            raise ConnectionLostError(self.server.url, cause="Godot is gone")
+            raise ConnectionLostError(self.server.url, cause="Godot has exited")
 
     def wait_services(self, namespace: str, timeout_s: float) -> None:
-        """Waits until all that an engine needs is offered.
+        """Waits until Godot offers all services that the engine needs.
 
         Raises:
-            EngineUnavailableError: it ended before, or took too long.
+            EngineUnavailableError: Godot exited, or took too long.
         """
         assert self.process is not None
         needed = {engine_service(service, namespace) for service in _REQUIRED_SERVICES}
-        until_s = time.monotonic() + timeout_s
+        deadline_s = time.monotonic() + timeout_s
         while missing := needed - self._service_names():
             if not self.process.is_running:
                 raise EngineUnavailableError("godot", cause=f"it did not start: {self.process.exit_message()}")
-            if time.monotonic() > until_s:
-                what = "no service" if len(missing) == len(needed) else f"no {', '.join(sorted(missing))}"
-                said = self.process.log_tail() or "nothing"
-                cause = f"after {timeout_s:g} s it offers {what}; it said: {said}"
-                raise EngineUnavailableError("godot", cause=cause, remedy="give it more time")
+            if time.monotonic() > deadline_s:
+                offered = "no service" if len(missing) == len(needed) else f"no {', '.join(sorted(missing))}"
+                output = self.process.log_tail() or "nothing"
+                cause = f"after {timeout_s:g} s it offers {offered}; its last output: {output}"
+                raise EngineUnavailableError("godot", cause=cause, remedy="increase the timeout")
             time.sleep(_POLL_INTERVAL_S)
 
     def close(self) -> None:
-        """Ends the process and the bridge; any number of times."""
+        """Ends the process and the server; closing again has no effect."""
         if self.process is not None:
             self.process.terminate()
         with suppress(BridgeError):
@@ -102,7 +101,7 @@ class GodotBridge(LocalNode):
 
 
 class GodotServiceClient(ServiceClient):
-    """A link that knows why nobody answers any more."""
+    """A service client that reports why the process exited."""
 
     def __init__(self, bridge: GodotBridge, *, namespace: str, timeout_s: float) -> None:
         address = RemoteUrl(host="127.0.0.1", port=bridge.server.port, namespace=namespace)
@@ -111,15 +110,15 @@ class GodotServiceClient(ServiceClient):
         self._bridge = bridge
 
     def wait_ready(self) -> None:
-        """See `ServiceClient`; nobody comes back who is gone."""
+        """See `ServiceClient`."""
         self._explaining_exit(super().wait_ready)
 
     def call_each(self, *args: Any, **options: Any) -> Iterator[Any]:
         """See `ServiceClient`."""
-        answers = iter(super().call_each(*args, **options))
+        responses = iter(super().call_each(*args, **options))
         while True:
             try:
-                yield self._explaining_exit(lambda: next(answers))
+                yield self._explaining_exit(lambda: next(responses))
             except StopIteration:
                 return
 
@@ -135,17 +134,17 @@ class GodotServiceClient(ServiceClient):
             ):
                 raise
             cause = process.exit_message()
-            raise EngineUnavailableError(self.name, cause=cause, remedy="start a new one") from error
+            raise EngineUnavailableError(self.name, cause=cause, remedy="create a new engine") from error
 
 
 _NAMESPACE = "godot"
 
 
 class GodotEngine(CompiledRemoteEngine):
-    """The contract, kept by Godot 4 and its Jolt."""
+    """An engine that simulates with Godot 4 and its Jolt physics."""
 
     precision = 2e-6
-    """So much of a number is lost in single precision and on the way through other axes, relative to its size."""
+    """Relative rounding error of single precision and axis conversion."""
 
     def __init__(
         self,
@@ -156,43 +155,43 @@ class GodotEngine(CompiledRemoteEngine):
         timeout_s: float = 20.0,
         start_timeout_s: float = 60.0,
     ) -> None:
-        """Starts Godot, and waits until it can be used.
+        """Starts Godot and waits until it is ready.
 
         Args:
-            program: which Godot; by default the one on PATH, or in a usual place.
-            window: whether it shows the world in a window.
-            options: more of Godot's own options, such as how to draw.
-            timeout_s: how long a call may take; larger worlds have more [s].
-            start_s: how long it may take to start [s].
+            program: the Godot executable; by default the one on PATH, or in a common location.
+            window: whether to show the world in a window.
+            options: additional command-line options of Godot, such as rendering options.
+            timeout_s: timeout of a call; larger worlds have more time [s].
+            start_timeout_s: timeout of the start [s].
 
         Raises:
-            EngineUnavailableError: there is none, it is too old, or it does not start.
+            EngineUnavailableError: Godot was not found, is too old, or did not start.
         """
         godot = find_godot(program)
-        project, forms = prepare_project(godot), geometry_cache_dir()
-        line = GodotBridge()
+        project, mesh_dir = prepare_project(godot), geometry_cache_dir()
+        bridge = GodotBridge()
         try:
-            line.process = GodotProcess(
-                godot, project, url=line.server.url, token=line.token, namespace=_NAMESPACE, mesh_dir=forms,
+            bridge.process = GodotProcess(
+                godot, project, url=bridge.server.url, token=bridge.token, namespace=_NAMESPACE, mesh_dir=mesh_dir,
                 window=window, options=options,
             )  # fmt: skip
-            line.wait_services(_NAMESPACE, start_timeout_s)
+            bridge.wait_services(_NAMESPACE, start_timeout_s)
             super().__init__(
-                GodotServiceClient(line, namespace=_NAMESPACE, timeout_s=timeout_s), export_mesh=cache_geometry_glb
+                GodotServiceClient(bridge, namespace=_NAMESPACE, timeout_s=timeout_s), export_mesh=cache_geometry_glb
             )
         except BaseException:
-            line.close()
+            bridge.close()
             raise
         self.version = godot.version
-        """Of Godot."""
-        self.pid = line.process.pid
-        """Of its process."""
+        """Version of Godot."""
+        self.pid = bridge.process.pid
+        """Process id of Godot."""
 
     def save_scene(self, path: str | Path) -> None:
-        """Writes what stands there as a scene of Godot's (.tscn), which its editor opens.
+        """Saves the running world as a Godot scene (.tscn), for the editor.
 
         Raises:
-            WorldError: it cannot be written there.
+            WorldError: the file cannot be written.
         """
         self._call(wire.SaveScene, wire.SaveScene.Request(path=str(Path(path).absolute())))
 
@@ -205,17 +204,17 @@ class GodotEngine(CompiledRemoteEngine):
         size: tuple[int, int] = (1280, 720),
         fov_deg: float = 50.0,
     ) -> None:
-        """Writes a picture of what stands there to a PNG file; for this it must have been started with a window.
+        """Saves an image of the running world as PNG; requires a window.
 
         Args:
-            path: the file.
-            eye: from where [m].
-            target: what is in the middle [m].
-            size: of the picture [pixels].
-            fov_deg: from its upper to its lower edge.
+            path: the file to write.
+            eye: camera position [m].
+            target: point in the center of the image [m].
+            size: image size [pixels].
+            fov_deg: vertical field of view [degrees].
 
         Raises:
-            WorldError: nothing is drawn, or it cannot be written there.
+            WorldError: nothing is rendered, or the file cannot be written.
         """
         request = wire.Photograph.Request(
             path=str(Path(path).absolute()), width=size[0], height=size[1], eye=point_message(eye),

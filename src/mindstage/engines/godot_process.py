@@ -1,14 +1,10 @@
-"""Project: the Godot project that speaks with Mindstage, ready to be run.
+"""Godot as a process: finding the executable, preparing the project, and running it.
 
-What is installed may be read-only, and Godot writes beside a project what it has worked out of it. So a copy lies in
-the cache, for each version of the project and of Godot one, and is made whole or not at all.
+The installed project may be read-only, and Godot writes imported files beside a project. Therefore a copy is prepared
+in the cache for each version of project and executable, atomically.
 
-Program: which Godot there is on this machine, and whether it is new enough.
-
-Process: one running Godot, and what it said last.
-
-It is told by its environment where to join and what the token is. It ends when it is ended here; should this process
-die without a word, Godot sees its connection break and ends by itself.
+A `GodotProcess` receives address and token by environment variables. It ends with the engine; if this process dies,
+Godot exits as soon as its connection is lost.
 """
 
 from __future__ import annotations
@@ -43,7 +39,7 @@ __all__ = [
 
 
 MIN_VERSION = (4, 4)
-"""The first Godot that has Jolt inside."""
+"""The first version of Godot with Jolt physics included."""
 _PROGRAM_NAMES = ("godot", "godot4", "godot-4")
 _COMMON_PATHS = {
     "linux": ("/usr/bin/godot", "/usr/games/godot", "/usr/local/bin/godot", "/opt/godot/godot", "/snap/bin/godot-4"),
@@ -51,38 +47,38 @@ _COMMON_PATHS = {
     "win32": (r"C:\Program Files\Godot\Godot.exe",),
 }
 _INSTALLED_PATH = "build/godot/bin/godot"
-"""Where scripts/install_godot.sh puts it."""
+"""Where scripts/install_godot.sh installs it."""
 _VERSION_TIMEOUT_S = 60.0
 _INSTALL_HINT = (
-    "install Godot 4.4 or later and have it on PATH, or name its program with GODOT"
+    "install Godot 4.4 or later and have it on PATH, or set GODOT to its path"
     " (in a checkout, scripts/install_godot.sh gets one)"
 )
 
 
 class GodotExecutable(NamedTuple):
-    """A Godot that can run worlds."""
+    """A Godot executable that is recent enough."""
 
     path: Path
     version: str
-    """As it tells it: "4.6.3.stable"."""
+    """As reported, such as "4.6.3.stable"."""
 
 
 def find_godot(program_name: str | Path | None = None) -> GodotExecutable:
-    """The Godot to use: the one that is named, else the first on PATH, else one in a usual place.
+    """Finds Godot: the named executable, or the first on PATH or in a common location.
 
     Raises:
-        EngineUnavailableError: there is none, it is too old, or it does not run.
+        EngineUnavailableError: Godot was not found, is too old, or does not run.
     """
     if program_name:
         program = shutil.which(str(program_name))
         if program is None:
             raise EngineUnavailableError(
-                "godot", cause=f"there is no program {str(program_name)!r}", remedy=_INSTALL_HINT
+                "godot", cause=f"there is no executable {str(program_name)!r}", remedy=_INSTALL_HINT
             )
         return _query_version(Path(program))
     found = next(_candidates(), None)
     if found is None:
-        raise EngineUnavailableError("godot", cause="there is no Godot on this machine", remedy=_INSTALL_HINT)
+        raise EngineUnavailableError("godot", cause="Godot was not found on this machine", remedy=_INSTALL_HINT)
     return _query_version(found)
 
 
@@ -90,30 +86,37 @@ def _candidates() -> Iterator[Path]:
     checkout = Path(__file__).resolve().parents[3]
     on_path = (found for name in _PROGRAM_NAMES if (found := shutil.which(name)))
     home = Path.home()
-    more = (home / ".local/bin/godot", home / "Applications/Godot.app/Contents/MacOS/Godot", checkout / _INSTALLED_PATH)
-    for place in map(str, (*on_path, *_COMMON_PATHS.get(sys.platform, ()), *more)):
-        if shutil.which(place):
-            yield Path(place)
+    locations = (
+        home / ".local/bin/godot",
+        home / "Applications/Godot.app/Contents/MacOS/Godot",
+        checkout / _INSTALLED_PATH,
+    )
+    for path in map(str, (*on_path, *_COMMON_PATHS.get(sys.platform, ()), *locations)):
+        if shutil.which(path):
+            yield Path(path)
 
 
 def _query_version(path: Path) -> GodotExecutable:
-    """What the program itself says."""
+    """Runs the executable to get its version."""
     try:
-        told = subprocess.run(
+        result = subprocess.run(
             [path, "--headless", "--version"],
-            stdin=subprocess.DEVNULL, capture_output=True, text=True, errors="replace", timeout=_VERSION_TIMEOUT_S, check=False,
+            stdin=subprocess.DEVNULL, capture_output=True, text=True, errors="replace", timeout=_VERSION_TIMEOUT_S,
+            check=False,
         )  # fmt: skip
     except subprocess.TimeoutExpired as error:
-        cause = f"{path} does not say its version within {_VERSION_TIMEOUT_S:g} s"
+        cause = f"{path} did not report its version within {_VERSION_TIMEOUT_S:g} s"
         raise EngineUnavailableError("godot", cause=cause, remedy=_INSTALL_HINT) from error
     except OSError as error:
         raise EngineUnavailableError(
             "godot", cause=f"{path} does not run: {error.strerror}", remedy=_INSTALL_HINT
         ) from error
-    found = re.search(r"^(\d+)\.(\d+)\S*", told.stdout, re.MULTILINE)
-    if told.returncode != 0 or found is None:
-        said = (told.stderr or told.stdout).strip().splitlines()[-1:] or [f"it ended with {told.returncode}"]
-        raise EngineUnavailableError("godot", cause=f"{path} does not say its version: {said[0]}", remedy=_INSTALL_HINT)
+    found = re.search(r"^(\d+)\.(\d+)\S*", result.stdout, re.MULTILINE)
+    if result.returncode != 0 or found is None:
+        output = (result.stderr or result.stdout).strip().splitlines()[-1:] or [f"exit code {result.returncode}"]
+        raise EngineUnavailableError(
+            "godot", cause=f"{path} does not report its version: {output[0]}", remedy=_INSTALL_HINT
+        )
     if (int(found[1]), int(found[2])) < MIN_VERSION:
         oldest = ".".join(map(str, MIN_VERSION))
         cause = f"{path} is Godot {found[0]}, and {oldest} or later is needed"
@@ -126,63 +129,63 @@ _EXCLUDED = shutil.ignore_patterns(".godot", "tests", "*.uid")
 _PROJECT_FILE = "project.godot"
 _HOME_DIR = "home"
 _KEPT_COPIES = 2
-"""So many copies are kept beside the one that is used, however old they are."""
+"""Unused copies that are kept however old they are."""
 _MAX_UNUSED_S = 24 * 3600.0
 
 
 def bundled_project() -> Path:
-    """The project as it comes with Mindstage: in the wheel, or beside `src` in a checkout.
+    """The project that comes with Mindstage: in the wheel, or beside `src` in a checkout.
 
     Raises:
-        EngineUnavailableError: it did not come along.
+        EngineUnavailableError: the project is not installed.
     """
     package = Path(__file__).resolve().parents[1]
-    places = (package / "godot_project", package.parents[1] / "godot")
-    found = next((place for place in places if (place / _PROJECT_FILE).is_file()), None)
+    candidates = (package / "godot_project", package.parents[1] / "godot")
+    found = next((candidate for candidate in candidates if (candidate / _PROJECT_FILE).is_file()), None)
     if found is None:
-        cause = f"its project is missing; it should be in {' or '.join(map(str, places))}"
+        cause = f"its project is missing; it should be in {' or '.join(map(str, candidates))}"
         raise EngineUnavailableError("godot", cause=cause, remedy="reinstall mindstage")
     return found
 
 
 def prepare_project(godot: GodotExecutable) -> Path:
-    """A copy that this Godot has prepared; made when it is first needed.
+    """A copy of the project, prepared for this executable on first use.
 
     Raises:
-        EngineUnavailableError: it cannot be made.
+        EngineUnavailableError: the copy cannot be created.
     """
-    shipped = bundled_project()
-    ready = cache_dir("godot") / _digest(shipped, godot)
-    if ready.is_dir():
+    source = bundled_project()
+    prepared = cache_dir("godot") / _digest(source, godot)
+    if prepared.is_dir():
         with suppress(OSError):
-            os.utime(ready)  # so that it is seen when it was used last
-        return ready
+            os.utime(prepared)  # time of the last use
+        return prepared
     try:
-        with tempfile.TemporaryDirectory(dir=ready.parent, prefix=".making-", ignore_cleanup_errors=True) as folder:
+        with tempfile.TemporaryDirectory(dir=prepared.parent, prefix=".making-", ignore_cleanup_errors=True) as folder:
             copy = Path(folder) / "project"
-            shutil.copytree(shipped, copy, ignore=_EXCLUDED)
+            shutil.copytree(source, copy, ignore=_EXCLUDED)
             _prepare(godot, copy)
-            copy.rename(ready)
+            copy.rename(prepared)
     except OSError as error:
-        if not ready.is_dir():  # somebody else was quicker with the same
-            cause = f"its project cannot be copied to {ready}: {error.strerror or error}"
+        if not prepared.is_dir():  # another process may have created it
+            cause = f"its project cannot be copied to {prepared}: {error.strerror or error}"
             raise EngineUnavailableError(
-                "godot", cause=cause, remedy="make room, or name another XDG_CACHE_HOME"
+                "godot", cause=cause, remedy="free disk space, or set another XDG_CACHE_HOME"
             ) from error
-    _delete_old(ready)
-    return ready
+    _delete_old(prepared)
+    return prepared
 
 
 def isolated_environment() -> dict[str, str]:
-    """What to tell a Godot by its environment, so that it writes nothing into its user's home."""
+    """Environment variables that keep Godot from writing to the user's home directory."""
     folder = cache_dir(f"godot/{_HOME_DIR}")
     return {"XDG_DATA_HOME": str(folder), "XDG_CONFIG_HOME": str(folder), "XDG_CACHE_HOME": str(folder)}
 
 
 def _prepare(godot: GodotExecutable, project: Path) -> None:
-    """Has Godot learn the names of the project's classes."""
+    """Lets Godot import the project, so that class names are registered."""
     try:
-        done = subprocess.run(
+        result = subprocess.run(
             [godot.path, "--headless", "--path", project, "--import"],
             stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, errors="replace",
             timeout=_IMPORT_TIMEOUT_S, check=False, env=os.environ | isolated_environment(),
@@ -190,24 +193,24 @@ def _prepare(godot: GodotExecutable, project: Path) -> None:
     except subprocess.TimeoutExpired as error:
         cause = f"{godot.path} did not prepare its project within {_IMPORT_TIMEOUT_S:g} s"
         raise EngineUnavailableError("godot", cause=cause) from error
-    if done.returncode != 0:
-        said = " / ".join(done.stdout.strip().splitlines()[-3:]) or "it says nothing"
+    if result.returncode != 0:
+        output = " / ".join(result.stdout.strip().splitlines()[-3:]) or "no output"
         raise EngineUnavailableError(
-            "godot", cause=f"it cannot prepare its project (exit code {done.returncode}): {said}"
+            "godot", cause=f"it cannot prepare its project (exit code {result.returncode}): {output}"
         )
 
 
-def _delete_old(ready: Path) -> None:
-    """Removes copies that nobody has started for a day, but for the latest. One that still runs has read all of its."""
-    others = [each for each in ready.parent.iterdir() if each not in {ready, ready.parent / _HOME_DIR}]
-    used_s = {each: each.stat().st_mtime for each in others if each.exists()}
-    for old in sorted(used_s, key=lambda each: used_s[each], reverse=True)[_KEPT_COPIES:]:
-        if time.time() - used_s[old] > _MAX_UNUSED_S:
-            shutil.rmtree(old, ignore_errors=True)
+def _delete_old(prepared: Path) -> None:
+    """Deletes copies that were not used for a day, except the latest. A running Godot has loaded all of its files."""
+    others = [each for each in prepared.parent.iterdir() if each not in {prepared, prepared.parent / _HOME_DIR}]
+    last_used_s = {each: each.stat().st_mtime for each in others if each.exists()}
+    for unused in sorted(last_used_s, key=lambda each: last_used_s[each], reverse=True)[_KEPT_COPIES:]:
+        if time.time() - last_used_s[unused] > _MAX_UNUSED_S:
+            shutil.rmtree(unused, ignore_errors=True)
 
 
 def _digest(project: Path, godot: GodotExecutable) -> str:
-    """A name for what the project and Godot are."""
+    """A hash of the project's content and the executable."""
     digest = hashlib.sha256(f"{godot.path}\0{godot.version}".encode())
     for path in _files(project):
         digest.update(f"\0{path.relative_to(project).as_posix()}\0".encode() + path.read_bytes())
@@ -222,13 +225,13 @@ def _files(project: Path) -> Iterator[Path]:
 
 
 _TERMINATE_TIMEOUT_S = 3.0
-"""How long it may take to end when it is asked to; then it is ended [s]."""
+"""How long it may take to exit after SIGTERM, before it is killed [s]."""
 _LOG_TAIL_LINES = 8
 _LOG_TAIL_BYTES = 8192
 
 
 class GodotProcess:
-    """Runs from when it is made until `end`."""
+    """A running Godot, from creation until `terminate`."""
 
     def __init__(
         self,
@@ -242,67 +245,67 @@ class GodotProcess:
         window: bool = False,
         options: Sequence[str] = (),
     ) -> None:
-        """Starts it, and does not wait.
+        """Starts Godot without waiting for it.
 
         Args:
-            godot: which.
-            project: what it runs.
-            url: of the bridge that it joins.
-            token: which lets it in; others on this machine cannot read it there.
-            namespace: below which it offers its services.
-            forms: the folder of mesh files.
-            window: whether it opens a window.
-            options: more of Godot's own options.
+            godot: the executable.
+            project: the prepared project.
+            url: address of the rosbridge server.
+            token: token for the server, passed in a variable that other users cannot read.
+            namespace: namespace of its services.
+            mesh_dir: directory of mesh files.
+            window: whether to open a window.
+            options: additional command-line options.
 
         Raises:
-            EngineUnavailableError: it does not start.
+            EngineUnavailableError: the process cannot be started.
         """
         command = [str(godot.path), *([] if window else ["--headless"]), *options, "--path", str(project), "--"]
         command += [f"--mindstage-url={url}", f"--mindstage-namespace={namespace}", "--mindstage-quit-when-lost"]
-        told = {"MINDSTAGE_TOKEN": token, "MINDSTAGE_FORMS": str(mesh_dir)}
+        environment = {"MINDSTAGE_TOKEN": token, "MINDSTAGE_FORMS": str(mesh_dir)}
         self._output: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115 - it is closed with the process
         try:
             self._process = subprocess.Popen(
                 command, stdin=subprocess.DEVNULL, stdout=self._output, stderr=subprocess.STDOUT,
-                env=os.environ | isolated_environment() | told, start_new_session=True,
+                env=os.environ | isolated_environment() | environment, start_new_session=True,
             )  # fmt: skip
         except OSError as error:
             self._output.close()
             cause = f"{godot.path} does not start: {error.strerror or error}"
             raise EngineUnavailableError("godot", cause=cause) from error
         self.terminate = finalize(self, _terminate, self._process, self._output)
-        """Ends it; any number of times."""
+        """Ends the process; calling it again has no effect."""
 
     @property
     def pid(self) -> int:
-        """Its number."""
+        """Process id."""
         return self._process.pid
 
     @property
     def is_running(self) -> bool:
-        """Whether it is still there."""
+        """Whether the process runs."""
         return self._process.poll() is None
 
     def exits_within(self, timeout_s: float) -> bool:
-        """Whether it ends within a while."""
+        """Whether the process exits within a timeout."""
         with suppress(subprocess.TimeoutExpired):
             self._process.wait(timeout_s)
         return not self.is_running
 
     def exit_message(self) -> str:
-        """How it ended, and its last words."""
+        """How the process ended, with its last output."""
         code = self._process.poll()
         if code is None:
-            how = "it still runs"
+            state = "it is running"
         elif code < 0:
-            how = f"it was ended by {_signal_name(-code)}"
+            state = f"it was terminated by {_signal_name(-code)}"
         else:
-            how = f"it ended with exit code {code}"
-        said = self.log_tail()
-        return f"{how}; its last words: {said}" if said else f"{how} and said nothing"
+            state = f"it exited with code {code}"
+        output = self.log_tail()
+        return f"{state}; last output: {output}" if output else f"{state} without output"
 
     def log_tail(self) -> str:
-        """The last lines that it wrote."""
+        """The last lines of output."""
         if self._output.closed:
             return ""
         descriptor = self._output.fileno()
@@ -324,7 +327,7 @@ def _terminate(process: subprocess.Popen[bytes], output: IO[bytes]) -> None:
 
 
 def _send_signal(process: subprocess.Popen[bytes], number: signal.Signals) -> None:
-    """Sends a signal to it and to whatever it started itself."""
+    """Sends a signal to the process and its children."""
     with suppress(ProcessLookupError, PermissionError):
         if hasattr(os, "killpg"):
             os.killpg(process.pid, number)

@@ -1,15 +1,12 @@
-"""Forest: which body moves with which, worked out before any physics.
+"""Rigid groups and kinematic trees of a world, and the coordinates of its joints.
 
-Bodies that hang rigidly together form an assembly. Constraints join assemblies. MuJoCo wants kinematic trees: each
-tree grows from an assembly that the physics does not move (else from the heaviest), whatever the map calls parent
-and child. A constraint that would close a loop cannot be part of a tree; it is kept as an equality.
+Attached bodies form rigid groups, which joints connect to trees. The root of a tree is a group that is not dynamic, or
+else the heaviest; parents in a tree may be children in the map. Joints that would close a loop are kept separately, as
+equality constraints.
 
-Joints: the six axes of a constraint as slides, hinges and balls.
-
-Coordinates are those of the joint frame: x, y, z [m], then twist (about x), swing 2 (about y), swing 1 (about z) [rad].
-Slides come first, so that they go along axes that do not turn, then the hinges about z, y and x, which are the angles
-of a rotation in that order (Tait-Bryan); MuJoCo applies joints so. Three free angles are a ball, which has no singular
-pose.
+Joint coordinates are x, y, z [m], then twist (about x), swing 2 (about y), swing 1 (about z) [rad] in the joint frame.
+As in MuJoCo, slides come first, along axes that do not rotate, followed by hinges about z, y and x: the Tait-Bryan
+angles of the rotation. Three free angles are a ball joint, which has no singularity.
 """
 
 from __future__ import annotations
@@ -42,22 +39,22 @@ __all__ = [
 
 
 AXIS_NAMES = ("x", "y", "z", "twist", "swing2", "swing1")
-"""Of a constraint, in the order of coordinates."""
+"""The axes of a joint in the order of coordinates."""
 
 _HINGE_ORDER = (5, 4, 3)
 
 
 @dataclass(frozen=True, slots=True)
 class JointAxis:
-    """One axis along or about which something can move."""
+    """One movable axis of a joint."""
 
     index: int
-    """Into `AXIS_NAMES`: 0 to 2 are slides along x, y, z; 3 to 5 hinges about them."""
+    """Index into `AXIS_NAMES`: 0 to 2 are slides along x, y, z; 3 to 5 hinges about them."""
     limit: float | None
-    """Either way from the middle [m or rad]; None for no limit."""
+    """Half range [m or rad]; None for no limit."""
     soft_limit: SoftLimit
     middle: float = 0.0
-    """Of its range, from where it was spawned."""
+    """Middle of the range, relative to the spawned position."""
 
     @property
     def is_prismatic(self) -> bool:
@@ -71,20 +68,25 @@ class JointAxis:
 
 
 def movable_axes(joint: Joint, *, is_reversed: bool = False) -> tuple[JointAxis, ...]:
-    """The axes that can move, slides first; a range of one point is none.
+    """The movable axes of a joint, slides first; an axis with an empty range is locked.
 
     Args:
-        constraint: the constraint.
-        upside_down: whether its child holds its parent, so that all goes the other way.
+        joint: the joint.
+        is_reversed: whether its child is the parent in the tree, so that all directions are inverted.
     """
     linear, angular = joint.linear, joint.angular
-    softs = (*(linear.soft_limit,) * 3, angular.twist_soft_limit, angular.swing_soft_limit, angular.swing_soft_limit)
+    soft_limits = (
+        *(linear.soft_limit,) * 3,
+        angular.twist_soft_limit,
+        angular.swing_soft_limit,
+        angular.swing_soft_limit,
+    )
     ranges = axis_ranges(joint)
-    way = -1.0 if is_reversed else 1.0
+    sign = -1.0 if is_reversed else 1.0
     return tuple(
-        JointAxis(index, None, softs[index])
+        JointAxis(index, None, soft_limits[index])
         if motion is AxisMotion.FREE
-        else JointAxis(index, limit, softs[index], way * middle)
+        else JointAxis(index, limit, soft_limits[index], sign * middle)
         for index in (0, 1, 2, *_HINGE_ORDER)
         for motion, limit, middle in [ranges[index]]
         if motion is AxisMotion.FREE or (motion is AxisMotion.LIMITED and middle - limit < middle + limit)
@@ -97,19 +99,21 @@ def is_ball(axes: Sequence[JointAxis]) -> bool:
 
 
 def pose_from_joint_coordinates(coordinates: Sequence[float]) -> Array:
-    """The child's joint frame seen from the parent's, seven numbers, for six coordinates."""
+    """The child's joint frame in the parent's, seven numbers, for six coordinates."""
     quaternion = np.array([1.0, 0.0, 0.0, 0.0])
     for index in _HINGE_ORDER:
-        turn = np.zeros(4)
-        turn[0], turn[1 + index % 3] = np.cos(coordinates[index] / 2), np.sin(coordinates[index] / 2)
-        quaternion = quat_multiply(quaternion, turn)
+        axis_rotation = np.zeros(4)
+        axis_rotation[0], axis_rotation[1 + index % 3] = np.cos(coordinates[index] / 2), np.sin(coordinates[index] / 2)
+        quaternion = quat_multiply(quaternion, axis_rotation)
     return np.array([*coordinates[:3], *quaternion])
 
 
 def joint_coordinates(relative: Array, axes: Sequence[JointAxis]) -> Array:
-    """Six coordinates of a joint frame seen from the parent's; angles within a half turn either way.
+    """The six coordinates of a joint, angles within [-pi, pi).
 
-    What the axes cannot express is left out; compare `pose_from_joint_coordinates` of the result to know whether there was any.
+    Args:
+        relative: the child's joint frame in the parent's, seven numbers.
+        axes: the movable axes. Other motion is left out; compare with `pose_from_joint_coordinates` to detect it.
     """
     w, x, y, z = (relative[3:] / np.linalg.norm(relative[3:])).tolist()
     hinges = [axis for axis in axes if not axis.is_prismatic]
@@ -129,142 +133,142 @@ T = TypeVar("T")
 
 @dataclass(slots=True)
 class RigidGroup:
-    """Bodies that keep their places among one another."""
+    """Bodies that are rigidly attached to one another."""
 
     root: BodyId
-    """The body all others hang on."""
+    """The body to which all others are attached."""
     mobility: Mobility
-    """Of the top; it decides for all."""
+    """Mobility of the root, which holds for all."""
     mass_kg: float
     bodies: list[BodyId] = field(default_factory=list)
-    """The top first, parents before children."""
+    """The root first, parents before children."""
 
     @property
     def is_dynamic(self) -> bool:
-        """Whether the physics moves it."""
+        """Whether the group is simulated."""
         return self.mobility is Mobility.DYNAMIC
 
 
 @dataclass(slots=True)
 class TreeJoint:
-    """An assembly hanging on a body of another one, by a constraint."""
+    """A joint that connects a rigid group to its parent in the tree."""
 
     joint: Joint
     parent: BodyId
-    """The end nearer to the root, which need not be what the map calls the parent."""
+    """The end nearer to the root, which may be the child in the map."""
     child: BodyId
 
     @property
     def is_reversed(self) -> bool:
-        """Whether the map has the roles the other way round."""
+        """Whether parent and child are swapped compared to the map."""
         return self.parent != self.joint.parent
 
     def order_ends(self, ends: tuple[T, T]) -> tuple[T, T]:
-        """What belongs to the map's parent and to its child, as what belongs to this branch's parent and child."""
+        """Reorders a pair for the map's parent and child to this joint's parent and child."""
         return ends[::-1] if self.is_reversed else ends
 
 
 @dataclass(slots=True)
 class KinematicForest:
-    """All assemblies and how they hang together."""
+    """All rigid groups and the joints between them."""
 
     groups: dict[BodyId, RigidGroup] = field(default_factory=dict)
-    """By their tops, each one after the one it hangs on."""
+    """Groups by their roots, parents before children."""
     root_of: dict[BodyId, BodyId] = field(default_factory=dict)
-    """The top of each body's assembly."""
+    """Root of each body's group."""
     rigid_parents: dict[BodyId, BodyId] = field(default_factory=dict)
-    """Whom each body hangs on rigidly; tops are not in it."""
+    """Parent of each rigidly attached body; roots are not included."""
     tree_joints: dict[BodyId, TreeJoint] = field(default_factory=dict)
-    """By the top of the hanging assembly."""
+    """By the root of the child group."""
     loop_joints: list[TreeJoint] = field(default_factory=list)
-    """Constraints that close a loop."""
+    """Joints that close a loop."""
     notes: list[SpawnNote] = field(default_factory=list)
 
 
 def build_kinematic_forest(registry: EntityRegistry, masses: Mapping[BodyId, float]) -> KinematicForest:
-    """Works out the forest of everything in an inventory.
+    """Computes the forest of a registry.
 
     Args:
-        inventory: bodies, constraints, attachments.
-        masses: of every body that the physics may move, estimated ones included [kg].
+        registry: bodies, joints and attachments.
+        masses: masses of all bodies, estimated ones included [kg].
     """
     forest = KinematicForest()
     _build_groups(forest, registry, masses)
     edges = _edges(forest, registry.joints.values())
     ordered: dict[BodyId, RigidGroup] = {}
-    fixed = [assembly for assembly in forest.groups.values() if not assembly.is_dynamic]
+    fixed = [group for group in forest.groups.values() if not group.is_dynamic]
     free = sorted((a for a in forest.groups.values() if a.is_dynamic), key=lambda a: -a.mass_kg)
     used: set[BodyId] = set()
-    # A kinematic root may be moved one day, so what also reaches a static one should rather hang there.
-    roots = sorted(fixed, key=lambda assembly: assembly.mobility is Mobility.KINEMATIC)
+    # A kinematic root may be moved later, so groups between a static and a kinematic one belong to the static tree.
+    roots = sorted(fixed, key=lambda group: group.mobility is Mobility.KINEMATIC)
     _grow_trees(forest, roots, edges, ordered, used)
-    for assembly in free:
-        _grow_trees(forest, [assembly], edges, ordered, used)
+    for group in free:
+        _grow_trees(forest, [group], edges, ordered, used)
     forest.groups = ordered
     return forest
 
 
 def effective_mobility(body: Body) -> Mobility:
-    """The body's mobility, where what is not said is static."""
+    """The body's mobility; static by default."""
     return body.physics.mobility or Mobility.STATIC
 
 
 def _build_groups(forest: KinematicForest, registry: EntityRegistry, masses: Mapping[BodyId, float]) -> None:
-    joined = _joints_by_body(registry)
+    joints_of = _joints_by_body(registry)
     for id, body in registry.bodies.items():
-        holder = registry.parents.get(id)
-        if holder is None:
+        parent = registry.parents.get(id)
+        if parent is None:
             continue
-        if not (body.physics.is_dynamic and id in joined):
-            forest.rigid_parents[id] = holder
+        if not (body.physics.is_dynamic and id in joints_of):
+            forest.rigid_parents[id] = parent
             continue
-        constraints = ", ".join(joined[id])
-        text = f"{id} is attached to {holder}, but moves by its constraint {constraints}"
-        forest.notes.append(SpawnNote(SpawnNoteKind.ATTACHMENT, (id, holder), text))
-    tops = [id for id in registry.bodies if id not in forest.rigid_parents]
-    for top in tops:
-        assembly = RigidGroup(top, effective_mobility(registry.bodies[top]), 0.0)
-        waiting = [top]
-        while waiting:
-            id = waiting.pop()
-            assembly.bodies.append(id)
-            assembly.mass_kg += masses.get(id, 0.0)
-            forest.root_of[id] = top
-            waiting.extend(child for child in registry.children(id) if forest.rigid_parents.get(child) == id)
-        forest.groups[top] = assembly
-    for id, holder in forest.rigid_parents.items():
+        joint_ids = ", ".join(joints_of[id])
+        text = f"{id} is attached to {parent}, but moves on its joint {joint_ids}"
+        forest.notes.append(SpawnNote(SpawnNoteKind.ATTACHMENT, (id, parent), text))
+    roots = [id for id in registry.bodies if id not in forest.rigid_parents]
+    for root in roots:
+        group = RigidGroup(root, effective_mobility(registry.bodies[root]), 0.0)
+        stack = [root]
+        while stack:
+            id = stack.pop()
+            group.bodies.append(id)
+            group.mass_kg += masses.get(id, 0.0)
+            forest.root_of[id] = root
+            stack.extend(child for child in registry.children(id) if forest.rigid_parents.get(child) == id)
+        forest.groups[root] = group
+    for id, parent in forest.rigid_parents.items():
         if registry.bodies[id].physics.is_dynamic:
-            text = f"{id} is dynamic and attached to {holder}: it moves rigidly with it and adds its mass"
-            forest.notes.append(SpawnNote(SpawnNoteKind.ATTACHMENT, (id, holder), text))
+            text = f"{id} is dynamic and attached to {parent}: it moves rigidly with it and adds its mass"
+            forest.notes.append(SpawnNote(SpawnNoteKind.ATTACHMENT, (id, parent), text))
 
 
 def _joints_by_body(registry: EntityRegistry) -> dict[BodyId, list[BodyId]]:
-    """The constraints of each body that has some."""
-    joined: dict[BodyId, list[BodyId]] = {}
-    for constraint in registry.joints.values():
-        joined.setdefault(constraint.parent, []).append(constraint.id)
-        joined.setdefault(constraint.child, []).append(constraint.id)
-    return joined
+    """The ids of each body's joints."""
+    joints_of: dict[BodyId, list[BodyId]] = {}
+    for joint in registry.joints.values():
+        joints_of.setdefault(joint.parent, []).append(joint.id)
+        joints_of.setdefault(joint.child, []).append(joint.id)
+    return joints_of
 
 
 _Edges = dict[BodyId, list[tuple[BodyId, TreeJoint]]]
 
 
 def _edges(forest: KinematicForest, joints: Iterable[Joint]) -> _Edges:
-    """For each assembly, what it could hold: the other assembly's top, and the branch seen from here."""
+    """For each group, its neighbors: the other group's root, and the joint from here to there."""
     edges: _Edges = {}
-    for constraint in joints:
-        parent, child = forest.root_of[constraint.parent], forest.root_of[constraint.child]
-        ids = (constraint.id, constraint.parent, constraint.child)
+    for joint in joints:
+        parent, child = forest.root_of[joint.parent], forest.root_of[joint.child]
+        ids = (joint.id, joint.parent, joint.child)
         if parent == child:
-            text = f"{constraint.id} joins {constraint.parent} and {constraint.child}, which hang rigidly together"
+            text = f"{joint.id} connects {joint.parent} and {joint.child}, which are rigidly attached"
             forest.notes.append(SpawnNote(SpawnNoteKind.JOINT, ids, text))
         elif not (forest.groups[parent].is_dynamic or forest.groups[child].is_dynamic):
-            text = f"{constraint.id} joins {constraint.parent} and {constraint.child}, neither of which is dynamic"
+            text = f"{joint.id} connects {joint.parent} and {joint.child}, neither of which is dynamic"
             forest.notes.append(SpawnNote(SpawnNoteKind.JOINT, ids, text))
-        elif not _all_free(constraint.linear, constraint.angular):
-            edges.setdefault(parent, []).append((child, TreeJoint(constraint, constraint.parent, constraint.child)))
-            edges.setdefault(child, []).append((parent, TreeJoint(constraint, constraint.child, constraint.parent)))
+        elif not _all_free(joint.linear, joint.angular):
+            edges.setdefault(parent, []).append((child, TreeJoint(joint, joint.parent, joint.child)))
+            edges.setdefault(child, []).append((parent, TreeJoint(joint, joint.child, joint.parent)))
     return edges
 
 
@@ -280,23 +284,23 @@ def _grow_trees(
     ordered: dict[BodyId, RigidGroup],
     used: set[BodyId],
 ) -> None:
-    """Grows trees from some roots over all that they reach, breadth first; `used` holds the constraints so far."""
-    waiting: deque[RigidGroup] = deque()
-    for root in roots:
-        if root.root not in ordered:
-            ordered[root.root] = root
-            waiting.append(root)
-    while waiting:
-        here = waiting.popleft()
-        for top, branch in edges.get(here.root, ()):
-            if branch.joint.id in used:
+    """Grows trees breadth-first from some roots; `used` has the ids of all joints so far."""
+    pending: deque[RigidGroup] = deque()
+    for start in roots:
+        if start.root not in ordered:
+            ordered[start.root] = start
+            pending.append(start)
+    while pending:
+        group = pending.popleft()
+        for root, tree_joint in edges.get(group.root, ()):
+            if tree_joint.joint.id in used:
                 continue
-            used.add(branch.joint.id)
-            if top in ordered:
-                forest.loop_joints.append(branch)
-                text = f"{branch.joint.id} closes a loop of constraints and is held by an equality"
-                forest.notes.append(SpawnNote(SpawnNoteKind.JOINT, (branch.joint.id,), text))
+            used.add(tree_joint.joint.id)
+            if root in ordered:
+                forest.loop_joints.append(tree_joint)
+                text = f"{tree_joint.joint.id} closes a loop of joints and is an equality constraint"
+                forest.notes.append(SpawnNote(SpawnNoteKind.JOINT, (tree_joint.joint.id,), text))
             else:
-                forest.tree_joints[top] = branch
-                ordered[top] = forest.groups[top]
-                waiting.append(forest.groups[top])
+                forest.tree_joints[root] = tree_joint
+                ordered[root] = forest.groups[root]
+                pending.append(forest.groups[root])

@@ -1,4 +1,4 @@
-"""Matter: what bodies are made of and what they weigh, told or assumed."""
+"""Geometry, size and mass of bodies, given or estimated."""
 
 from __future__ import annotations
 
@@ -24,95 +24,95 @@ from mindstage.scene.transforms import Array, quat_rotate
 
 __all__ = ["ASSUMED_SIZE_M", "MassProperties"]
 
-_id_of = builtins.id  # the methods here have an argument `id`
+_id_of = builtins.id  # the methods here have a parameter named `id`
 
 ASSUMED_SIZE_M = 0.1
 _ASSUMED_DENSITY = 200.0
-"""[kg/m³]: furniture and full cupboards alike weigh about this much for the box that they fill."""
+"""Mean density of furniture and full cupboards in their bounding boxes [kg/m³]."""
 _ASSUMED_MASS_RANGE_KG = (0.01, 100.0)
-"""No estimate is below or above these."""
+"""Range of estimated masses."""
 _ROUND_SHAPE_FACTOR = 0.8
-"""A box of this part of its size lies about as often inside something round as outside."""
+"""Scale of a box that lies about as much inside a round shape as outside."""
 
 
 class MassProperties:
-    """The forms of an inventory's bodies, each made ready once."""
+    """Geometry and mass properties of the bodies in a registry."""
 
     def __init__(self, registry: EntityRegistry) -> None:
         self.geometry: dict[BodyId, BodyGeometry] = {}
         self._registry = registry
         self._compiled: dict[int, tuple[object, CompiledGeometry]] = {}
-        """By the identity of a form's tuple of solids, which stands beside it so that it lives as long."""
+        """By identity of a tuple of collision shapes, which is stored beside it to keep it alive."""
 
     def copy(self, registry: EntityRegistry) -> MassProperties:
-        """The same forms for a copy of the inventory; what was made ready never changes, so is shared."""
-        twin = MassProperties(registry)
-        twin.geometry, twin._compiled = dict(self.geometry), self._compiled
-        return twin
+        """The same geometry for a copy of the registry; compiled geometry is immutable and shared."""
+        result = MassProperties(registry)
+        result.geometry, result._compiled = dict(self.geometry), self._compiled
+        return result
 
     def add(self, ids: Iterable[BodyId], geometry: GeometryMap) -> list[SpawnNote]:
-        """Takes the forms of bodies that came, and says what of them cannot be used."""
+        """Adds geometry of new bodies; returns a note for each with invalid numbers."""
         notes = []
         for id in ids:
             if id not in geometry:
                 continue
-            self.geometry[id], strange = _without_invalid_numbers(geometry[id])
+            self.geometry[id], invalid = _without_invalid_numbers(geometry[id])
             if count := self.compiled(id).invalid_count:
-                strange.append(f"{count} of its solids")
-            if strange:
-                text = f"{id}'s form has numbers that mean nothing: {', '.join(strange)} left out"
+                invalid.append(f"{count} of its collision shapes")
+            if invalid:
+                text = f"{id}'s geometry has invalid numbers: {', '.join(invalid)} left out"
                 notes.append(SpawnNote(SpawnNoteKind.SHAPE, (id,), text))
         return notes
 
     def remove(self, ids: Iterable[BodyId]) -> None:
-        """Forgets the forms of bodies that went."""
+        """Removes geometry of bodies."""
         for id in ids:
             self.geometry.pop(id, None)
 
     def size(self, id: BodyId) -> Vector:
-        """How large a body is, or is taken to be."""
+        """Size of a body, assumed if the map has none [m]."""
         return self._registry.bodies[id].size or (ASSUMED_SIZE_M,) * 3
 
     def sizes(self, ids: Iterable[BodyId]) -> Array:
-        """The same for many, n x 3."""
+        """Sizes of bodies, n x 3 [m]."""
         bodies, default = self._registry.bodies, (ASSUMED_SIZE_M,) * 3
         return np.array([bodies[id].size or default for id in ids], dtype=float).reshape(-1, 3)
 
     def compiled(self, id: BodyId) -> CompiledGeometry:
-        """What a body is made of; without a form it is its shape, in its size."""
-        form = self.geometry.get(id)
-        if form is None:
+        """Collision shapes of a body; without geometry, its primitive shape in its size."""
+        geometry = self.geometry.get(id)
+        if geometry is None:
             return compile_geometry((fallback_collision_shape(self._registry.bodies[id], self.size(id)),))
-        known = self._compiled.get(_id_of(form.collision_shapes))
-        if known is None:
-            known = self._compiled[_id_of(form.collision_shapes)] = (
-                form.collision_shapes,
-                compile_geometry(form.collision_shapes),
+        cached = self._compiled.get(_id_of(geometry.collision_shapes))
+        if cached is None:
+            cached = self._compiled[_id_of(geometry.collision_shapes)] = (
+                geometry.collision_shapes,
+                compile_geometry(geometry.collision_shapes),
             )
-        return known[1]
+        return cached[1]
 
     def has_own_geometry(self, id: BodyId) -> bool:
-        """Whether a body has a form that is not just one box of its size."""
+        """Whether a body's collision shapes differ from the box of its size."""
         return id in self.geometry and not self.compiled(id).is_box_of_size(self.size(id))
 
-    # -- in bulk, for decisions ----------------------------------------------------------------------------------
+    # -- arrays ---------------------------------------------------------------------------------------------------
 
     def has_geometry_mask(self, ids: Sequence[BodyId]) -> NDArray[np.bool_] | None:
-        """For each body `has_own_geometry`; None where no body has a form."""
+        """`has_own_geometry` of bodies; None if no body has geometry."""
         return np.array([self.has_own_geometry(id) for id in ids], dtype=bool) if self.geometry else None
 
     def collision_shape_batch(self, ids: Sequence[BodyId], poses: Array) -> CollisionShapeBatch | None:
-        """All solids where they stand; None where no body has a form."""
+        """Collision shapes of bodies at their poses; None if no body has geometry."""
         return CollisionShapeBatch.from_compiled(poses, [self.compiled(id) for id in ids]) if self.geometry else None
 
     def overlap_boxes(self, ids: Sequence[BodyId], body_poses: Array) -> OrientedBoxes:
-        """Boxes that stand for the bodies when it comes to overlaps: round a form's solids, within round shapes."""
+        """Boxes for overlap tests: around collision shapes, and smaller than round primitive shapes."""
         poses, sizes = body_poses.copy(), self.sizes(ids)
-        formed = [row for row, id in enumerate(ids) if id in self.geometry]
-        if formed:
-            low, high = np.array([self.compiled(ids[row]).bounds for row in formed]).transpose(1, 0, 2)
-            poses[formed, :3] += quat_rotate(body_poses[formed, 3:], (low + high) / 2)
-            sizes[formed] = high - low
+        rows = [row for row, id in enumerate(ids) if id in self.geometry]
+        if rows:
+            low, high = np.array([self.compiled(ids[row]).bounds for row in rows]).transpose(1, 0, 2)
+            poses[rows, :3] += quat_rotate(body_poses[rows, 3:], (low + high) / 2)
+            sizes[rows] = high - low
         for row, id in enumerate(ids):
             shape = self._registry.bodies[id].shape
             if shape is None or shape.type is PrimitiveType.BOX or id in self.geometry:
@@ -127,48 +127,53 @@ class MassProperties:
     # -- masses --------------------------------------------------------------------------------------------------
 
     def mass(self, id: BodyId, *, is_dynamic: bool) -> float:
-        """The given mass, or an estimate if the physics moves it, or 0 [kg]."""
+        """The given mass, an estimate for dynamic bodies, or 0 [kg]."""
         return self._registry.bodies[id].physics.mass_kg or (self._estimated_mass(id) if is_dynamic else 0.0)
 
     def approximate_masses(self) -> dict[BodyId, float]:
-        """Given masses, and estimates for all others."""
+        """Given masses, and estimates for all other bodies [kg]."""
         return {id: self.mass(id, is_dynamic=True) for id in self._registry.bodies}
 
     def _estimated_mass(self, id: BodyId) -> float:
-        form = self.geometry.get(id)
-        if form is not None and form.density is not None:
-            mass = self.compiled(id).volume * form.density
+        geometry = self.geometry.get(id)
+        if geometry is not None and geometry.density is not None:
+            mass = self.compiled(id).volume * geometry.density
         else:
             depth, width, height = self.size(id)
             mass = depth * width * height * _ASSUMED_DENSITY
-        least, most = _ASSUMED_MASS_RANGE_KG
-        return float(min(max(mass, least), most))
+        lowest, highest = _ASSUMED_MASS_RANGE_KG
+        return float(min(max(mass, lowest), highest))
 
     def assumption_notes(self, ids: Iterable[BodyId], is_dynamic: Callable[[BodyId], bool]) -> list[SpawnNote]:
-        """One note for each kind of thing that the map did not say."""
+        """Notes on sizes, mobilities and masses that the map does not give."""
         bodies = [self._registry.bodies[id] for id in ids]
         notes = []
         if unsized := tuple(body.id for body in bodies if body.size is None):
-            text = f"{len(unsized)} bodies have no size and are taken as cubes of {ASSUMED_SIZE_M} m"
+            text = f"{len(unsized)} bodies have no size; cubes of {ASSUMED_SIZE_M} m are assumed"
             notes.append(SpawnNote(SpawnNoteKind.SIZE_ASSUMED, unsized, text))
-        if unmoved := tuple(body.id for body in bodies if body.physics.mobility is None):
-            text = f"{len(unmoved)} bodies have no mobility and are taken as static"
-            notes.append(SpawnNote(SpawnNoteKind.MOBILITY_ASSUMED, unmoved, text))
+        if immobile := tuple(body.id for body in bodies if body.physics.mobility is None):
+            text = f"{len(immobile)} bodies have no mobility; static is assumed"
+            notes.append(SpawnNote(SpawnNoteKind.MOBILITY_ASSUMED, immobile, text))
         for body in bodies:
             if not body.physics.mass_kg and is_dynamic(body.id):
-                form = self.geometry.get(body.id)
-                source = "its size" if form is None or form.density is None else "its form and what it is made of"
-                text = f"{body.id} can move but has no mass: {self._estimated_mass(body.id):.3g} kg estimated from {source}"
+                geometry = self.geometry.get(body.id)
+                source = "its size" if geometry is None or geometry.density is None else "its geometry and material"
+                mass_kg = self._estimated_mass(body.id)
+                text = f"{body.id} is dynamic without a mass: {mass_kg:.3g} kg estimated from {source}"
                 notes.append(SpawnNote(SpawnNoteKind.MASS_ESTIMATED, (body.id,), text))
         return notes
 
 
 def _without_invalid_numbers(geometry: BodyGeometry) -> tuple[BodyGeometry, list[str]]:
-    """A form without the numbers that no physics could use, and the names of these."""
-    told = {"friction": geometry.friction, "restitution": geometry.restitution, "density": geometry.density}
-    strange = [name for name, value in told.items() if value is not None and not (isfinite(value) and value >= 0.0)]
-    if not strange:
-        return geometry, strange
-    told |= dict.fromkeys(strange)
-    usable = replace(geometry, friction=told["friction"], restitution=told["restitution"], density=told["density"])
-    return usable, strange
+    """The geometry without invalid properties, and their names."""
+    properties = {"friction": geometry.friction, "restitution": geometry.restitution, "density": geometry.density}
+    invalid = [
+        name for name, value in properties.items() if value is not None and not (isfinite(value) and value >= 0.0)
+    ]
+    if not invalid:
+        return geometry, invalid
+    properties |= dict.fromkeys(invalid)
+    cleaned = replace(
+        geometry, friction=properties["friction"], restitution=properties["restitution"], density=properties["density"]
+    )
+    return cleaned, invalid

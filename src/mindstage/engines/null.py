@@ -1,7 +1,7 @@
-"""NullEngine: a world that only stands there.
+"""NullEngine: an engine without physics.
 
-It keeps the contract without any physics: nothing falls, nothing collides, attached bodies still follow. Programs are
-tested with it, and whoever writes an engine can read here what the contract means.
+It implements the `Engine` protocol for worlds in which nothing moves by simulation: nothing falls or collides, and
+attached bodies follow their parents. It serves for tests and as the reference implementation for authors of engines.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ __all__ = ["NullEngine"]
 
 
 class NullEngine:
-    """An engine in which time passes and nothing else happens."""
+    """An engine in which `step` advances the time and nothing else."""
 
     name = "null"
     capabilities = frozenset({Capability.SAVE, Capability.STATISTICS})
@@ -32,7 +32,7 @@ class NullEngine:
 
     @property
     def time_s(self) -> float:
-        """See the contract, here and below."""
+        """See `Engine`; the same holds for the methods below."""
         return self._require_open()._time_s
 
     def spawn(self, world: World, *, geometry: GeometryMap = NO_GEOMETRY) -> SpawnReport:
@@ -51,14 +51,14 @@ class NullEngine:
         self._require_open()._registry.detach(child)
 
     def set_pose(self, id: BodyId, pose: Pose) -> None:
-        inventory = self._require_open()._registry
-        old = inventory.body(id).pose
-        inventory.replace(id, pose=pose)
+        registry = self._require_open()._registry
+        old = registry.body(id).pose
+        registry.replace(id, pose=pose)
         new_from_old = pose_multiply(normalized_pose_array(pose), pose_inverse(normalized_pose_array(old)))
-        for child in inventory.attached_descendants(id):
-            inventory.replace(
+        for child in registry.attached_descendants(id):
+            registry.replace(
                 child,
-                pose=pose_from_array(pose_multiply(new_from_old, normalized_pose_array(inventory.body(child).pose))),
+                pose=pose_from_array(pose_multiply(new_from_old, normalized_pose_array(registry.body(child).pose))),
             )
 
     def set_physics(self, id: BodyId, physics: BodyPhysics) -> None:
@@ -98,7 +98,7 @@ class NullEngine:
 
     def restore_state(self, state: SavedState) -> None:
         if not isinstance(state, _NullState):
-            raise TypeError(f"a state that NullEngine.save made is needed, not {type(state).__name__}")
+            raise TypeError(f"expected a state from NullEngine.save_state, not {type(state).__name__}")
         self._require_open()._registry, self._time_s = state.registry.copy(), state.time_s
 
     def close(self) -> None:

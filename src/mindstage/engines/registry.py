@@ -1,7 +1,7 @@
-"""Inventory: what stands in an engine, as it was described.
+"""The bodies, joints, lights and attachments of an engine, as they were described.
 
-Every engine keeps one: it refuses what contradicts itself (an id used twice, a constraint to nowhere, a circle of
-attachments) in the same words everywhere, and it is what the log starts from.
+Every engine has one `EntityRegistry`. It refuses inconsistent entities (an id used twice, a joint to a missing body, a
+cycle of attachments) with the same messages in all engines, and builds the snapshot.
 """
 
 from __future__ import annotations
@@ -21,18 +21,18 @@ __all__ = ["AddResult", "EntityRegistry", "pose_error"]
 
 @dataclass(slots=True)
 class AddResult:
-    """What of a world went in, and what did not."""
+    """The entities of a world that were added to a registry, and those that were refused."""
 
     bodies: list[BodyId] = field(default_factory=list)
     joints: list[BodyId] = field(default_factory=list)
     attachments: list[BodyId] = field(default_factory=list)
-    """The children."""
+    """Ids of the attached children."""
     failed_bodies: list[SpawnFailure] = field(default_factory=list)
     failed_joints: list[SpawnFailure] = field(default_factory=list)
     failed_attachments: list[SpawnFailure] = field(default_factory=list)
 
     def report(self, notes: Iterable[SpawnNote] = ()) -> SpawnReport:
-        """The same as the contract reports it."""
+        """The result as a `SpawnReport`."""
         return SpawnReport(
             bodies=len(self.bodies),
             joints=len(self.joints),
@@ -45,21 +45,21 @@ class AddResult:
 
 
 class EntityRegistry:
-    """Bodies, constraints, lights and attachments by id."""
+    """Bodies, joints, lights and attachments by id."""
 
     def __init__(self) -> None:
         self.bodies: dict[BodyId, Body] = {}
         self.joints: dict[BodyId, Joint] = {}
         self.lights: dict[BodyId, Light] = {}
         self.parents: dict[BodyId, BodyId] = {}
-        """Whom each attached child hangs on."""
+        """The parent of each attached child."""
         self.highlighted: dict[BodyId, Color] = {}
-        self._children: dict[BodyId, dict[BodyId, None]] = {}  # a set that keeps its order
+        self._children: dict[BodyId, dict[BodyId, None]] = {}  # dict as ordered set
         self._worlds: list[World] = []
         self._ids: tuple[BodyId, ...] | None = None
 
     def copy(self) -> EntityRegistry:
-        """An inventory of its own with the same content; the values are frozen and are shared."""
+        """An independent copy; the values are frozen and shared."""
         twin = EntityRegistry()
         twin.bodies, twin.joints, twin.lights = dict(self.bodies), dict(self.joints), dict(self.lights)
         twin.parents, twin.highlighted = dict(self.parents), dict(self.highlighted)
@@ -69,16 +69,16 @@ class EntityRegistry:
 
     @property
     def ids(self) -> tuple[BodyId, ...]:
-        """All bodies; the same object until one comes or goes."""
+        """The ids of all bodies; the same object until one is added or removed."""
         if self._ids is None:
             self._ids = tuple(self.bodies)
         return self._ids
 
     def body(self, id: BodyId) -> Body:
-        """Looks a body up.
+        """Returns the body with an id.
 
         Raises:
-            BodyNotFoundError: there is none of that id.
+            BodyNotFoundError: there is no such body.
         """
         try:
             return self.bodies[id]
@@ -86,21 +86,21 @@ class EntityRegistry:
             raise BodyNotFoundError(id, known=self.bodies, world=self._worlds[0].name if self._worlds else "") from None
 
     def children(self, id: BodyId) -> tuple[BodyId, ...]:
-        """What is attached to a body directly."""
+        """The bodies that are attached directly to a body."""
         return tuple(self._children.get(id, ()))
 
     def attached_descendants(self, id: BodyId) -> Iterator[BodyId]:
-        """What is attached to a body, to any depth, parents before children."""
-        waiting = list(self.children(id))
-        while waiting:
-            child = waiting.pop()
+        """The bodies attached to a body, directly and indirectly; parents before children."""
+        stack = list(self.children(id))
+        while stack:
+            child = stack.pop()
             yield child
-            waiting.extend(self.children(child))
+            stack.extend(self.children(child))
 
-    # -- coming ----------------------------------------------------------------------------------------------
+    # -- additions -------------------------------------------------------------------------------------------
 
     def add(self, world: World) -> AddResult:
-        """Takes in what can be taken in: bodies and lights, then constraints, then attachments."""
+        """Adds every valid entity: bodies and lights, then joints, then attachments."""
         added = AddResult()
         for body in world.bodies:
             reason = self._id_error(body.id) or pose_error(body.pose) or _size_error(body)
@@ -114,12 +114,12 @@ class EntityRegistry:
                 added.failed_bodies.append(SpawnFailure(light.id, reason))
             else:
                 self.lights[light.id] = light
-        for constraint in world.joints:
-            if reason := self._joint_error(constraint):
-                added.failed_joints.append(SpawnFailure(constraint.id, reason))
+        for joint in world.joints:
+            if reason := self._joint_error(joint):
+                added.failed_joints.append(SpawnFailure(joint.id, reason))
             else:
-                self.joints[constraint.id] = constraint
-                added.joints.append(constraint.id)
+                self.joints[joint.id] = joint
+                added.joints.append(joint.id)
         for attachment in world.attachments:
             if reason := self._attachment_error(attachment):
                 added.failed_attachments.append(SpawnFailure(attachment.child, reason))
@@ -139,29 +139,33 @@ class EntityRegistry:
         ends = (joint.parent, joint.child)
         unknown = [end for end in ends if end not in self.bodies]
         if unknown:
-            return f"it joins {' and '.join(map(repr, unknown))}, which is not there"
+            return f"it connects {' and '.join(map(repr, unknown))}, which does not exist"
         if ends[0] == ends[1]:
-            return f"it joins {ends[0]!r} to itself"
+            return f"it connects {ends[0]!r} to itself"
         return self._id_error(joint.id) or pose_error(joint.pose) or _limits_error(joint)
 
     def _attachment_error(self, attachment: Attachment) -> str:
         for end in (attachment.parent, attachment.child):
             if end not in self.bodies:
                 return f"there is no body {end!r}"
-        holder = self.parents.get(attachment.child)
-        if holder is not None:
-            return f"it already hangs on {holder!r}, so it cannot hang on {attachment.parent!r} too"
+        current = self.parents.get(attachment.child)
+        if current is not None:
+            return f"it is already attached to {current!r}, so it cannot be attached to {attachment.parent!r} too"
         return self._attachment_cycle_error(attachment.parent, attachment.child)
 
     def _attachment_cycle_error(self, parent: BodyId, child: BodyId) -> str:
-        above: BodyId | None = parent
-        while above is not None:
-            if above == child:
-                return "it is itself" if parent == child else f"a circle: {parent!r} already hangs on it"
-            above = self.parents.get(above)
+        ancestor: BodyId | None = parent
+        while ancestor is not None:
+            if ancestor == child:
+                return (
+                    "a body cannot be attached to itself"
+                    if parent == child
+                    else f"a cycle: {parent!r} is already attached to it"
+                )
+            ancestor = self.parents.get(ancestor)
         return ""
 
-    # -- changing --------------------------------------------------------------------------------------------
+    # -- changes ---------------------------------------------------------------------------------------------
 
     def replace(
         self,
@@ -171,11 +175,11 @@ class EntityRegistry:
         physics: BodyPhysics | None = None,
         materials: tuple[Material, ...] | None = None,
     ) -> None:
-        """Changes how a body is described.
+        """Replaces properties of a body; None keeps the current value.
 
         Raises:
-            BodyNotFoundError: there is none of that id.
-            PoseUnreachableError: the pose is not finite, or no rotation.
+            BodyNotFoundError: there is no such body.
+            PoseUnreachableError: the pose is not finite, or its quaternion is zero.
         """
         body = self.body(id)
         if pose is not None and (reason := pose_error(pose)):
@@ -188,7 +192,7 @@ class EntityRegistry:
         )
 
     def attach(self, parent: BodyId, child: BodyId) -> None:
-        """See `Engine.attach_parts`."""
+        """See `Engine.attach`."""
         self.body(parent), self.body(child)
         if reason := self._attachment_cycle_error(parent, child):
             raise AttachmentError(parent, child, reason=reason)
@@ -208,9 +212,9 @@ class EntityRegistry:
 
     def highlight(self, ids: Iterable[BodyId], color: Color | None) -> None:
         """See `Engine.highlight`."""
-        lit = [self.body(id).id for id in ids]
-        changed = dict(self.highlighted)  # a new one each time, so that a watcher may keep the old
-        for id in lit:
+        found = [self.body(id).id for id in ids]
+        changed = dict(self.highlighted)  # a new dict each time, since callers keep the old one
+        for id in found:
             if color is None:
                 changed.pop(id, None)
             else:
@@ -219,28 +223,26 @@ class EntityRegistry:
 
     def remove(self, ids: Iterable[BodyId]) -> None:
         """See `Engine.delete`."""
-        gone = {self.body(id).id for id in ids}
-        for id in gone:
+        removed = {self.body(id).id for id in ids}
+        for id in removed:
             for child in self.children(id):
                 self.detach(child)
             self.detach(id)
             del self.bodies[id]
             self._children.pop(id, None)
-        self.highlighted = {id: color for id, color in self.highlighted.items() if id not in gone}
+        self.highlighted = {id: color for id, color in self.highlighted.items() if id not in removed}
         self.joints = {
-            id: constraint
-            for id, constraint in self.joints.items()
-            if constraint.parent not in gone and constraint.child not in gone
+            id: joint for id, joint in self.joints.items() if joint.parent not in removed and joint.child not in removed
         }
         self._ids = None
 
-    # -- going -----------------------------------------------------------------------------------------------
+    # -- snapshot --------------------------------------------------------------------------------------------
 
     def to_world(self, moved_poses: Mapping[BodyId, Pose] | None = None) -> World:
-        """Everything as one world; several that were spawned come back as one, under the first one's name.
+        """Everything as one world, with the IRI and name of the world that was added first.
 
         Args:
-            moved: poses that are no longer the described ones.
+            moved_poses: current poses of the bodies that have moved.
         """
         moved_poses = moved_poses or {}
         bodies = (
@@ -260,7 +262,7 @@ class EntityRegistry:
 
 
 def pose_error(pose: Pose) -> str:
-    """Why nothing can be put at that pose, or an empty string."""
+    """The reason why a pose is invalid, or an empty string."""
     if not all(map(isfinite, (*pose.position, *pose.quaternion))):
         return "its pose has numbers that are not finite"
     if not any(pose.quaternion):
@@ -287,5 +289,5 @@ def _limits_error(joint: Joint) -> str:
     slides = (linear.x_middle, linear.y_middle, linear.z_middle)
     middles = (*slides, angular.swing1_middle, angular.swing2_middle, angular.twist_middle)
     if not all(map(isfinite, middles)):
-        return f"the middles {middles} of its ranges are not all finite"
+        return f"the middle positions {middles} of its ranges are not all finite"
     return ""

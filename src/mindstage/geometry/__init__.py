@@ -1,4 +1,4 @@
-"""Shapes: what bodies are made of where no mesh file says it, built from few parameters to the exact size."""
+"""Geometry of bodies without a mesh file: shape templates with parameters, built to the exact size of a body."""
 
 from mindstage.geometry.fit import FittedGeometry, fit_geometry
 from mindstage.geometry.procedural import SHAPE_TEMPLATES

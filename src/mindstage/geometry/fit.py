@@ -1,11 +1,7 @@
-"""Making: one body's form, by what is known of its class, which way it stands and what is in it.
+"""Fits geometry to the bodies of a world: mesh files where they exist, otherwise shape templates.
 
-What fitting takes and gives.
-
-Fitting: from what is known of classes to the forms of a world's bodies, each as it stands there.
-
-Nothing is changed in the world. Meshes come first, where somebody has them; all else is built from shapes to the very
-size that the map tells.
+The template of a body follows from the shape rule of its class, its orientation from joints, handles and neighbors, and
+its parameters from its contents. Geometry fits the size in the map exactly; the world is not changed.
 """
 
 from __future__ import annotations
@@ -20,6 +16,7 @@ from msgspec.structs import replace
 
 from mindstage.errors import InvalidShapeError, ShapeNotFoundError
 from mindstage.geometry.fit_context import (
+    MAX_NEIGHBORS,
     Cavity,
     Neighborhood,
     SceneContext,
@@ -59,7 +56,7 @@ __all__ = [
     "FitNote",
     "FittedGeometry",
     "GeometryFitter",
-    "MeshGeometries",
+    "MeshLoadResult",
     "MeshProvider",
     "ShapeRuleProvider",
     "fit_geometry",
@@ -67,7 +64,7 @@ __all__ = [
 
 
 class FitNote(NamedTuple):
-    """Something that had to be decided, or could not be done as told."""
+    """A remark on the geometry of bodies: a guess, or a shape rule that cannot be applied."""
 
     ids: tuple[BodyId, ...]
     text: str
@@ -75,56 +72,56 @@ class FitNote(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class FittedGeometry:
-    """The forms of a world's bodies."""
+    """The geometry of the bodies of a world."""
 
     geometry: GeometryMap
-    """Of all bodies that have a size."""
+    """Geometry by id, for all bodies with a nonzero size."""
     notes: tuple[FitNote, ...] = ()
 
 
 class ShapeRuleProvider(Protocol):
-    """Who knows how things of a class are shaped; a `KnowledgeBase` does."""
+    """A source of shape rules, such as a `KnowledgeBase`."""
 
     def shape_rule(self, cls: Iri, /) -> ShapeRule:
-        """How things of a class are shaped."""
+        """Returns the shape rule of a class."""
 
 
-class MeshGeometries(Protocol):
-    """What was found in mesh files."""
+class MeshLoadResult(Protocol):
+    """The geometry that was loaded from mesh files."""
 
     @property
     def geometry(self) -> Mapping[BodyId, BodyGeometry]:
-        """Of the bodies that have one."""
+        """Geometry by id, for bodies with a mesh file."""
 
     @property
     def notes(self) -> Sequence[str]:
-        """What had to be decided, and which files are of no use."""
+        """Remarks on meshes that were modified, and on unusable files."""
 
 
 class MeshProvider(Protocol):
-    """Who finds the meshes that maps name."""
+    """A loader of the mesh files that bodies refer to."""
 
-    def geometry_for(self, bodies: Sequence[Body], /) -> MeshGeometries:
-        """The forms of those bodies for which there are mesh files."""
+    def geometry_for(self, bodies: Sequence[Body], /) -> MeshLoadResult:
+        """Returns the geometry of the bodies with mesh files."""
 
 
 _DEFAULT_SHAPE = "box"
 _DOOR_SHAPE = "door"
-"""The role, in what has doors, of these."""
+"""The material role of doors, in the rules of what they close."""
 _SHAPE_OF_PRIMITIVE = {PrimitiveType.CYLINDER: "cylinder", PrimitiveType.SPHERE: "ball"}
 _WORKTOP_INSERT_SHAPES = ("sink", "hob", "tub", "basket", "bin")
 _WALL_INSERT_SHAPES = ("door", "window", "frame")
 _ARCHITECTURE_SHAPES = ("wall", "shell", "panel", "picture", "lamp")
 _NO_SIZE = (0.0, 0.0, 0.0)
 _MIN_ROOM_M = 1.0
-"""A wall that is so thick is the box around the walls of a room."""
+"""A wall of at least this thickness is the bounding box of the walls of a room."""
 
 
 class GeometryFitter:
-    """Makes the forms of one setting."""
+    """Builds the geometry of the bodies of one scene."""
 
     def __init__(self, context: SceneContext, neighborhoods: Mapping[int, Neighborhood]) -> None:
-        """Makes nothing yet."""
+        """Stores the scene; geometry is built by `geometry`."""
         self._context = context
         self._neighborhoods = neighborhoods
         self._is_worktop_insert = context.has_shape(*_WORKTOP_INSERT_SHAPES)
@@ -132,76 +129,77 @@ class GeometryFitter:
         self._is_room_insert = ~context.has_shape(*_ARCHITECTURE_SHAPES)
 
     def geometry(self, row: int, orientation: Orientation) -> tuple[BodyGeometry | None, str]:
-        """The form of a body, and what could not be done as told, which is mostly nothing.
+        """Returns the geometry of a body, and the part of its shape rule that cannot be applied, usually "".
 
-        None where its size leaves no room for anything.
+        The geometry is None if the size is out of range.
         """
         body, rule = self._context.bodies[row], self._context.rules[row]
-        kind = self._shape_name(row)
-        told, doubt = _valid_parameters(kind, rule)
-        fitted = self._fitted_parameters(row, kind, orientation, told)
+        shape_name = self._shape_name(row)
+        parameters, issue = _valid_parameters(shape_name, rule)
+        fitted = self._fitted_parameters(row, shape_name, orientation, parameters)
+        material = self._closing_material(row)
         try:
-            return self._build(body, rule, kind, {**told, **fitted}, orientation, self._closing_material(row)), doubt
+            return self._build(body, rule, shape_name, {**parameters, **fitted}, orientation, material), issue
         except ShapeNotFoundError as error:
-            kind, doubt = _DEFAULT_SHAPE, str(error)
+            shape_name, issue = _DEFAULT_SHAPE, str(error)
         except InvalidShapeError as error:
-            doubt = str(error)
+            issue = str(error)
         try:
-            return self._build(body, rule, kind, {}, orientation), doubt
+            return self._build(body, rule, shape_name, {}, orientation), issue
         except InvalidShapeError as error:
             return None, str(error)
 
     def _shape_name(self, row: int) -> str:
-        """What a body is built as: mostly what its class is, unless its parts or its size tell otherwise."""
-        setting, kind = self._context, str(self._context.shape_names[row])
-        shape = setting.bodies[row].shape
-        if kind == _DEFAULT_SHAPE and shape is not None:
-            return _SHAPE_OF_PRIMITIVE.get(shape.type, kind)
-        if kind == "wall" and setting.boxes.half_extents[row].min() * 2 > _MIN_ROOM_M:
+        """Returns the shape of a body: that of its class, adapted to its parts and its size."""
+        context, name = self._context, str(self._context.shape_names[row])
+        primitive = context.bodies[row].shape
+        if name == _DEFAULT_SHAPE and primitive is not None:
+            return _SHAPE_OF_PRIMITIVE.get(primitive.type, name)
+        if name == "wall" and context.boxes.half_extents[row].min() * 2 > _MIN_ROOM_M:
             return "shell"
-        parts = setting.shape_names[setting.group_mates(row)] if kind in ("table", "chair") else ()
-        if kind == "table" and "leg" in parts:
+        parts = context.shape_names[context.group_mates(row)] if name in ("table", "chair") else ()
+        if name == "table" and "leg" in parts:
             return "counter"
-        if kind == "chair" and "panel" in parts:
+        if name == "chair" and "panel" in parts:
             return "table"
-        return kind
+        return name
 
     def _fitted_parameters(
         self, row: int, shape_name: str, orientation: Orientation, parameters: Mapping[str, Any]
     ) -> dict[str, Any]:
-        """Parameters that follow from what is in a thing and around it."""
+        """Returns the parameters that follow from the contents and the neighbors of a body."""
         fields = SHAPE_TEMPLATES[shape_name].__struct_fields__ if shape_name in SHAPE_TEMPLATES else ()
         found: dict[str, Any] = {}
         if "along" in fields:
             found["along"] = _cylinder_axis(self._context, row, orientation)
-        around = self._neighborhoods.get(row)
-        if around is None:
+        neighborhood = self._neighborhoods.get(row)
+        if neighborhood is None:
             return found | ({"walls": _open_walls(orientation, {})} if "walls" in fields else {})
         if "free" in fields:
-            found["free"] = self._cutouts(row, shape_name, around, orientation.up)
-        inside = cavity_of(self._context, row, around)
+            found["free"] = self._cutouts(row, shape_name, neighborhood, orientation.up)
+        cavity = cavity_of(self._context, row, neighborhood)
         if "walls" in fields:
-            usual = float(parameters.get("wall", SHAPE_TEMPLATES[shape_name]().wall))  # type: ignore[attr-defined]
-            found["walls"] = _open_walls(orientation, {side: inside.wall_thickness(side, usual) for side in BodySide})
-        found |= _level_parameters(inside, orientation.up, fields)
-        if "shelves" in fields and len(inside.rows) and "levels" not in found and not inside.is_free.all():
+            default = float(parameters.get("wall", SHAPE_TEMPLATES[shape_name]().wall))  # type: ignore[attr-defined]
+            found["walls"] = _open_walls(orientation, {side: cavity.wall_thickness(side, default) for side in BodySide})
+        found |= _level_parameters(cavity, orientation.up, fields)
+        if "shelves" in fields and len(cavity.rows) and "levels" not in found and not cavity.is_free.all():
             found["shelves"] = 0
         return found
 
     def _cutouts(self, row: int, shape_name: str, neighborhood: Neighborhood, up: BodySide) -> tuple[Any, ...]:
         if shape_name in ("wall", "shell"):
-            # The box around the walls of a crooked room cuts through what stands in it: there the walls are not.
+            # The bounding box of a non-rectangular room intersects its furniture: there the shell has openings.
             chosen = self._is_wall_insert if shape_name == "wall" else self._is_room_insert
             return wall_openings(self._context, row, neighborhood, chosen, include_motion=shape_name == "shell")
         return worktop_cutouts(self._context, row, neighborhood, up, self._is_worktop_insert)
 
     def _closing_material(self, row: int) -> PbrMaterial | None:
-        """What a door is made of because of what it closes: that of an oven is of glass."""
+        """Returns the material that the rule of a cabinet defines for its doors: that of an oven is glass."""
         if str(self._context.shape_names[row]) != "door":
             return None
         holders = (joint.holder_row for joint in self._context.joints.get(row, ()) if joint.moving_row == row)
-        made = (self._context.rules[holder].materials.get(_DOOR_SHAPE) for holder in holders)
-        return next((substance.pbr_material for substance in made if substance is not None), None)
+        materials = (self._context.rules[holder].materials.get(_DOOR_SHAPE) for holder in holders)
+        return next((material.pbr_material for material in materials if material is not None), None)
 
     @staticmethod
     def _build(
@@ -212,14 +210,14 @@ class GeometryFitter:
         orientation: Orientation,
         body_material: PbrMaterial | None = None,
     ) -> BodyGeometry:
-        surfaces = {role: substance.pbr_material for role, substance in rule.materials.items()}
-        surfaces[DEFAULT_ROLE] = body_material or surfaces[DEFAULT_ROLE]
+        materials = {role: material.pbr_material for role, material in rule.materials.items()}
+        materials[DEFAULT_ROLE] = body_material or materials[DEFAULT_ROLE]
         return build_geometry(
             template_by_name(shape_name, parameters),
             body.size or _NO_SIZE,
             up=orientation.up,
             front=orientation.front,
-            materials=surfaces | _map_colors(body, surfaces[DEFAULT_ROLE]),
+            materials=materials | _map_color(body, materials[DEFAULT_ROLE]),
             light=_attached_light(rule, orientation),
             friction=rule.default_material.friction,
             restitution=rule.default_material.restitution,
@@ -232,23 +230,23 @@ class GeometryFitter:
 
 
 def _valid_parameters(shape_name: str, rule: ShapeRule) -> tuple[dict[str, Any], str]:
-    """Those of a rule's parameters that a kind has and that can be so, and what is wrong with another one."""
+    """Returns the valid parameters of a rule that a shape has, and the error of the last invalid one."""
     if shape_name not in SHAPE_TEMPLATES:
         return {}, ""
-    told: dict[str, Any] = {}
-    doubt = ""
+    valid: dict[str, Any] = {}
+    issue = ""
     for name, value in rule.parameters.items():
         if name in SHAPE_TEMPLATES[shape_name].__struct_fields__:
             try:
                 template_by_name(shape_name, {name: value})
-                told[name] = value
+                valid[name] = value
             except InvalidShapeError as error:
-                doubt = str(error)
-    return told, doubt
+                issue = str(error)
+    return valid, issue
 
 
 def _open_walls(orientation: Orientation, walls: Mapping[BodySide, float]) -> tuple[tuple[BodySide, float], ...]:
-    """The thickness of walls on the sides of a case: none where it is open."""
+    """Returns the thickness of the walls on the sides of a case, 0 on open sides."""
     open_sides = orientation.openings or (orientation.front,)
     return tuple(sorted({**walls, **dict.fromkeys(open_sides, 0.0)}.items(), key=lambda wall: wall[0].value))
 
@@ -270,24 +268,24 @@ def _level_parameters(cavity: Cavity, up: BodySide, fields: tuple[str, ...]) -> 
 
 
 def _cylinder_axis(context: SceneContext, row: int, orientation: Orientation) -> BodySide:
-    """Along which axis of its drawing a cylinder lies: the one whose two others are most alike."""
+    """Returns the axis of a cylinder in the template frame: the one across the two most similar extents."""
     shape = context.bodies[row].shape
     if shape is not None and shape.type is PrimitiveType.CYLINDER:
         axis = 2
     else:
         size = context.boxes.half_extents[row]
         gaps = [abs(float(np.log(size[(each + 1) % 3] / size[(each + 2) % 3]))) for each in range(3)]
-        gaps[orientation.up.axis] -= 1e-3  # of two alike it stands
+        gaps[orientation.up.axis] -= 1e-3  # upright if ambiguous
         axis = int(np.argmin(gaps))
     if axis == orientation.up.axis:
         return BodySide.TOP
     return BodySide.FRONT if axis == orientation.front.axis else BodySide.LEFT
 
 
-def _map_colors(body: Body, surface: PbrMaterial) -> dict[str, PbrMaterial]:
-    """The color that a map gives to a body, before any that its class has."""
-    color = next((material.color for material in body.materials if material.color is not None), None)
-    return {} if color is None else {DEFAULT_ROLE: replace(surface, color=color)}
+def _map_color(body: Body, material: PbrMaterial) -> dict[str, PbrMaterial]:
+    """Returns the material with the color that the map states for a body, which overrides that of its class."""
+    color = next((each.color for each in body.materials if each.color is not None), None)
+    return {} if color is None else {DEFAULT_ROLE: replace(material, color=color)}
 
 
 def _attached_light(rule: ShapeRule, orientation: Orientation) -> AttachedLight | None:
@@ -315,62 +313,60 @@ _NEIGHBORHOOD_SHAPES = (
     "wall",
     "shell",
 )
-"""What is near them tells how they are open."""
+"""Shapes whose openings, levels or cutouts depend on their neighbors."""
 
 
 def fit_geometry(world: World, knowledge: ShapeRuleProvider, *, meshes: MeshProvider | None = None) -> FittedGeometry:
-    """The forms of all bodies of a world that have a size.
+    """Returns the geometry of all bodies of a world that have a size.
 
     Args:
-        world: what is to be shown.
-        knowledge: who knows how classes are shaped.
-        meshes: who finds mesh files, which come before all else.
+        world: the scene.
+        knowledge: the shape rules of classes.
+        meshes: loader of mesh files, which take precedence over shape rules.
     """
-    forms: dict[BodyId, BodyGeometry] = {}
+    geometry: dict[BodyId, BodyGeometry] = {}
     notes = _Notes()
     if meshes is not None:
-        found = meshes.geometry_for(world.bodies)
-        forms |= found.geometry
-        notes.notes += [FitNote((), text) for text in found.notes]
+        loaded = meshes.geometry_for(world.bodies)
+        geometry |= loaded.geometry
+        notes.notes += [FitNote((), text) for text in loaded.notes]
     rules = {cls: knowledge.shape_rule(cls) for cls in dict.fromkeys(body.cls for body in world.bodies)}
     if world.bodies:
-        _fit(SceneContext(world, rules), forms, notes)
-    notes.add_class_notes(world, rules, forms)
+        _fit(SceneContext(world, rules), geometry, notes)
+    notes.add_class_notes(world, rules, geometry)
     return FittedGeometry(
-        MappingProxyType({body.id: forms[body.id] for body in world.bodies if body.id in forms}), notes.to_tuple()
+        MappingProxyType({body.id: geometry[body.id] for body in world.bodies if body.id in geometry}), notes.to_tuple()
     )
 
 
 def _fit(context: SceneContext, geometry: dict[BodyId, BodyGeometry], notes: _Notes) -> None:
-    """Adds the forms of all bodies that have none yet."""
-    alone = np.ones(len(context.bodies), dtype=bool)
-    alone[list(context.parents)] = False
-    around, crowded = context.neighborhoods(
-        context.has_shape(*_NEIGHBORHOOD_SHAPES) | (context.has_shape(*HANDLE_SHAPES) & alone)
+    """Adds the geometry of all bodies that have none yet."""
+    detached = np.ones(len(context.bodies), dtype=bool)
+    detached[list(context.parents)] = False
+    neighborhoods, crowded = context.neighborhoods(
+        context.has_shape(*_NEIGHBORHOOD_SHAPES) | (context.has_shape(*HANDLE_SHAPES) & detached)
     )
-    faces, maker = OrientationSolver(context, around), GeometryFitter(context, around)
+    solver, fitter = OrientationSolver(context, neighborhoods), GeometryFitter(context, neighborhoods)
     for row, body in enumerate(context.bodies):
         if body.id in geometry or body.size is None:
             continue
-        facing = faces.orientation_of(row)
+        orientation = solver.orientation_of(row)
         if min(body.size) <= 0.0:
-            notes.add("has no extent along one of its axes, so it stays as the map has it", body.id)
+            notes.add("has no extent along one of its axes, so it keeps the shape of the map", body.id)
             continue
-        form, doubt = maker.geometry(row, facing)
-        if doubt:
-            notes.add(f"cannot be built as told: {doubt}", body.id)
-        if form is not None:
-            geometry[body.id] = form
-            if facing.is_guess and form.shape_name != "box":
-                notes.add(
-                    f"is a {form.shape_name}, and nothing tells where its front is: it looks to the middle", body.id
-                )
+        fitted, issue = fitter.geometry(row, orientation)
+        if issue:
+            notes.add(f"cannot be built as defined: {issue}", body.id)
+        if fitted is not None:
+            geometry[body.id] = fitted
+            if orientation.is_guess and fitted.shape_name != "box":
+                notes.add(f"is a {fitted.shape_name} with an unknown front: it faces the center of the scene", body.id)
     for row in crowded:
-        notes.add("stands in a crowd, so nobody looked at what is in it", context.bodies[row].id)
+        notes.add(f"has over {MAX_NEIGHBORS} neighbors, so its contents are ignored", context.bodies[row].id)
 
 
 class _Notes:
-    """Remarks, those of one text together."""
+    """Collects notes; those with the same text become one note."""
 
     def __init__(self) -> None:
         self.notes: list[FitNote] = []
@@ -380,18 +376,18 @@ class _Notes:
         self._ids.setdefault(text, []).append(id)
 
     def add_class_notes(self, world: World, rules: Mapping[Iri, ShapeRule], fitted_ids: Iterable[BodyId]) -> None:
-        """What was guessed by names, and what was told that cannot be."""
-        shown = set(fitted_ids)
+        """Adds notes on shapes that were guessed from class names, and on invalid shape rules."""
+        fitted = set(fitted_ids)
         for body in world.bodies:
             rule = rules[body.cls]
-            if body.id in shown and rule.source is GeometrySource.CLASS_NAME:
+            if body.id in fitted and rule.source is GeometrySource.CLASS_NAME:
                 self.add(f"is shaped as a {rule.shape_type} by a guess: {rule.reason}", body.id)
-            for doubt in rule.issues:
-                self.add(doubt, body.id)
+            for issue in rule.issues:
+                self.add(issue, body.id)
 
     def to_tuple(self) -> tuple[FitNote, ...]:
-        told = (FitNote(tuple(ids), f"{_join_ids(ids)}: {text}") for text, ids in self._ids.items())
-        return (*self.notes, *told)
+        notes = (FitNote(tuple(ids), f"{_join_ids(ids)}: {text}") for text, ids in self._ids.items())
+        return (*self.notes, *notes)
 
 
 def _join_ids(ids: list[BodyId]) -> str:

@@ -1,8 +1,6 @@
-"""Settings: a world as arrays, and what stands where in it, as far as forms depend on it.
+"""The scene as arrays: neighbors, joints and contents of bodies, as far as their geometry depends on them.
 
-Of what is near each other only pairs are looked at that a sweep finds, so that the cost follows the number of bodies.
-
-Insides: how thick walls may be, where shelves are and what must be left free, by what stands in a thing.
+Neighbors are found by a sweep over bounding boxes, so the cost grows with the number of bodies, not with its square.
 """
 
 from __future__ import annotations
@@ -23,6 +21,7 @@ from mindstage.scene.model import Joint
 from mindstage.scene.transforms import Array, normalize, pose_array, rotation_matrix
 
 __all__ = [
+    "MAX_NEIGHBORS",
     "Cavity",
     "JointView",
     "Neighborhood",
@@ -35,40 +34,42 @@ __all__ = [
 
 
 CONTACT_TOLERANCE_M = 0.02
-"""What is no farther away touches: maps leave a gap between a door and its frame."""
-_MAX_NEIGHBORS = 512
-"""Whoever has more neighbors is in a crowd, where nobody can tell what belongs to whom."""
+"""Bodies with a smaller gap are in contact: maps leave a gap between a door and its frame."""
+MAX_NEIGHBORS = 512
+"""The neighborhood of a body with more neighbors is not evaluated."""
 _UNLIMITED_TRAVEL_M = 10.0
-"""A way without an end."""
+"""Travel of an unlimited joint."""
 _MIN_SIZE_M = 1e-6
-"""What has no size is taken for a point of so much."""
+"""Extent of bodies without a size."""
 
 
 @dataclass(frozen=True, slots=True)
 class Neighborhood:
-    """What is near one body."""
+    """The bodies near one body."""
 
     rows: Indices
     low: Array
-    """n x 3, the lower corners in the body's own frame [m]."""
+    """n x 3, lower corners of their bounds in the frame of that body [m]."""
     high: Array
+    """n x 3, upper corners [m]."""
 
 
 @dataclass(frozen=True, slots=True)
 class JointView:
-    """A constraint as one of its ends sees it."""
+    """A joint with the roles of its bodies."""
 
     joint: Joint
     moving_row: int
-    """The row of the body that gives way."""
+    """Row of the body that the joint moves."""
     holder_row: int
+    """Row of the other body."""
 
 
 class SceneContext:
-    """n bodies as a map describes them."""
+    """A world with shape rules, as arrays; rows are indices into `World.bodies`."""
 
     def __init__(self, world: World, rules: Mapping[Iri, ShapeRule]) -> None:
-        """Looks at everything once."""
+        """Computes the arrays that are always needed; all else is computed on first access."""
         self.world = world
         self.bodies: Sequence[Body] = world.bodies
         self.rows = {body.id: row for row, body in enumerate(world.bodies)}
@@ -81,21 +82,21 @@ class SceneContext:
         self.volume = np.prod(2 * self.boxes.half_extents, axis=1)
         self.groups = RigidGroups.from_world(world)
         self.is_free = self.groups.is_dynamic & ~self.groups.is_jointed
-        """For each body, whether it stands somewhere and could be taken away."""
+        """For each body, whether it is dynamic and not held by a joint."""
 
     def has_shape(self, *shape_names: str) -> NDArray[np.bool_]:
-        """For each body, whether it is of one of these kinds."""
+        """Returns, for each body, whether it has one of these shapes."""
         wanted = frozenset(shape_names)
-        return np.array([kind in wanted for kind in self.shape_names], dtype=bool)
+        return np.array([name in wanted for name in self.shape_names], dtype=bool)
 
     def label(self, row: int) -> str:
-        """A body in a report: "the drawer X"."""
+        """Returns the description of a body in reports: "the drawer X"."""
         return f"the {self.shape_names[row]} {self.bodies[row].id}"
 
     # -- directions ----------------------------------------------------------------------------------------------------
 
     def up_side(self, row: int) -> BodySide:
-        """The side of a body that looks up, or that of its own z where it can be carried about."""
+        """Returns the side of a body that faces up; the top of the body frame if it is free."""
         return BodySide.TOP if self.is_free[row] else self._up_sides[row]
 
     @cached_property
@@ -109,7 +110,7 @@ class SceneContext:
         ]
 
     def side_towards(self, row: int, direction: Array, *, excluded_axes: Sequence[int] = ()) -> BodySide:
-        """The side of a body that looks most in a direction of the world; axes can be left out."""
+        """Returns the side of a body whose normal is closest to a direction in the world."""
         shares = direction @ self.boxes.rotation[row]
         shares[list(excluded_axes)] = 0.0
         axis = int(np.argmax(np.abs(shares)))
@@ -118,35 +119,35 @@ class SceneContext:
         return BodySide.from_axis(axis, 1 if shares[axis] >= 0 else -1)
 
     def direction(self, row: int, side: BodySide) -> Array:
-        """Where a side of a body looks, in the world."""
+        """Returns the normal of a side of a body, in the world frame."""
         return np.asarray(side.sign * self.boxes.rotation[row][:, side.axis])
 
     @cached_property
     def center(self) -> Array:
-        """The middle of the place: half of its things stand on either side."""
+        """The center of the scene: the median position of small bodies [m]."""
         small = self.boxes.half_extents.max(axis=1) < 1.5
         centers = np.sort(self.boxes.center[small] if small.any() else self.boxes.center, axis=0)
         half = len(centers) // 2
-        # The median; numpy's own would import numpy.ma.
+        # The median, without the import of numpy.ma by numpy.median.
         return np.asarray(centers[half] if len(centers) % 2 else (centers[half - 1] + centers[half]) / 2)
 
-    # -- what belongs together -----------------------------------------------------------------------------------------
+    # -- joints and attachments ----------------------------------------------------------------------------------------
 
     @cached_property
     def joints(self) -> dict[int, list[JointView]]:
-        """By body, the constraints that let it move, or that hold something by it."""
+        """Joints by the rows of both of their bodies."""
         found: dict[int, list[JointView]] = {}
-        for constraint in self.world.joints:
-            if constraint.parent in self.rows and constraint.child in self.rows:
-                ends = [self.bodies[self.rows[end]] for end in (constraint.parent, constraint.child)]
-                moving, holder = (self.rows[body.id] for body in moving_body(constraint, *ends))
+        for joint in self.world.joints:
+            if joint.parent in self.rows and joint.child in self.rows:
+                ends = [self.bodies[self.rows[end]] for end in (joint.parent, joint.child)]
+                moving, holder = (self.rows[body.id] for body in moving_body(joint, *ends))
                 for row in {moving, holder}:
-                    found.setdefault(row, []).append(JointView(constraint, moving, holder))
+                    found.setdefault(row, []).append(JointView(joint, moving, holder))
         return found
 
     @cached_property
     def joints_by_holder_group(self) -> dict[int, list[JointView]]:
-        """By assembly, the constraints that hold something by any of its bodies."""
+        """Joints by the rigid group that holds them."""
         found: dict[int, list[JointView]] = {}
         for row, joints in self.joints.items():
             for joint in joints:
@@ -155,22 +156,21 @@ class SceneContext:
         return found
 
     def sweep_bounds(self, row: int, low: Array, high: Array, host: int) -> tuple[Array, Array]:
-        """The corners of a body in the frame of another one, so far apart that all of its way lies between them."""
-        number = self.groups.root_row
-        for joint in self.joints_by_moving_group.get(int(number[row]), ()):
-            ways = joint_reach(joint.joint)
+        """Returns the bounds of a body in the frame of the host, extended by the range of the joints that move it."""
+        for joint in self.joints_by_moving_group.get(int(self.groups.root_row[row]), ()):
+            reach = joint_reach(joint.joint)
             turn = self.boxes.rotation[host].T @ rotation_matrix(normalize(joint.joint.pose.quaternion))
-            far = np.abs(turn) @ np.array(
-                [min(way, _UNLIMITED_TRAVEL_M) if way is not None else _UNLIMITED_TRAVEL_M for way in ways[:3]]
+            travel = np.abs(turn) @ np.array(
+                [min(each, _UNLIMITED_TRAVEL_M) if each is not None else _UNLIMITED_TRAVEL_M for each in reach[:3]]
             )
-            if any(way is None or way > 0.0 for way in ways[3:]):
-                far = far + 2.0 * float(self.boxes.half_extents[joint.moving_row].max())
-            low, high = low - far, high + far
+            if any(each is None or each > 0.0 for each in reach[3:]):
+                travel = travel + 2.0 * float(self.boxes.half_extents[joint.moving_row].max())
+            low, high = low - travel, high + travel
         return low, high
 
     @cached_property
     def joints_by_moving_group(self) -> dict[int, list[JointView]]:
-        """By assembly, the constraints that let it move."""
+        """Joints by the rigid group that they move."""
         found: dict[int, list[JointView]] = {}
         for row, joints in self.joints.items():
             for joint in joints:
@@ -180,32 +180,31 @@ class SceneContext:
 
     @cached_property
     def parents(self) -> dict[int, int]:
-        """By body, the one that it hangs on."""
-        ends = ((hold.child, hold.parent) for hold in self.world.attachments)
+        """Rows of the parents of attached bodies, by the row of the child."""
+        ends = ((attachment.child, attachment.parent) for attachment in self.world.attachments)
         return {self.rows[child]: self.rows[parent] for child, parent in ends if {child, parent} <= self.rows.keys()}
 
     @cached_property
     def group_members(self) -> dict[int, list[int]]:
-        """By assembly, its bodies."""
+        """Rows of the bodies of each rigid group."""
         found: dict[int, list[int]] = {}
-        for row, number in enumerate(self.groups.root_row.tolist()):
-            found.setdefault(number, []).append(row)
+        for row, root in enumerate(self.groups.root_row.tolist()):
+            found.setdefault(root, []).append(row)
         return found
 
     def group_mates(self, row: int) -> list[int]:
-        """The other bodies of a body's assembly."""
+        """Returns the other bodies of the rigid group of a body."""
         return [other for other in self.group_members[int(self.groups.root_row[row])] if other != row]
 
-    # -- what is near --------------------------------------------------------------------------------------------------
+    # -- neighborhoods -------------------------------------------------------------------------------------------------
 
     def neighborhoods(self, hosts: NDArray[np.bool_]) -> tuple[dict[int, Neighborhood], list[int]]:
-        """What is in or at each of these bodies, and which of them stand in a crowd, where that is not told."""
+        """Returns the neighborhoods of the hosts, and the hosts that have too many neighbors for one."""
         count = np.zeros(len(self.bodies), dtype=np.intp)
         everything = np.ones(len(self.bodies), dtype=bool)
-        for pairs in (overlapping_pairs(self.boxes, hosts, everything, margin=(CONTACT_TOLERANCE_M,) * 3),):
-            for a, b in pairs:
-                count += np.bincount(a, minlength=len(count)) + np.bincount(b, minlength=len(count))
-        crowded = hosts & (count > _MAX_NEIGHBORS)
+        for a, b in overlapping_pairs(self.boxes, hosts, everything, margin=(CONTACT_TOLERANCE_M,) * 3):
+            count += np.bincount(a, minlength=len(count)) + np.bincount(b, minlength=len(count))
+        crowded = hosts & (count > MAX_NEIGHBORS)
         host, other = self._pairs(hosts & ~crowded, everything)
         low, high = self.local_bounds(host, other)
         order = np.argsort(host, kind="stable")
@@ -229,7 +228,7 @@ class SceneContext:
         return np.concatenate(hosting), np.concatenate(others)
 
     def local_bounds(self, host: Indices, other: Indices) -> tuple[Array, Array]:
-        """Lower and upper corners of bodies in the frames of others, pair by pair."""
+        """Returns, for each pair, the bounds of the other body in the frame of the host."""
         turn = np.swapaxes(self.boxes.rotation[host], 1, 2)
         reach = np.einsum("nij,nj->ni", np.abs(turn @ self.boxes.rotation[other]), self.boxes.half_extents[other])
         middle = np.einsum("nij,nj->ni", turn, self.boxes.center[other] - self.boxes.center[host])
@@ -237,18 +236,18 @@ class SceneContext:
 
 
 _CLEARANCE_M = 0.0005
-"""Between a wall and what is next to it."""
+"""Gap between a wall and its neighbor."""
 _MIN_WALL_M = 0.0005
 _SAME_LEVEL_M = 0.004
-"""Contents whose undersides differ by less stand on one level."""
+"""Contents whose undersides differ by less share a level."""
 _MIN_INSERT_DEPTH_M = 0.002
-"""What stands in something by no more only touches it."""
+"""Bodies with a smaller overlap are in contact, but not inserted."""
 _MAX_CONTENT_FRACTION = 0.5
-"""Of the volume of what it is in, nothing loose is larger."""
+"""Largest volume of free contents, as a fraction of the volume of the container."""
 
 
 class Cavity:
-    """What is inside one body, in its own frame."""
+    """The contents of one body, in its frame."""
 
     def __init__(self, rows: Indices, low: Array, high: Array, is_free: NDArray[np.bool_], half: Array) -> None:
         self.rows = rows
@@ -257,7 +256,7 @@ class Cavity:
         self.half = half
 
     def wall_thickness(self, side: BodySide, default: float) -> float:
-        """How thick the wall at one side may be [m], at most the usual."""
+        """Returns the thickness of a wall that leaves room for the contents [m], at most the default."""
         axis = side.axis
         reach = self.high[:, axis] if side.sign > 0 else -self.low[:, axis]
         room = float(self.half[axis] - reach.max(initial=-np.inf)) - _CLEARANCE_M
@@ -265,26 +264,26 @@ class Cavity:
 
 
 def cavity_of(context: SceneContext, row: int, neighborhood: Neighborhood) -> Cavity:
-    """What is in a body: loose things, and what slides or hangs in it."""
+    """Returns the contents of a body: free bodies, and bodies that are held inside of it."""
     half = context.boxes.half_extents[row]
     middle = (neighborhood.low + neighborhood.high) / 2
-    within = np.all(np.abs(middle) < half, axis=1)
-    loose = (
-        within
+    is_inside = np.all(np.abs(middle) < half, axis=1)
+    free = (
+        is_inside
         & context.is_free[neighborhood.rows]
         & (context.volume[neighborhood.rows] < _MAX_CONTENT_FRACTION * context.volume[row])
     )
     held = (
-        within
+        is_inside
         & ~context.is_free[neighborhood.rows]
         & np.all((neighborhood.low > -half) & (neighborhood.high < half), axis=1)
     )
-    kept = loose | held
-    return Cavity(neighborhood.rows[kept], neighborhood.low[kept], neighborhood.high[kept], loose[kept], half)
+    kept = free | held
+    return Cavity(neighborhood.rows[kept], neighborhood.low[kept], neighborhood.high[kept], free[kept], half)
 
 
 def shelf_heights(cavity: Cavity, up: BodySide) -> tuple[float, ...]:
-    """Where contents stand, upwards from the middle [m], the lowest first; what is on other contents tells nothing."""
+    """Returns the heights at which contents stand, from the center [m], ascending; stacked contents are ignored."""
     low, high = cavity.low[cavity.is_free], cavity.high[cavity.is_free]
     if not len(low):
         return ()
@@ -304,7 +303,7 @@ def shelf_heights(cavity: Cavity, up: BodySide) -> tuple[float, ...]:
 def worktop_cutouts(
     context: SceneContext, row: int, neighborhood: Neighborhood, up: BodySide, insert_mask: NDArray[np.bool_]
 ) -> tuple[Cutout, ...]:
-    """What must be left free for sinks and the like that are let into the top of a body."""
+    """Returns the cutouts for sinks and other bodies that are inserted into the top of a body."""
     half = context.boxes.half_extents[row]
     axis = up.axis
     flat = [each for each in range(3) if each != axis]
@@ -322,22 +321,22 @@ def wall_openings(
     *,
     include_motion: bool = False,
 ) -> tuple[Cutout, ...]:
-    """What a wall must leave free for what stands in it.
+    """Returns the openings of a wall for the bodies in it.
 
     Args:
-        setting: the place.
+        context: the scene.
         row: the wall.
-        around: what is near it.
-        kinds: for each body, whether it may stand in a wall.
-        ways: whether the ways on which it moves are left free as well.
+        neighborhood: the neighbors of the wall.
+        opening_mask: for each body, whether it needs an opening.
+        include_motion: whether openings include the range of motion of these bodies.
     """
     half = context.boxes.half_extents[row]
     chosen = opening_mask[neighborhood.rows] & np.all((neighborhood.low < half) & (neighborhood.high > -half), axis=1)
     if not include_motion:
         return _cutouts(neighborhood, chosen)
     low, high = neighborhood.low.copy(), neighborhood.high.copy()
-    for at in np.flatnonzero(chosen).tolist():
-        low[at], high[at] = context.sweep_bounds(int(neighborhood.rows[at]), low[at], high[at], row)
+    for index in np.flatnonzero(chosen).tolist():
+        low[index], high[index] = context.sweep_bounds(int(neighborhood.rows[index]), low[index], high[index], row)
     return _cutouts(Neighborhood(neighborhood.rows, low, high), chosen)
 
 

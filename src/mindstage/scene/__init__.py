@@ -1,4 +1,4 @@
-"""World: the description that passes every border, its frames, and the comparison of two."""
+"""Scene description: worlds as engine-independent values, frame conversions, and the comparison of worlds."""
 
 from mindstage.scene.blank_node_matching import Statement
 from mindstage.scene.diff import MECHANICAL_KINDS, ChangeKind, FieldChange, WorldDiff, diff

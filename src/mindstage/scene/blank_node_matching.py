@@ -1,15 +1,13 @@
-"""Names of one world found again in another: what a thing is called there does not matter, what it is does.
+"""Matching of blank nodes between two worlds, and canonical comparison of RDF statements.
 
-Most things keep their name. A map that was written anew has a new name, and so have the parts that it describes its
-things by, such as their poses. A label (`_:…`) means something only inside its own world. Labels are matched one to
-one: first by the place that they are mentioned at, then by everything that is said about them and with them. A match
-that is wrong can only show differences that are none; it cannot hide any, since all that is said is still compared
-under the names that were found.
+Most resources have the same name in both worlds. A map that was written again has another IRI, and so have the nodes
+that describe parts of its bodies, such as poses. The label of a blank node (`_:…`) is valid only within its own world.
+Blank nodes are matched one to one: first by the position at which they are mentioned, then by all statements about and
+with them (color refinement). A wrong match can only report differences that are none; it cannot hide any, since all
+statements are still compared under the names that were matched.
 
-Statements compared by what they say: forms, multisets, and a line of text for each.
-
-Two facts have the same form when they state the same: numbers of one datatype count by their value ("0.0" is "0.00"
-and "0E0"), language tags without case, things without a name by what is said about them, in any order.
+Two statements have the same canonical id if they are equal: numbers of one datatype by value ("0.0" is "0.00" and
+"0E0"), language tags without case, blank nodes by the statements about them in any order.
 """
 
 from __future__ import annotations
@@ -59,10 +57,10 @@ NUMBER_PATTERN = re.compile(r"[ \t\n\r]*([+-]?)(?=\.?[0-9])([0-9]*)\.?([0-9]*)(?
 
 
 class Statement(msgspec.Struct, frozen=True):
-    """A fact or a tag, and what it is about; `str` gives one readable line of it."""
+    """A fact or a tag with its subject; `str` formats the fact or tag as one line."""
 
     id: str
-    """Of a body, a constraint, a light; the IRI of a resource or of the world itself."""
+    """The id of a body, joint or light, or the IRI of a resource or of the world."""
     assertion: PropertyAssertion | Tag
 
     def __str__(self) -> str:
@@ -72,9 +70,9 @@ class Statement(msgspec.Struct, frozen=True):
 
 
 class StatementCanonicalizer:
-    """Numbers statements: two have the same number when they say the same. One table serves both sides.
+    """Assigns equal ids to equal statements; one instance is used for both worlds.
 
-    What is nested is numbered from the inside out and without recursion, since a list of a thousand items in RDF is
+    Nested blank nodes are processed from the inside out and without recursion, since an RDF list of a thousand items is
     a thousand levels deep.
     """
 
@@ -82,10 +80,10 @@ class StatementCanonicalizer:
         self._ids: dict[Hashable, int] = {}
 
     def canonical_id(self, fact: PropertyAssertion, names: Mapping[str, str]) -> int:
-        """The number of a fact once the names in it are replaced by those that they stand for."""
+        """Returns the id of a fact after its names are replaced by those that `names` maps them to."""
         value = fact.value
-        form = self._blank_node_id(value, names) if isinstance(value, BlankNode) else _leaf_key(value, names)
-        return self._intern((fact.property, form))
+        key = self._blank_node_id(value, names) if isinstance(value, BlankNode) else _leaf_key(value, names)
+        return self._intern((fact.property, key))
 
     def _intern(self, key: Hashable) -> int:
         return self._ids.setdefault(key, len(self._ids))
@@ -99,14 +97,14 @@ class StatementCanonicalizer:
                 waiting.extend(undone)
                 continue
             node = waiting.pop()
-            forms = (
+            keys = (
                 (
                     fact.property,
                     done[id(fact.value)] if isinstance(fact.value, BlankNode) else _leaf_key(fact.value, names),
                 )
                 for fact in node.facts
             )
-            done[id(node)] = self._intern((None, *sorted(map(self._intern, forms))))
+            done[id(node)] = self._intern((None, *sorted(map(self._intern, keys))))
         return done[id(root)]
 
 
@@ -119,7 +117,7 @@ def _leaf_key(value: IriRef | Literal, names: Mapping[str, str]) -> Hashable:
 
 
 def _parse_decimal(text: str) -> tuple[str, str, int] | None:
-    """Sign, digits and exponent of a number, exactly and whatever its length; None for what is no finite number."""
+    """Returns sign, digits and exponent of a number, exactly for any length; None if it is no finite number."""
     match = NUMBER_PATTERN.fullmatch(text)
     if match is None:
         return None
@@ -137,19 +135,19 @@ Item = TypeVar("Item")
 def multiset_difference(
     items: Iterable[Item], keys: Iterable[Hashable], other_keys: Iterable[Hashable]
 ) -> tuple[Item, ...]:
-    """The items whose form is not among the others, each counted as often as it stands there."""
+    """Returns the items whose key is not among the other keys, counting repetitions."""
     left = Counter(other_keys)
     result = []
-    for item, form in zip(items, keys, strict=True):
-        if left[form] > 0:
-            left[form] -= 1
+    for item, key in zip(items, keys, strict=True):
+        if left[key] > 0:
+            left[key] -= 1
         else:
             result.append(item)
     return tuple(result)
 
 
 def format_assertion(fact: PropertyAssertion, *, max_depth: int = 3) -> str:
-    """A fact in the manner of Turtle; what is nested deeper than so many levels is cut short."""
+    """Formats a fact in the style of Turtle; blank nodes below `max_depth` are abbreviated."""
     return f"<{fact.property}> {_format_value(fact.value, max_depth)}"
 
 
@@ -167,34 +165,34 @@ def _format_value(value: FactValue, max_depth: int) -> str:
 
 KNOWROB = "http://knowrob.org/kb/knowrob.owl#"
 PART_PROPERTIES = frozenset(KNOWROB + name for name in ("pose", "linearConstraint", "angularConstraint"))
-"""Who writes a map makes up a name for each of these; what they say stands in fields, and those are compared."""
+"""Properties whose values get new names when a map is written; their content is compared as fields of the world."""
 
 MAX_REFINEMENT_ROUNDS = 8
-"""How far around a label one looks at most to tell it from others."""
+"""Largest number of rounds of color refinement."""
 MAX_GUESSES = 16
-"""How often one guesses between labels that look alike, to see whether that tells others apart."""
+"""Largest number of arbitrary pairs that are tried to distinguish the remaining labels."""
 
 MentionSite = tuple[str, str]
-"""Who says it, and by which property."""
+"""The subject and the property of a statement that mentions a label."""
 Group = tuple[list[str], list[str]]
-"""Labels of a and labels of b, all of one color."""
+"""Labels of a and labels of b that all have the same color."""
 
 
 def is_blank_node(name: str) -> bool:
-    """Whether a name means something only inside its own world."""
+    """Returns whether a name is the label of a blank node."""
     return name.startswith("_:")
 
 
 def match_blank_nodes(
     a: World, b: World, known_pairs: Iterable[tuple[str, str]], canonicalizer: StatementCanonicalizer
 ) -> Mapping[str, str]:
-    """For names in b that mean something else in a, or nothing: the name in a, or one that nothing has.
+    """Returns, for names of b that differ in a or clash with a name of a, the name in a or an unused one.
 
     Args:
-        a: one world.
-        b: the other.
-        known: names in a and b of the same thing; one that was given before is not given again.
-        forms: the table that the statements of both are compared with.
+        a: the first world.
+        b: the second world.
+        known_pairs: names in a and in b of the same resource; of several pairs with one name, the first counts.
+        canonicalizer: compares the statements of both worlds.
     """
     names: dict[str, str] = {}
     taken: set[str] = set()
@@ -206,12 +204,12 @@ def match_blank_nodes(
     if labels_a.labels or labels_b.labels:
         _BlankNodeMatcher(labels_a, labels_b, names, canonicalizer).run()
     for other in set(names.values()).difference(names):
-        names[other] = f"{other} of b"  # no name holds a blank, so this one stands for nothing in a
+        names[other] = f"{other} of b"  # names contain no space, so this one is unused in a
     return {theirs: mine for theirs, mine in names.items() if theirs != mine}
 
 
 def part_name_pairs(a: Iterable[PropertyAssertion], b: Iterable[PropertyAssertion]) -> Iterator[tuple[str, str]]:
-    """The names in a and b of the parts of one thing, where those are not the same."""
+    """Yields the names in a and b of the parts of one resource, where they differ."""
     mine, theirs = _parts_by_property(a), _parts_by_property(b)
     for property in sorted(mine.keys() & theirs.keys()):
         if len(mine[property]) == len(theirs[property]) == 1 and mine[property] != theirs[property]:
@@ -246,16 +244,16 @@ def _blank_nodes_in(fact: PropertyAssertion) -> Iterator[str]:
 
 
 class _BlankNodeIndex:
-    """The labels of one world, and where they stand."""
+    """The blank node labels of one world, and the statements that contain them."""
 
     def __init__(self, world: World) -> None:
         self.statements_about: dict[str, list[PropertyAssertion]] = defaultdict(list)
-        """What is said about a label."""
+        """The statements about a label."""
         self.statements_mentioning: dict[str, list[tuple[str, PropertyAssertion]]] = defaultdict(list)
-        """Who mentions a label, and how."""
+        """The subjects and statements that mention a label."""
         self.labels_at: dict[MentionSite, set[str]] = defaultdict(set)
         self.mentions_by_owner: dict[str, list[MentionSite]] = defaultdict(list)
-        """Where a name, label or not, mentions labels."""
+        """The sites at which a subject mentions labels."""
         mentioned: set[str] = set()
         for owner, facts in _statements(world):
             if facts and is_blank_node(owner):
@@ -269,24 +267,24 @@ class _BlankNodeIndex:
                     mentioned.add(label)
                     self.statements_mentioning[label].append((owner, fact))
                     self.labels_at[owner, fact.property].add(label)
-        for place in sorted(self.labels_at):
-            self.mentions_by_owner[place[0]].append(place)
+        for site in sorted(self.labels_at):
+            self.mentions_by_owner[site[0]].append(site)
         self.labels = sorted(mentioned)
-        """By their text: which of two equal ones comes first must not hang on the order of the world."""
+        """Sorted, so that the choice between equal labels does not depend on the order of the world."""
 
 
 class _BlankNodeMatcher:
-    """The search for pairs; `names` (from b's to a's) grows while it runs."""
+    """Finds pairs of labels; `names` maps those of b to those of a and is extended in place."""
 
     def __init__(
         self, a: _BlankNodeIndex, b: _BlankNodeIndex, names: dict[str, str], canonicalizer: StatementCanonicalizer
     ) -> None:
         self.a, self.b, self.names, self.canonicalizer = a, b, names, canonicalizer
         self.reverse_names = {mine: theirs for theirs, mine in names.items()}
-        """The same from a's to b's."""
+        """The inverse of `names`: from a to b."""
 
     def run(self) -> None:
-        """Looks at places first, since those still tell labels apart when something was lost on the way."""
+        """Pairs by mention site first, which also works if statements were lost."""
         self._propagate(
             [
                 self.names.get(name, name)
@@ -304,7 +302,7 @@ class _BlankNodeMatcher:
             self._pair(label, label)
 
     def _refine_groups(self, groups: list[Group]) -> list[Group]:
-        """The groups that are left once what is alone in its group is paired, and one guess is made."""
+        """Pairs groups of one label each and two labels of another group arbitrarily; returns the remaining groups."""
         for group in groups:
             if len(group[0]) == len(group[1]) == 1:
                 self._pair_group(group)
@@ -315,7 +313,7 @@ class _BlankNodeMatcher:
         self._pair(alike[0][0][0], alike[0][1][0])
         narrower = self._ambiguous_groups()
         if len(self.names) == known + 1 and len(narrower) == len(alike):
-            # It told no others apart, so the rest of its group is as interchangeable.
+            # No other labels were distinguished by it, so the labels of this group are interchangeable.
             self._pair_group(alike[0])
         return [group for group in narrower if group[0][0] not in self.reverse_names]
 
@@ -329,19 +327,19 @@ class _BlankNodeMatcher:
             self._propagate([mine])
 
     def _propagate(self, owners: list[str]) -> None:
-        """Pairs labels that stand alone at the same place, then those at their places, and so on."""
+        """Pairs labels that are the only ones at the same site, then those at the sites of these, and so on."""
         while owners:
             owner = owners.pop()
-            for place in self.a.mentions_by_owner.get(owner, ()):
-                there = self.b.labels_at.get((self.reverse_names.get(owner, owner), place[1]), ())
-                mine = [label for label in self.a.labels_at[place] if label not in self.reverse_names]
+            for site in self.a.mentions_by_owner.get(owner, ()):
+                there = self.b.labels_at.get((self.reverse_names.get(owner, owner), site[1]), ())
+                mine = [label for label in self.a.labels_at[site] if label not in self.reverse_names]
                 theirs = [label for label in there if label not in self.names]
                 if len(mine) == len(theirs) == 1:
                     self.names[theirs[0]], self.reverse_names[mine[0]] = mine[0], theirs[0]
                     owners.append(mine[0])
 
     def _ambiguous_groups(self) -> list[Group]:
-        """The labels of both that are still alone, in groups that nothing said about or with them tells apart."""
+        """Returns the unpaired labels of both worlds, grouped by color: no statement distinguishes those of a group."""
         a = {label: label if label in self.reverse_names else "" for label in self.a.labels}
         b = {label: self.names.get(label, "") for label in self.b.labels}
         colors = 0
@@ -367,9 +365,9 @@ class _BlankNodeMatcher:
 
         def color(label: str) -> str:
             about = sorted(number(fact) for fact in labels.statements_about[label])
-            with_it = labels.statements_mentioning[label]
-            around = sorted((owner == label, names.get(owner, owner), number(fact)) for owner, fact in with_it)
-            return table.setdefault((colors[label], *about, *around), f"colour {len(table)}")
+            mentions = labels.statements_mentioning[label]
+            around = sorted((owner == label, names.get(owner, owner), number(fact)) for owner, fact in mentions)
+            return table.setdefault((colors[label], *about, *around), f"color {len(table)}")
 
         paired = self.reverse_names if labels is self.a else self.names
         return {label: old if label in paired else color(label) for label, old in colors.items()}

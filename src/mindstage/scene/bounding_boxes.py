@@ -1,16 +1,10 @@
-"""Boxes: oriented ones in bulk: which of them meet, how deep they stand in one another, and which holds which.
+"""Oriented bounding boxes: overlapping pairs, penetration depths, containment, footprints, and the bounds of a world.
 
-Candidates come from a sweep along the axis on which the boxes are spread most, so that the cost follows the number of
-boxes and of real neighbors, not its square; the depth is exact (separating axes), and all of it is vectorized.
+All functions are vectorized. Candidate pairs come from a sweep along the axis of the largest spread, so the cost grows
+with the number of boxes and of overlaps, not with its square; penetration depths are exact (separating axes).
 
-Extent: how far a world reaches, and what stands tallest in it.
-
-It is the quickest way to see that a map was misread: a kitchen is not 400 m wide, and a fridge is not 2 cm high.
-
-Footprints: what oriented boxes cover of the ground, exactly, however they are tilted.
-
-The shadow of a box is a convex polygon of up to six corners. Here it always has six, counter-clockwise, some of which
-coincide where the box stands upright, so that many of them fit into one array n x 6 x 2 [m].
+A footprint is the vertical projection of a box onto the ground: a convex polygon of up to six corners. It is always
+stored with six corners, counterclockwise, some of which coincide if the box is upright: arrays n x 6 x 2 [m].
 """
 
 from __future__ import annotations
@@ -44,7 +38,7 @@ __all__ = [
 Indices = NDArray[np.intp]
 
 _CHUNK_SIZE = 1 << 20
-"""So many candidate pairs are looked at in one go; it bounds the memory."""
+"""Number of candidate pairs per chunk, which bounds the memory."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,17 +48,17 @@ class OrientedBoxes:
     center: Array
     """n x 3 [m]."""
     rotation: Array
-    """n x 3 x 3, the boxes' axes in columns."""
+    """n x 3 x 3 rotation matrices; the columns are the axes of the box."""
     half_extents: Array
-    """n x 3, half the extents along the boxes' own axes [m]."""
+    """n x 3, half of the extents along the axes of the box [m]."""
 
     @classmethod
     def from_poses(cls, poses: Array, sizes: Array) -> OrientedBoxes:
-        """From n x 7 poses with unit quaternions and n x 3 sizes."""
+        """Returns boxes with n x 7 poses (unit quaternions) and n x 3 sizes."""
         return cls(poses[:, :3], rotation_matrix(poses[:, 3:]), sizes / 2)
 
     def bounds(self) -> tuple[Array, Array]:
-        """The lower and upper corners of the upright boxes around them, each n x 3."""
+        """Returns the lower and upper corners of the axis-aligned bounding boxes, each n x 3."""
         reach = np.einsum("nij,nj->ni", np.abs(self.rotation), self.half_extents)
         return self.center - reach, self.center + reach
 
@@ -76,13 +70,15 @@ def overlapping_pairs(
     *,
     margin: Vector = (0.0, 0.0, 0.0),
 ) -> Iterator[tuple[Indices, Indices]]:
-    """Pairs whose upright boxes meet, each once, in chunks; one of the two is `wanted` and one is `other`.
+    """Yields pairs with overlapping axis-aligned bounds, each once, in chunks.
+
+    One box of each pair is in the first mask and the other is in the second.
 
     Args:
-        boxes: all of them.
-        wanted: for each box, whether it is looked for.
-        other: for each box, whether it counts as a neighbor.
-        within: a gap of so much along the world's axes still counts as meeting [m].
+        boxes: the boxes.
+        first_mask: for each box, whether it can be one of a pair.
+        second_mask: for each box, whether it can be the other of a pair.
+        margin: the largest gap along each world axis that still counts as an overlap [m].
     """
     low, high = boxes.bounds()
     high = high + np.asarray(margin)
@@ -110,9 +106,9 @@ def overlapping_pairs(
 
 
 def penetration_depths(boxes: OrientedBoxes, a: Indices, b: Indices) -> Array:
-    """How far each pair would have to move apart [m]; negative for a gap.
+    """Returns the translation that separates each pair [m]; negative for a gap.
 
-    The least overlap over the fifteen axes that can separate two boxes (Gottschalk, Lin, Manocha 1996).
+    The smallest overlap over the fifteen separating axes of two boxes (Gottschalk, Lin, Manocha 1996).
     """
     apart = boxes.center[b] - boxes.center[a]
     axes_a, axes_b = np.swapaxes(boxes.rotation[a], 1, 2), np.swapaxes(boxes.rotation[b], 1, 2)
@@ -129,13 +125,13 @@ def penetration_depths(boxes: OrientedBoxes, a: Indices, b: Indices) -> Array:
 
 
 def contains(boxes: OrientedBoxes, outer: Indices, inner: Indices, *, min_fraction: float = 1.0) -> NDArray[np.bool_]:
-    """Whether the outer box holds the inner one, pair by pair.
+    """Returns, for each pair, whether the outer box contains the inner one.
 
     Args:
-        boxes: all of them.
-        outer: indices of the holding boxes.
-        inner: indices of the held ones.
-        share: how much of the inner box must be inside along each axis of the outer one; 1 is all of it.
+        boxes: the boxes.
+        outer: indices of the containing boxes.
+        inner: indices of the contained boxes.
+        min_fraction: fraction of the inner box that must be inside along each axis of the outer one.
     """
     turn = np.swapaxes(boxes.rotation[outer], 1, 2)
     offset = np.abs(np.einsum("pij,pj->pi", turn, boxes.center[inner] - boxes.center[outer]))
@@ -147,13 +143,13 @@ def contains(boxes: OrientedBoxes, outer: Indices, inner: Indices, *, min_fracti
 
 
 def face_coverage(boxes: OrientedBoxes, cover: int, targets: Indices, *, tolerance: float = 0.005) -> Array:
-    """How much of a side of other boxes one box covers, as a door does: 1 is all of it, 0 that it is elsewhere.
+    """Returns the fraction of a face of other boxes that one box covers, as a door does; 0 if they do not touch.
 
     Args:
-        boxes: all of them.
-        front: the index of the one that covers.
-        things: indices of those that may be covered.
-        reach: a gap of so much still counts as touching [m].
+        boxes: the boxes.
+        cover: index of the covering box.
+        targets: indices of the boxes that may be covered.
+        tolerance: the largest gap that still counts as contact [m].
     """
     turn = np.swapaxes(boxes.rotation[targets], 1, 2)
     offset = np.abs(np.einsum("pij,pj->pi", turn, boxes.center[cover] - boxes.center[targets]))
@@ -166,26 +162,29 @@ def face_coverage(boxes: OrientedBoxes, cover: int, targets: Indices, *, toleran
 
 
 class Bounds(msgspec.Struct, frozen=True, kw_only=True):
-    """The upright box around all bodies."""
+    """The axis-aligned bounding box of all bodies."""
 
     low: Vector
-    """The corner where x, y and z are least [m]."""
+    """The lower corner [m]."""
     high: Vector
-    """The corner where they are greatest [m]."""
+    """The upper corner [m]."""
     tallest: BodyId
     tallest_class: Iri
     height_m: float
-    """Of the tallest body, from its lowest to its highest point [m]."""
+    """Height of the tallest body, from its lowest to its highest point [m]."""
 
     @property
     def size(self) -> Vector:
-        """Along x, y and z [m]."""
+        """Extents along x, y and z [m]."""
         (x, y, z), (left, back, bottom) = self.high, self.low
         return x - left, y - back, z - bottom
 
 
 def world_bounds(world: World) -> Bounds | None:
-    """The extent of a world; None where it has no bodies. What has no size is a point."""
+    """Returns the bounds of a world, None if it has no bodies. Bodies without a size are points.
+
+    Implausible bounds are the quickest sign of a misread map: a kitchen that is 400 m wide.
+    """
     if not world.bodies:
         return None
     poses = pose_array(body.pose for body in world.bodies)
@@ -207,38 +206,38 @@ def world_bounds(world: World) -> Bounds | None:
 
 _CORNERS = 6
 _MIN_EDGE_M = 1e-9
-"""An edge shorter than this comes from rounding; it has no direction to trust."""
+"""Shorter edges are due to rounding: their direction is undefined."""
 _POLYGON_CHUNK_SIZE = 1 << 14
-"""So many pairs are looked at in one go; it bounds the memory."""
+"""Number of pairs per chunk, which bounds the memory."""
 
 
 def footprints(boxes: OrientedBoxes) -> Array:
-    """The shadows of boxes on the ground: n x 6 x 2 corners, counter-clockwise."""
-    # A box is the sum of three segments, so its shadow is that of three flat ones: walk along them by their angle.
+    """Returns the footprints of boxes: n x 6 x 2 corners, counterclockwise [m]."""
+    # A box is the Minkowski sum of three segments, and so is its projection: its sides are their projections by angle.
     edges = np.swapaxes(boxes.rotation[:, :2, :] * boxes.half_extents[:, None, :], 1, 2)
     edges = np.where(np.linalg.norm(edges, axis=2, keepdims=True) < _MIN_EDGE_M, 0.0, edges)
     backwards = (edges[..., 1] < 0.0) | ((edges[..., 1] == 0.0) & (edges[..., 0] < 0.0))
     edges = np.where(backwards[..., None], -edges, edges)
     order = np.argsort(np.arctan2(edges[..., 1], edges[..., 0]), axis=1)
     edges = np.take_along_axis(edges, order[..., None], axis=1)
-    round_it = np.concatenate([edges, -edges], axis=1) * 2
-    corners = np.cumsum(round_it, axis=1) - round_it - edges.sum(axis=1, keepdims=True)
+    doubled_edges = np.concatenate([edges, -edges], axis=1) * 2
+    corners = np.cumsum(doubled_edges, axis=1) - doubled_edges - edges.sum(axis=1, keepdims=True)
     return np.asarray(boxes.center[:, None, :2] + corners)
 
 
 def polygon_areas(polygons: Array) -> Array:
-    """The areas of convex polygons, n x k x 2 [m2]."""
+    """Returns the areas of convex polygons, n x k x 2 [m²]."""
     corners = polygons - polygons[:, :1]
     return np.asarray(_cross(corners, np.roll(corners, -1, axis=1)).sum(axis=1) / 2)
 
 
 def polygon_overlap_areas(polygons: Array, a: Indices, b: Indices) -> Array:
-    """How much of the ground both polygons of each pair cover [m2]."""
+    """Returns the area of the intersection of each pair of polygons [m²]."""
     return _in_chunks(_overlap_area, polygons, a, b)
 
 
 def polygon_gaps(polygons: Array, a: Indices, b: Indices) -> Array:
-    """The shortest way between the edges of each pair of polygons that do not overlap [m]."""
+    """Returns the distance between the edges of each pair of disjoint polygons [m]."""
     return _in_chunks(_polygon_gap, polygons, a, b)
 
 
@@ -250,10 +249,10 @@ def _overlap_area(one: Array, other: Array) -> Array:
 
 
 def _clip(polygons: Array, start: Array, end: Array) -> Array:
-    """What of convex polygons lies to the left of a line each (Sutherland and Hodgman 1974).
+    """Clips each convex polygon to the left half-plane of a line (Sutherland and Hodgman 1974).
 
-    Each side that crosses the line leaves a corner there. What comes out has one corner more; those to spare repeat
-    the first one, which changes no area.
+    Each side that crosses the line adds a corner. The result has one corner more than the input; unused ones repeat
+    the first corner, which does not change the area.
     """
     count = polygons.shape[1]
     height = _cross((end - start)[:, None], polygons - start[:, None])
@@ -275,7 +274,7 @@ def _polygon_gap(one: Array, other: Array) -> Array:
 
 
 def _corner_to_edge_distance(corners: Array, polygons: Array) -> Array:
-    """The shortest way from any corner to any side."""
+    """Returns the smallest distance from a corner to a side [m]."""
     sides = (np.roll(polygons, -1, axis=1) - polygons)[:, None]
     away = corners[:, :, None] - polygons[:, None]
     squared = np.sum(sides * sides, axis=-1)

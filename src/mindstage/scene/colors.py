@@ -1,4 +1,4 @@
-"""Colors: the ones that people name, how any other is written, and how much light they are."""
+"""Colors: names, parsing and formatting, and conversion between sRGB and linear light."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ __all__ = [
 ]
 
 NO_COLOR = "none"
-"""Puts a light out."""
+"""The text that removes a highlight."""
 
 
 def rgb_from_hex(text: str) -> Color:
-    """A color from its six hexadecimal digits."""
+    """Returns the color of six hexadecimal digits."""
     red, green, blue = (int(text[start : start + 2], 16) / 255 for start in (0, 2, 4))
     return red, green, blue
 
@@ -43,14 +43,14 @@ COLORS: Mapping[str, Color] = MappingProxyType(
         "yellow": rgb_from_hex("f5c400"),
     }
 )
-"""In the order of the numbers that stand for them on the wire: 1 is black, 5 yellow, and 0 is none."""
+"""In the order of their numbers in messages: 1 is black, 5 is yellow; 0 is no color."""
 
 
 def parse_color(text: str) -> Color | None:
-    """A color as people write it: a name, `#rrggbb`, or three numbers `r,g,b` from 0 to 1; None for "none".
+    """Parses a color: a name, `#rrggbb`, or three numbers `r,g,b` from 0 to 1; returns None for "none".
 
     Raises:
-        InvalidColorError: it is none of these.
+        InvalidColorError: the text has none of these forms.
     """
     name = text.strip().lower()
     if name == NO_COLOR:
@@ -69,10 +69,10 @@ def parse_color(text: str) -> Color | None:
 
 
 def color_from(color: Color | str | None) -> Color | None:
-    """A color given by name, as text or as numbers: "green", "#1fa83c", (0.1, 0.7, 0.2); None for None and "none".
+    """Returns a color given as text or as numbers: "green", "#1fa83c", (0.1, 0.7, 0.2); None for None and "none".
 
     Raises:
-        InvalidColorError: it is no color; numbers go from 0 to 1.
+        InvalidColorError: it is not a color; numbers must be from 0 to 1.
     """
     if color is None:
         return None
@@ -80,22 +80,22 @@ def color_from(color: Color | str | None) -> Color | None:
 
 
 def color_name(color: Color) -> str:
-    """A color's name, or else `#rrggbb`."""
+    """Returns the name of a color, or `#rrggbb` if it has none."""
     return next((name for name, known in COLORS.items() if known == color), None) or hex_color(color)
 
 
 def hex_color(color: Color) -> str:
-    """A color as `#rrggbb`, which a web page reads too."""
+    """Returns a color as `#rrggbb`; components are clipped to 0 to 1."""
     return "#" + "".join(f"{round(255 * min(max(part, 0.0), 1.0)):02x}" for part in color)
 
 
 def srgb_to_linear(colors: Array) -> Array:
-    """How much light a screen's values stand for, each from 0 to 1 (the curve of sRGB, IEC 61966-2-1)."""
+    """Returns the linear values of sRGB values from 0 to 1 (IEC 61966-2-1)."""
     clipped = np.clip(colors, 0.0, 1.0)
     return np.where(clipped <= 0.04045, clipped / 12.92, ((clipped + 0.055) / 1.055) ** 2.4)
 
 
 def linear_to_srgb(linear_values: Array) -> Array:
-    """A screen's values for so much light; what undoes `srgb_to_linear`."""
+    """Returns the sRGB values of linear values from 0 to 1: the inverse of `srgb_to_linear`."""
     linear_values = np.clip(linear_values, 0.0, 1.0)
     return np.where(linear_values <= 0.0031308, 12.92 * linear_values, 1.055 * linear_values ** (1 / 2.4) - 0.055)

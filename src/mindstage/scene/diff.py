@@ -1,22 +1,15 @@
-"""The judge: everything that two worlds do not agree on, and by how much.
+"""Comparison of two worlds: all differences, with measured errors where the values are numbers.
 
-`diff` compares all that a World holds. Order carries no meaning, so tags, facts and things are compared as sets
-that count repetitions; only materials keep their order, since a mesh names its surfaces by number. What a world holds
-twice under one id is compared in its order. Names that mean something only inside their own world may differ, what
-they stand for may not.
+`diff` compares everything that a World contains. Order has no meaning: tags, facts and parts are compared as multisets.
+Only materials keep their order, since meshes refer to them by index. Objects with equal ids are compared in order.
+Blank node labels may differ between the worlds; what they stand for may not.
 
-Fields compared in columns: one field of many things at once, and how far its two values are apart.
+Parts are paired by id. A part whose IRI is a blank node label has no persistent id; such parts are paired by the bodies
+that they connect or by their class, and in the order of their poses among equals. A suboptimal pair can only report
+differences that are none, since every field of a pair is compared.
 
-Numbers go through numpy, so that ten thousand bodies cost as many array operations as ten. NaN is equal to NaN and to
-nothing else: a world is equal to itself whatever it holds.
-
-Things of two worlds side by side: by id, and by what they are where an id was made on the fly.
-
-A thing whose IRI is a label (`_:…`) has no name of its own, so its id means nothing outside its world. Such things are
-paired by what they join, or by what they are, and among equals in the order of their poses. A pair that is not the
-best can only show differences that are none: every field of a pair is still compared.
-
-What two worlds say about the same things, and what only one of them says.
+Fields are compared in columns with NumPy, so that ten thousand bodies take as many array operations as ten. NaN equals
+NaN and nothing else: a world is equal to itself.
 """
 
 from __future__ import annotations
@@ -72,37 +65,37 @@ Array = NDArray[np.float64]
 
 
 class ChangeKind(StrEnum):
-    """What a change is about. Those in `MEASURED_KINDS` have an error, in the unit that is said here."""
+    """The kind of a change. Those in `MEASURED_KINDS` have an error in the unit stated here."""
 
     TRANSLATION = "translation_m"
     """The distance between two positions [m]."""
     ROTATION = "rotation_rad"
-    """The smallest angle between two rotations [rad]: q and -q are one, and lengths do not count."""
+    """The smallest angle between two rotations [rad]; q and -q are equal, and norms are ignored."""
     SIZE = "size_m"
-    """The largest of the three extents' differences [m]."""
+    """The largest difference of the three extents [m]."""
     MASS = "mass_kg"
     LIMIT = "limit"
-    """Of a constraint, or the middle between its limits: linear [m] or angular [rad]."""
+    """The limit of a joint, or the middle of its range: linear [m] or angular [rad]."""
     STIFFNESS = "stiffness"
     """[N/m] or [Nm/rad]."""
     DAMPING = "damping"
     """[Ns/m] or [Nms/rad]."""
     COLOR = "colour"
-    """Of a material or a light: the largest of the three channels' differences, each 0 to 1."""
+    """The color of a material or a light: the largest difference of the three channels, each 0 to 1."""
     INTENSITY = "light"
-    """A light's intensity [cd or lx]."""
+    """The intensity of a light [cd or lx]."""
     NAME = "name"
-    """IRI, label, name of the world."""
+    """IRI, label, or name of the world."""
     CLASS = "class"
-    """What a thing is: the class of a body, the kind of a light."""
+    """The class of a body or the type of a light."""
     APPEARANCE = "look"
     """Mesh, shape, materials."""
     PHYSICS = "physics"
     """Mobility, gravity, overlap events."""
     MOTION = "motion"
-    """What a constraint lets happen: its axes, soft or not, whether its two bodies collide."""
+    """The axes of a joint, its soft limits, and whether its bodies collide."""
     STRUCTURE = "structure"
-    """What a constraint joins, and what hangs on what."""
+    """The bodies of a joint, and attachments."""
     TAGS = "tags"
     FACTS = "facts"
 
@@ -118,10 +111,10 @@ MEASURED_KINDS = (
     ChangeKind.COLOR,
     ChangeKind.INTENSITY,
 )
-"""The kinds whose changes have a number."""
+"""The kinds of changes with an error."""
 
 MECHANICAL_KINDS = frozenset({ChangeKind.TRANSLATION, ChangeKind.ROTATION, ChangeKind.MASS, ChangeKind.LIMIT})
-"""Where things are, what they weigh and how far they move, whatever else is said of them."""
+"""The kinds that matter for mechanics: poses, masses and joint limits."""
 
 _POSE = {"pose.position": ChangeKind.TRANSLATION, "pose.quaternion": ChangeKind.ROTATION}
 
@@ -181,35 +174,35 @@ LIGHT_FIELDS: Mapping[str, ChangeKind] = {
 
 
 class FieldChange(msgspec.Struct, frozen=True, kw_only=True):
-    """One field that the two worlds do not agree on."""
+    """A field with different values in the two worlds."""
 
     id: str
-    """Of a body, a constraint, a light; the IRI of a resource or of the world itself."""
+    """The id of a body, joint or light, or the IRI of a resource or of the world."""
     field: str
     """The path of the attribute: `pose.position`, `linear.limit`."""
     kind: ChangeKind
     a: Any
-    """What the first world has; None for nothing. For tags and facts: those that the second lacks."""
+    """The value in the first world, None if missing. For tags and facts: those that the second world lacks."""
     b: Any
-    """What the second world has; None for nothing. For tags and facts: those that the first lacks."""
+    """The value in the second world, None if missing. For tags and facts: those that the first world lacks."""
     error: float | None = None
-    """How far apart the two are, in the unit of the kind.
+    """The difference of the values, in the unit of the kind.
 
-    None where no number says it: for what is not measured, a value against none, NaN or infinity against a number.
+    None if it is not a finite number: for kinds that are not measured, a missing value, NaN or infinity.
     """
 
 
 def compare_columns(
     fields: Mapping[str, ChangeKind], ids: Sequence[str], a: Sequence[World | Body | Joint | Light], b: Sequence[Any]
 ) -> Iterator[FieldChange]:
-    """The changes of all fields of things of one sort, a[i] against b[i]."""
-    for field, kind in fields.items():
-        get = attrgetter(field)
-        yield from compare_column(field, kind, ids, [get(item) for item in a], [get(item) for item in b])
+    """Yields the changes of all fields of objects of one type, comparing a[i] with b[i]."""
+    for path, kind in fields.items():
+        get = attrgetter(path)
+        yield from compare_column(path, kind, ids, [get(item) for item in a], [get(item) for item in b])
 
 
 def compare_materials(ids: Sequence[str], a: Sequence[Body], b: Sequence[Body]) -> Iterator[FieldChange]:
-    """The changes of materials: their names, paths and order at once, then the color of each."""
+    """Yields the changes of materials: first names, paths and order, then the color of each."""
     names = [[tuple((m.name, m.path) for m in body.materials) for body in side] for side in (a, b)]
     yield from compare_column("materials", ChangeKind.APPEARANCE, ids, *names)
     rows = list(range(len(ids)))
@@ -223,7 +216,7 @@ def compare_materials(ids: Sequence[str], a: Sequence[Body], b: Sequence[Body]) 
 def compare_column(
     field: str, kind: ChangeKind, ids: Sequence[str], a: Sequence[Any], b: Sequence[Any]
 ) -> Iterator[FieldChange]:
-    """The changes of one field."""
+    """Yields the changes of one field."""
     if kind not in MEASURED_KINDS:
         for owner, x, y in zip(ids, a, b, strict=True):
             if x != y:
@@ -232,12 +225,13 @@ def compare_column(
     errors = _measured_errors(kind, a, b)
     for row in np.flatnonzero(errors != 0.0).tolist():
         error = float(errors[row])
-        told = error if isfinite(error) else None
-        yield FieldChange(id=ids[row], field=field, kind=kind, a=a[row], b=b[row], error=told)
+        yield FieldChange(
+            id=ids[row], field=field, kind=kind, a=a[row], b=b[row], error=error if isfinite(error) else None
+        )
 
 
 def _measured_errors(kind: ChangeKind, a: Sequence[Any], b: Sequence[Any]) -> Array:
-    """How far each pair is apart; NaN or infinite where no number says it."""
+    """Returns the error of each pair; NaN or infinite where it is not defined."""
     width = (
         4
         if kind is ChangeKind.ROTATION
@@ -246,8 +240,8 @@ def _measured_errors(kind: ChangeKind, a: Sequence[Any], b: Sequence[Any]) -> Ar
         else 1
     )
     x, y = _array(a, width), _array(b, width)
-    given_a, given_b = (np.array([value is not None for value in values], dtype=bool) for values in (a, b))
-    same = np.all((x == y) | (np.isnan(x) & np.isnan(y)), axis=1) & (given_a == given_b)
+    present_a, present_b = (np.array([value is not None for value in values], dtype=bool) for values in (a, b))
+    same = np.all((x == y) | (np.isnan(x) & np.isnan(y)), axis=1) & (present_a == present_b)
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         if kind is ChangeKind.ROTATION:
             error = _rotation_angles(x, y)
@@ -264,20 +258,20 @@ def _array(values: Sequence[Any], width: int) -> Array:
 
 
 def _row_norms(vectors: Array) -> Array:
-    """Euclid's, without squaring numbers so small or large that their squares are none."""
+    """Returns Euclidean norms without underflow or overflow of the squares."""
     longest = np.max(np.abs(vectors), axis=1, initial=0.0)
     scale = np.where(longest > 0.0, longest, 1.0)
     return np.asarray(longest * np.linalg.norm(vectors / scale[:, None], axis=1))
 
 
 def _rotation_angles(a: Array, b: Array) -> Array:
-    """NaN where one of the two is no rotation."""
-    near_one = []
+    """Returns the angles between rotations [rad]; NaN if either quaternion is zero."""
+    rescaled = []
     for q in (a, b):
         longest = np.max(np.abs(q), axis=1, initial=0.0)
-        _, exponent = np.frexp(longest)  # a power of two: to scale by it rounds nothing
-        near_one.append(np.where((longest > 0.0)[:, None], np.ldexp(q, -exponent[:, None]), np.nan))
-    return quat_angle(*near_one)
+        _, exponent = np.frexp(longest)  # scaling by a power of two is exact
+        rescaled.append(np.where((longest > 0.0)[:, None], np.ldexp(q, -exponent[:, None]), np.nan))
+    return quat_angle(*rescaled)
 
 
 Item = TypeVar("Item", Body, Joint, Light)
@@ -285,7 +279,7 @@ Item = TypeVar("Item", Body, Joint, Light)
 
 @dataclass(slots=True)
 class MatchedPairs(Generic[Item]):
-    """a[i] and b[i] are the same thing in two worlds."""
+    """Objects of two worlds, of which a[i] corresponds to b[i]."""
 
     a: list[Item] = field(default_factory=list)
     b: list[Item] = field(default_factory=list)
@@ -293,57 +287,55 @@ class MatchedPairs(Generic[Item]):
     only_in_b: list[Item] = field(default_factory=list)
 
     def matched(self) -> Iterator[tuple[Item, Item]]:
-        """Pair by pair."""
+        """Yields the pairs (a[i], b[i])."""
         return zip(self.a, self.b, strict=True)
 
     @property
     def ids(self) -> list[str]:
-        """What the pairs are called: as in a."""
+        """The ids of the pairs, which are those in a."""
         return [item.id for item in self.a]
 
 
 def pair_bodies(a: Iterable[Body], b: Iterable[Body]) -> MatchedPairs[Body]:
-    """Nameless bodies are paired by class, label and mesh."""
+    """Pairs bodies by id, and blank nodes by class, label and mesh."""
 
-    def what(body: Body) -> Hashable:
+    def key(body: Body) -> Hashable:
         return (None if is_blank_node(body.cls) else body.cls, body.label, body.mesh)
 
-    return _pair(a, b, what, what)
+    return _pair(a, b, key, key)
 
 
 def pair_lights(a: Iterable[Light], b: Iterable[Light]) -> MatchedPairs[Light]:
-    """Nameless lights are paired by kind."""
+    """Pairs lights by id, and blank nodes by type."""
     return _pair(a, b, lambda light: light.type, lambda light: light.type)
 
 
 def pair_joints(a: Iterable[Joint], b: Iterable[Joint], ids: Mapping[BodyId, BodyId]) -> MatchedPairs[Joint]:
-    """Nameless constraints are paired by the bodies that they join; `ids` says what a calls the bodies of b."""
+    """Pairs joints by id, and blank nodes by their bodies; `ids` maps ids of bodies in b to those in a."""
 
-    def joined(constraint: Joint) -> Hashable:
-        return (constraint.parent, constraint.child)
+    def key_a(joint: Joint) -> Hashable:
+        return (joint.parent, joint.child)
 
-    def joined_in_b(constraint: Joint) -> Hashable:
-        return (ids.get(constraint.parent, constraint.parent), ids.get(constraint.child, constraint.child))
+    def key_b(joint: Joint) -> Hashable:
+        return (ids.get(joint.parent, joint.parent), ids.get(joint.child, joint.child))
 
-    return _pair(a, b, joined, joined_in_b)
+    return _pair(a, b, key_a, key_b)
 
 
 def _pair(
     a: Iterable[Item], b: Iterable[Item], key_a: Callable[[Item], Hashable], key_b: Callable[[Item], Hashable]
 ) -> MatchedPairs[Item]:
     named = _match(a, b, lambda item: item.id, lambda item: item.id)
-    nameless_a, rest_a = _split_nameless(named.only_in_a)
-    nameless_b, rest_b = _split_nameless(named.only_in_b)
-    nameless = _match(sorted(nameless_a, key=_pose_key), sorted(nameless_b, key=_pose_key), key_a, key_b)
-    return MatchedPairs(
-        named.a + nameless.a, named.b + nameless.b, rest_a + nameless.only_in_a, rest_b + nameless.only_in_b
-    )
+    blank_a, rest_a = _split_blank_nodes(named.only_in_a)
+    blank_b, rest_b = _split_blank_nodes(named.only_in_b)
+    blank = _match(sorted(blank_a, key=_pose_key), sorted(blank_b, key=_pose_key), key_a, key_b)
+    return MatchedPairs(named.a + blank.a, named.b + blank.b, rest_a + blank.only_in_a, rest_b + blank.only_in_b)
 
 
 def _match(
     a: Iterable[Item], b: Iterable[Item], key_a: Callable[[Item], Hashable], key_b: Callable[[Item], Hashable]
 ) -> MatchedPairs[Item]:
-    """The first of a key with the first of that key, the second with the second."""
+    """Pairs items with equal keys in order: the first with the first, the second with the second."""
     waiting: dict[Hashable, list[Item]] = defaultdict(list)
     for item in b:
         waiting[key_b(item)].append(item)
@@ -360,12 +352,12 @@ def _match(
     return pairs
 
 
-def _split_nameless(items: Iterable[Item]) -> tuple[list[Item], list[Item]]:
-    nameless: list[Item] = []
+def _split_blank_nodes(items: Iterable[Item]) -> tuple[list[Item], list[Item]]:
+    blank: list[Item] = []
     named: list[Item] = []
     for item in items:
-        (nameless if is_blank_node(item.iri) else named).append(item)
-    return nameless, named
+        (blank if is_blank_node(item.iri) else named).append(item)
+    return blank, named
 
 
 def _pose_key(item: Item) -> tuple[float, ...]:
@@ -373,10 +365,10 @@ def _pose_key(item: Item) -> tuple[float, ...]:
 
 
 class StatementDiff:
-    """Collects, thing by thing, the statements that one world makes and the other does not."""
+    """Collects the statements that are in only one of two worlds."""
 
     def __init__(self, names: Mapping[str, str], canonicalizer: StatementCanonicalizer) -> None:
-        """Takes what a calls the things that b calls otherwise, and the table to compare with."""
+        """Stores the names of b with another name in a, and the canonicalizer of both worlds."""
         self._names, self._canonicalizer = names, canonicalizer
         self.changes: list[FieldChange] = []
         self._lost: list[Statement] = []
@@ -384,21 +376,21 @@ class StatementDiff:
 
     @property
     def lost(self) -> tuple[Statement, ...]:
-        """What only a says."""
+        """The statements that are only in a."""
         return tuple(sorted(self._lost, key=_statement_order))
 
     @property
     def gained(self) -> tuple[Statement, ...]:
-        """What only b says."""
+        """The statements that are only in b."""
         return tuple(sorted(self._gained, key=_statement_order))
 
     def tags(self, id: str, a: Sequence[Tag], b: Sequence[Tag]) -> None:
-        """Compares the tags of a thing that both have."""
+        """Compares the tags of an object that is in both worlds."""
         if a != b:
             self._record_change(id, ChangeKind.TAGS, _missing_tags(a, b), _missing_tags(b, a))
 
     def facts(self, id: str, a: Sequence[PropertyAssertion], b: Sequence[PropertyAssertion]) -> None:
-        """Compares the facts of a thing that both have."""
+        """Compares the facts of an object that is in both worlds."""
         if self._names or not _literally_equal(a, b):
             mine = [self._canonicalizer.canonical_id(fact, {}) for fact in a]
             theirs = [self._canonicalizer.canonical_id(fact, self._names) for fact in b]
@@ -407,15 +399,15 @@ class StatementDiff:
             )
 
     def only_in_a(self, id: str, assertions: Iterable[PropertyAssertion | Tag]) -> None:
-        """Counts what is lost together with the thing that it is about."""
+        """Records the statements about an object that is only in a."""
         self._lost.extend(Statement(id, statement) for statement in assertions)
 
     def only_in_b(self, id: str, assertions: Iterable[PropertyAssertion | Tag]) -> None:
-        """Counts what is gained together with the thing that it is about."""
+        """Records the statements about an object that is only in b."""
         self._gained.extend(Statement(id, statement) for statement in assertions)
 
     def resources(self, a: Iterable[NamedResource], b: Iterable[NamedResource]) -> None:
-        """Compares what is said about anything else."""
+        """Compares the statements about other resources."""
         mine, theirs = _facts_by_iri(a, {}), _facts_by_iri(b, self._names)
         for iri in mine.keys() & theirs.keys():
             self.facts(iri, mine[iri], theirs[iri])
@@ -461,10 +453,10 @@ def _tag_key(tag: Tag) -> Hashable:
 
 
 def _literally_equal(a: Sequence[PropertyAssertion], b: Sequence[PropertyAssertion]) -> bool:
-    """The fast way to know that nothing differs."""
+    """A fast check for equality."""
     try:
         return a == b
-    except RecursionError:  # == follows lists in lists only so deep, Forms to any depth
+    except RecursionError:  # deeply nested blank nodes: the canonicalizer handles any depth
         return False
 
 
@@ -473,7 +465,7 @@ def _sorted(assertions: Iterable[PropertyAssertion | Tag]) -> tuple[PropertyAsse
 
 
 def _assertion_order(assertion: PropertyAssertion | Tag) -> tuple[str, ...]:
-    """As good an order as any, as long as it does not hang on that of the world."""
+    """An order that does not depend on that of the world."""
     if isinstance(assertion, Tag):
         return (assertion.type, assertion.key, assertion.value)
     return (assertion.property, str(Statement("", assertion)))
@@ -483,45 +475,45 @@ def _statement_order(statement: Statement) -> tuple[str, ...]:
     return (statement.id, *_assertion_order(statement.assertion))
 
 
-_MOST_SHOWN = 10
-"""A summary lists so many of each; all are in the fields."""
-_LONGEST = 60
-"""Longer values are cut in a summary [characters]."""
+_MAX_LISTED = 10
+"""Number of items of each kind that a summary lists."""
+_MAX_TEXT_LENGTH = 60
+"""Length at which values are truncated in a summary [characters]."""
 
 Entity = TypeVar("Entity", World, Body, Joint, Light)
 
 
 class WorldDiff(msgspec.Struct, frozen=True, kw_only=True):
-    """What two worlds, a and b, do not agree on; the same whatever the order that they hold things in."""
+    """The differences between two worlds, a and b, independent of the order of their parts."""
 
     only_in_a: tuple[str, ...] = ()
-    """Ids of bodies, constraints and lights that b lacks."""
+    """Ids of bodies, joints and lights that b lacks."""
     only_in_b: tuple[str, ...] = ()
-    """Ids of bodies, constraints and lights that a lacks."""
+    """Ids of bodies, joints and lights that a lacks."""
     changed: tuple[FieldChange, ...] = ()
-    """The fields that differ of what stands in both, by id, then by field.
+    """The fields that differ, of objects in both worlds, sorted by id and field.
 
-    What a body hangs on is its field `attachment.parents`; a resource that only one world has is a change of its field
-    `resource`.
+    The parent of an attachment is the field `attachment.parent` of the child; a resource that is in only one world is a
+    change of its field `resource`.
     """
     lost: tuple[Statement, ...] = ()
-    """Facts and tags of a that are not in b, those of what is only in a included."""
+    """Facts and tags of a that are not in b, including those of objects that are only in a."""
     gained: tuple[Statement, ...] = ()
-    """Facts and tags of b that are not in a."""
+    """Facts and tags of b that are not in a, including those of objects that are only in b."""
 
     @property
     def lost_facts(self) -> int:
-        """How many facts and tags of a are not in b."""
+        """The number of facts and tags of a that are not in b."""
         return len(self.lost)
 
     @property
     def gained_facts(self) -> int:
-        """How many facts and tags of b are not in a."""
+        """The number of facts and tags of b that are not in a."""
         return len(self.gained)
 
     @property
     def max_error(self) -> Mapping[str, float]:
-        """The largest error of each kind that is measured, 0 where nothing differs; see `ChangeKind` for the units."""
+        """The largest error of each measured kind, 0 without a difference; see `ChangeKind` for the units."""
         largest = dict.fromkeys((str(kind) for kind in MEASURED_KINDS), 0.0)
         for change in self.changed:
             if change.error is not None:
@@ -529,13 +521,13 @@ class WorldDiff(msgspec.Struct, frozen=True, kw_only=True):
         return largest
 
     def identical(self, tolerance: float = 0.0, *, kinds: Container[ChangeKind] | None = None) -> bool:
-        """Whether the worlds are the same, but for errors up to a tolerance.
+        """Returns whether the worlds are equal within a tolerance.
 
-        No tolerance forgives what has no error: a lost fact, another parent, a mass against none.
+        Differences without an error always count: a lost fact, another parent, a missing mass.
 
         Args:
-            tolerance: the largest error that is forgiven, in the unit of each kind.
-            kinds: look only at changes of these kinds, such as `MECHANICAL_KINDS`; what stands in one world only still counts.
+            tolerance: the largest accepted error, in the unit of each kind.
+            kinds: compare only these kinds, such as `MECHANICAL_KINDS`; objects in only one world always count.
 
         Raises:
             ValueError: the tolerance is negative or NaN.
@@ -545,13 +537,13 @@ class WorldDiff(msgspec.Struct, frozen=True, kw_only=True):
     def exceeding(
         self, tolerance: float = 0.0, *, kinds: Container[ChangeKind] | None = None
     ) -> tuple[FieldChange, ...]:
-        """The changes that the tolerance does not forgive.
+        """Returns the changes that exceed a tolerance; see `identical` for the arguments.
 
         Raises:
             ValueError: the tolerance is negative or NaN.
         """
         if not tolerance >= 0.0:
-            raise ValueError(f"a tolerance of {tolerance} forgives nothing; give 0 or more")
+            raise ValueError(f"invalid tolerance {tolerance}; give 0 or more")
         return tuple(
             change
             for change in self.changed
@@ -562,29 +554,29 @@ class WorldDiff(msgspec.Struct, frozen=True, kw_only=True):
         return f"<{type(self).__name__}: {self._summary()}>"
 
     def __str__(self) -> str:
-        """A summary in lines: what differs, by how much at most, and the largest changes."""
+        """A summary: the number of differences, the largest errors, and the largest changes."""
         lines = [self._summary()]
         for name, ids in (("a", self.only_in_a), ("b", self.only_in_b)):
             if ids:
-                lines.append(f"only in {name}: {_some(ids)}")
+                lines.append(f"only in {name}: {_listed(ids)}")
         if errors := [f"{kind} {error:.4g}" for kind, error in self.max_error.items() if error > 0.0]:
             lines.append(f"largest errors: {', '.join(errors)}")
-        lines.extend(f"  {change.id} {change.field}: {_change(change)}" for change in self._largest()[:_MOST_SHOWN])
-        if len(self.changed) > _MOST_SHOWN:
-            lines.append(f"  … and {counted(len(self.changed) - _MOST_SHOWN, 'more change')}")
+        lines.extend(f"  {change.id} {change.field}: {_changed(change)}" for change in self._largest()[:_MAX_LISTED])
+        if len(self.changed) > _MAX_LISTED:
+            lines.append(f"  … and {counted(len(self.changed) - _MAX_LISTED, 'more change')}")
         for title, statements in (("lost", self.lost), ("gained", self.gained)):
-            lines.extend(f"  {title}: {each.id} {each}" for each in statements[:_MOST_SHOWN])
-            if len(statements) > _MOST_SHOWN:
-                lines.append(f"  … and {len(statements) - _MOST_SHOWN:,} more {title}")
+            lines.extend(f"  {title}: {each.id} {each}" for each in statements[:_MAX_LISTED])
+            if len(statements) > _MAX_LISTED:
+                lines.append(f"  … and {len(statements) - _MAX_LISTED:,} more {title}")
         return "\n".join(lines)
 
     def _repr_html_(self) -> str:
-        """The changes, the largest first, as a table for notebooks."""
+        """Returns the changes as an HTML table for notebooks, the largest first."""
         rows: list[tuple[object, ...]] = []
         for name, ids in (("a", self.only_in_a), ("b", self.only_in_b)):
             rows += [(id, f"only in {name}", "", "", None) for id in ids]
         rows += [
-            (change.id, change.field, _shown(change.a), _shown(change.b), change.error) for change in self._largest()
+            (change.id, change.field, _short(change.a), _short(change.b), change.error) for change in self._largest()
         ]
         rows += [(each.id, "statement lost", str(each), "", None) for each in self.lost]
         rows += [(each.id, "statement gained", "", str(each), None) for each in self.gained]
@@ -600,13 +592,13 @@ class WorldDiff(msgspec.Struct, frozen=True, kw_only=True):
         return f"{alone}, {counted(len(self.changed), 'changed field')}{listed}, {statements}"
 
     def _largest(self) -> list[FieldChange]:
-        """The changes by their error, those without one first."""
+        """Returns the changes by decreasing error, those without an error first."""
         return sorted(self.changed, key=lambda change: (change.error is not None, -(change.error or 0.0), change.id))
 
     def to_builtins(self, delta: float = 0.0) -> dict[str, Any]:
-        """What `mindstage compare --json` promises, as dicts, lists, texts and numbers.
+        """Returns the output of `mindstage compare --json` as dicts, lists, strings and numbers.
 
-        Facts become lines of text, and numbers that JSON lacks the texts "nan", "inf", "-inf".
+        Facts are lines of text; non-finite numbers are the strings "nan", "inf" and "-inf".
         """
         errors = self.max_error
         return {
@@ -624,33 +616,33 @@ class WorldDiff(msgspec.Struct, frozen=True, kw_only=True):
         }
 
     def to_json(self, delta: float = 0.0) -> str:
-        """The same as a text."""
+        """Returns `to_builtins` as JSON text."""
         return msgspec.json.encode(self.to_builtins(delta)).decode()
 
 
 def diff(a: World, b: World) -> WorldDiff:
-    """Compares everything that two worlds hold.
+    """Compares two worlds completely.
 
-    Rotations are compared as rotations, numbers in facts by value. NaN is equal to NaN and to nothing else. Takes a
-    time that grows with the number of things, and not with its square.
+    Rotations are compared by their angle, numbers in facts by value. NaN is equal to NaN and to nothing else. The time
+    is about linear in the number of objects.
     """
     return _Comparison(a, b).result()
 
 
 class _Comparison:
-    """One run of the judge."""
+    """One comparison of two worlds."""
 
     def __init__(self, a: World, b: World) -> None:
         self.a, self.b = a, b
         self.bodies = pair_bodies(a.bodies, b.bodies)
         self.ids = {y.id: x.id for x, y in self.bodies.matched() if x.id != y.id}
-        """What a calls the bodies of b that have another id there."""
+        """Ids in a of the bodies of b that have another id there."""
         self.joints = pair_joints(a.joints, b.joints, self.ids)
         self.lights = pair_lights(a.lights, b.lights)
-        forms = StatementCanonicalizer()
-        self.names = match_blank_nodes(a, b, self._known_names(), forms)
-        """What a calls the things that b calls otherwise."""
-        self.statements = StatementDiff(self.names, forms)
+        canonicalizer = StatementCanonicalizer()
+        self.names = match_blank_nodes(a, b, self._known_names(), canonicalizer)
+        """Names in a of the resources of b that have another name there."""
+        self.statements = StatementDiff(self.names, canonicalizer)
 
     @property
     def matched_pairs(self) -> Iterator[MatchedPairs[Body] | MatchedPairs[Joint] | MatchedPairs[Light]]:
@@ -677,20 +669,21 @@ class _Comparison:
                 yield from part_name_pairs(x.facts, y.facts)
 
     def _field_changes(self) -> Iterator[FieldChange]:
-        bodies, constraints, lights = self.bodies, self.joints, self.lights
+        bodies, joints, lights = self.bodies, self.joints, self.lights
         yield from compare_columns(WORLD_FIELDS, [self.a.iri], [self.a], [self._with_names_of_a(self.a, self.b)])
         yield from compare_columns(
             BODY_FIELDS, bodies.ids, bodies.a, [self._renamed_body(x, y) for x, y in bodies.matched()]
         )
         yield from compare_materials(bodies.ids, bodies.a, bodies.b)
-        joined = [self._renamed_joint(x, y) for x, y in constraints.matched()]
-        yield from compare_columns(JOINT_FIELDS, constraints.ids, constraints.a, joined)
+        yield from compare_columns(
+            JOINT_FIELDS, joints.ids, joints.a, [self._renamed_joint(x, y) for x, y in joints.matched()]
+        )
         yield from compare_columns(
             LIGHT_FIELDS, lights.ids, lights.a, [self._with_names_of_a(x, y) for x, y in lights.matched()]
         )
 
     def _with_names_of_a(self, x: Entity, y: Entity) -> Entity:
-        """A thing of b under the name that a has for it, where both names are none."""
+        """Returns an object of b with its IRI in a, if both IRIs are blank nodes."""
         if is_blank_node(x.iri) and is_blank_node(y.iri):
             return replace(y, iri=self.names.get(y.iri, y.iri))
         return y
@@ -736,21 +729,21 @@ def _one_or_more(ids: list[BodyId]) -> str | tuple[str, ...] | None:
     return tuple(sorted(ids)) if len(ids) > 1 else ids[0] if ids else None
 
 
-def _some(ids: Sequence[str]) -> str:
-    left = len(ids) - _MOST_SHOWN
-    return ", ".join(ids[:_MOST_SHOWN]) + (f" and {left:,} more" if left > 0 else "")
+def _listed(ids: Sequence[str]) -> str:
+    left = len(ids) - _MAX_LISTED
+    return ", ".join(ids[:_MAX_LISTED]) + (f" and {left:,} more" if left > 0 else "")
 
 
-def _change(change: FieldChange) -> str:
+def _changed(change: FieldChange) -> str:
     error = "" if change.error is None else f" ({change.kind} {change.error:.4g})"
-    return f"{_shown(change.a)} -> {_shown(change.b)}{error}"
+    return f"{_short(change.a)} -> {_short(change.b)}{error}"
 
 
-def _shown(value: object) -> str:
+def _short(value: object) -> str:
     if isinstance(value, float):
         return f"{value:.6g}"
-    text = f"({', '.join(map(_shown, value))})" if isinstance(value, tuple) else str(value)
-    return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}…"
+    text = f"({', '.join(map(_short, value))})" if isinstance(value, tuple) else str(value)
+    return text if len(text) <= _MAX_TEXT_LENGTH else f"{text[:_MAX_TEXT_LENGTH]}…"
 
 
 _JSON_NAMES = {
@@ -760,7 +753,7 @@ _JSON_NAMES = {
     "type": "kind",
     "color": "colour",
 }
-"""Attributes whose name in JSON differs."""
+"""Attributes with another name in JSON."""
 
 
 def _change_rows(changes: Iterable[FieldChange]) -> list[dict[str, Any]]:
@@ -782,7 +775,7 @@ def _statement_rows(statements: Iterable[Statement]) -> list[dict[str, str]]:
 
 
 def _jsonable(value: Any) -> Any:
-    """What JSON can say of a change's value."""
+    """Returns the value of a change as JSON types."""
     if isinstance(value, tuple):
         return [_jsonable(part) for part in value]
     if isinstance(value, PropertyAssertion):

@@ -1,4 +1,4 @@
-"""How values show in consoles and notebooks: short words for `repr`, escaped HTML tables."""
+"""Formatting of values for consoles and notebooks: counts, short names and escaped HTML tables."""
 
 from __future__ import annotations
 
@@ -8,29 +8,29 @@ from html import escape
 __all__ = ["counted", "html_table", "short_name"]
 
 _MOST_ROWS = 100
-"""A table in a notebook is cut after as many rows."""
+"""Number of rows after which a table in a notebook is truncated."""
 _IRREGULAR = {"body": "bodies"}
 
 
 def counted(number: int, noun: str) -> str:
-    """A number with its noun: "1 body", "1,200 bodies"."""
+    """Returns a number with its noun: "1 body", "1,200 bodies"."""
     return f"{number:,} {noun if number == 1 else _IRREGULAR.get(noun, f'{noun}s')}"
 
 
 def short_name(iri: str) -> str:
-    """The last part of an IRI; anything else as it is."""
+    """Returns the last segment of an IRI; other text is returned unchanged."""
     return iri.rstrip("#/").replace("#", "/").rpartition("/")[2] if "://" in iri else iri
 
 
 def html_table(
     title: str, columns: Sequence[str], rows: Sequence[Sequence[object]], *, notes: Iterable[str] = ()
 ) -> str:
-    """A table with its title as the caption; every text is escaped, and long tables are cut.
+    """Returns an HTML table with its title as the caption; all text is escaped, and long tables are truncated.
 
     Args:
         title: the caption.
-        columns: their names.
-        rows: one cell for each column; None is an empty cell.
+        columns: the column names.
+        rows: one cell per column; None is an empty cell.
         notes: further lines below the table.
     """
     head = "".join(f"<th>{escape(column)}</th>" for column in columns)

@@ -1,8 +1,8 @@
-"""Forms: what a body looks like and what of it can be touched.
+"""Geometry of bodies: visual meshes, collision shapes, support surfaces and lights.
 
-A map says how large a drawer is; a form says that it is open at the top. Forms are worked out when a world is spawned
-(from mesh files, else from what is known about classes) and are no part of `World`: nothing of them is logged or
-written back. All lengths are meters in the body's own frame, whose origin is the middle of the body's size.
+The size of a drawer is part of the map; that it is open at the top is part of its geometry. Geometry is computed when a
+world is spawned (from mesh files, otherwise from the shape rules of classes) and is not part of `World`: it is neither
+logged nor written back. All lengths are in meters in the body frame, whose origin is the center of the body's size.
 """
 
 from __future__ import annotations
@@ -34,60 +34,60 @@ __all__ = [
 
 
 class CollisionShapeType(StrEnum):
-    """The convex things that every engine can let collide."""
+    """The convex collision shapes that every engine supports."""
 
     BOX = "box"
     SPHERE = "sphere"
-    """An ellipsoid, where its extents differ."""
+    """An ellipsoid if the extents differ."""
     CYLINDER = "cylinder"
-    """Its axis is the z of its own pose."""
+    """Its axis is the z axis of its pose."""
     HULL = "hull"
-    """The smallest convex body round its points."""
+    """The convex hull of its points."""
 
 
 class CollisionShape(FrozenStruct, frozen=True, kw_only=True, rename={"type": "kind"}):
-    """One convex part that can be touched."""
+    """A convex collision shape."""
 
     type: CollisionShapeType = CollisionShapeType.BOX
     size: Vector
-    """Extents along its own axes."""
+    """Extents along the axes of its pose."""
     pose: Pose = IDENTITY
-    """Of its middle, in the body's frame; its quaternion has norm 1."""
+    """Pose of its center in the body frame; the quaternion has norm 1."""
     points: tuple[Vector, ...] = ()
-    """Of a hull, in the solid's own frame."""
+    """The vertices of a hull, in the frame of its pose."""
 
 
 class PbrMaterial(
     FrozenStruct, frozen=True, kw_only=True, rename={"name": "material", "color": "colour", "emission": "glow"}
 ):
-    """How light falls back from a skin: glTF's metallic-roughness model, linear factors from 0 to 1."""
+    """A material in glTF's metallic-roughness model, with linear factors from 0 to 1."""
 
     name: str = ""
-    """In a word ("wood"), for people and reports."""
+    """A word ("wood"), for reports."""
     color: Color = (0.8, 0.8, 0.8)
-    """sRGB, as `Material.colour` is."""
+    """sRGB, as `Material.color`."""
     metalness: float = 0.0
     roughness: float = 0.8
     opacity: float = 1.0
     emission: float = 0.0
-    """How much of its color it gives off by itself."""
+    """Emissive factor, multiplied by the color."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class VisualMesh:
-    """What is seen: one closed surface of triangles."""
+    """A closed triangle mesh with one material."""
 
     points: Array
     """n x 3."""
     faces: NDArray[uint32]
-    """m x 3 numbers of points, counterclockwise seen from outside."""
+    """m x 3 indices of points, counterclockwise seen from outside."""
     material: PbrMaterial
     normals: Array | None = None
-    """n x 3, of norm 1; None where each face has its own."""
+    """n x 3 unit vertex normals; None for flat shading, with one normal per face."""
     uv: Array | None = None
-    """n x 2, where it has an image: from that image's lower left corner (0, 0) to its upper right one."""
+    """n x 2 texture coordinates, if there is an image: (0, 0) is its lower left corner, (1, 1) its upper right one."""
     image: NDArray[uint8] | None = None
-    """h x w x 4 (sRGB and opacity): the texture, multiplied by the surface's color."""
+    """h x w x 4, sRGB and opacity: the texture, multiplied by the color of the material."""
 
 
 class SupportSurface(
@@ -96,62 +96,62 @@ class SupportSurface(
     kw_only=True,
     rename={"center": "centre", "clearance": "height", "is_inside": "inside", "normal": "up"},
 ):
-    """A level rectangle on which something can be put, parallel to one of the body's sides."""
+    """A rectangle on which objects can be placed, parallel to one side of the body."""
 
     center: Vector
-    """On the surface itself."""
+    """Center of the rectangle, on the surface."""
     size: tuple[float, float]
-    """Along the other two axes than `up`'s, in their order: x and y, unless the body lies on its side."""
+    """Extents along the two axes across `normal`, in their order: x and y, unless the body lies on its side."""
     clearance: float | None = None
-    """Free above it; None where there is nothing above."""
+    """Free height above the surface; None if nothing is above it."""
     is_inside: bool = False
-    """Whether it is in the body (a shelf, a drawer's floor) rather than on it."""
+    """Whether it is inside the body (a shelf, the bottom of a drawer) rather than on top of it."""
     normal: Vector = (0.0, 0.0, 1.0)
-    """Where it looks; along one of the body's axes."""
+    """Upward unit vector of the surface, along an axis of the body."""
 
 
 class AttachedLight(FrozenStruct, frozen=True, kw_only=True, rename={"type": "kind", "color": "colour"}):
-    """Light that a body gives."""
+    """A light source that is attached to a body."""
 
     type: LightType = LightType.POINT
     pose: Pose = IDENTITY
-    """In the body's frame."""
+    """In the body frame."""
     color: Color = (1.0, 1.0, 1.0)
     intensity: float = 1.0
-    """As that of `Light`."""
+    """As `Light.intensity`: [cd] or [lx]."""
 
 
 class GeometrySource(StrEnum):
-    """Where a form comes from, the most trusted first."""
+    """Where the geometry of a body comes from, in decreasing priority."""
 
     MESH = "mesh"
     """A mesh file."""
     ONTOLOGY = "knowledge"
-    """The ontology says how things of that class are shaped."""
+    """A shape rule that the ontology states for the class or a superclass."""
     CLASS_NAME = "name"
-    """A word in the class's name, which no ontology knows: a guess."""
+    """A word in the name of a class that no ontology defines: a guess."""
     MAP = "map"
-    """The map's own shape, or a box of its size."""
+    """The primitive shape in the map, otherwise a box."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BodyGeometry:
-    """What a body is made of. Forms of one key are the same, so engines and pages build each only once."""
+    """The geometry of a body. Geometries with equal keys are equal, so engines and viewers build each once."""
 
     key: str
-    """A digest of everything below but `source` and `reason`."""
+    """A digest of all other fields except `source` and `reason`."""
     visuals: tuple[VisualMesh, ...]
     collision_shapes: tuple[CollisionShape, ...]
     source: GeometrySource = GeometrySource.MAP
     reason: str = ""
-    """One line for reports: "a drawer, because ms:Drawer is shaped as one; open to the top"."""
+    """One line for reports: "knowrob:Drawer is shaped as ms:DrawerForm; its front is where its handle is"."""
     shape_name: str = "box"
-    """The name of the shape ("case", "drawer", "mesh")."""
+    """The name of the shape template ("case", "drawer"), or "mesh"."""
     friction: float | None = None
-    """Sliding, against something alike; None leaves it to the engine."""
+    """Coefficient of sliding friction against the same material; None selects the default of the engine."""
     restitution: float | None = None
     density: float | None = None
-    """Of its solids [kg/m³]; it counts where a map gives no mass."""
+    """Density of the collision shapes [kg/m³]; used if the map states no mass."""
     support_surfaces: tuple[SupportSurface, ...] = ()
     lights: tuple[AttachedLight, ...] = ()
     _draw: Callable[[], tuple[str, tuple[VisualMesh, ...]]] | None = field(default=None, repr=False, compare=False)
@@ -159,19 +159,19 @@ class BodyGeometry:
 
     @classmethod
     def deferred(cls, draw: Callable[[], tuple[str, tuple[VisualMesh, ...]]], **fields: Any) -> Self:
-        """A form whose `key` and `visuals` are computed when they are first read: physics alone needs neither.
+        """Returns geometry whose `key` and `visuals` are computed on first access: physics alone needs neither.
 
         Args:
-            draw: computes both; it is called at most once a thread, and must return the same objects each time.
+            draw: computes both. It is called at most once per thread and must return the same objects each time.
             fields: all other fields.
         """
-        form = cls(key="", visuals=(), _draw=draw, **fields)
-        # A slot that is not set is looked up by `__getattr__`.
-        object.__delattr__(form, "key")
-        object.__delattr__(form, "visuals")
-        return form
+        geometry = cls(key="", visuals=(), _draw=draw, **fields)
+        # Access to an unset slot falls back to `__getattr__`.
+        object.__delattr__(geometry, "key")
+        object.__delattr__(geometry, "visuals")
+        return geometry
 
-    if not TYPE_CHECKING:  # mypy would take any attribute for one that exists
+    if not TYPE_CHECKING:  # otherwise mypy accepts any attribute
 
         def __getattr__(self, name: str) -> Any:
             if name not in ("key", "visuals"):
@@ -183,6 +183,6 @@ class BodyGeometry:
 
 
 GeometryMap = Mapping[BodyId, BodyGeometry]
-"""The forms of a world's bodies; a body without one is its `PrimitiveShape`, in its size."""
+"""Geometry by body id; a body without an entry has its `PrimitiveShape`, scaled to its size."""
 
 NO_GEOMETRY: GeometryMap = MappingProxyType({})

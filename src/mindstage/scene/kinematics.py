@@ -1,7 +1,4 @@
-"""Assemblies: bodies that hang together by attachments, and what the constraints between them let move.
-
-Travel: how far something that a constraint holds can go, and how far it went.
-"""
+"""Kinematics: ranges and displacements of joints, and groups of bodies that attachments hold together rigidly."""
 
 from __future__ import annotations
 
@@ -26,28 +23,28 @@ __all__ = [
 
 
 class JointAxisRange(NamedTuple):
-    """What a constraint says of one of its six axes."""
+    """The motion that a joint allows on one of its six axes."""
 
     motion: AxisMotion
     limit: float
-    """Either way from the middle [m or rad]; without meaning unless the motion is limited."""
+    """Half of the range [m or rad]; ignored unless the motion is limited."""
     middle: float
-    """Of its range, from where the child was spawned."""
+    """Middle of the range, relative to the spawn pose [m or rad]."""
 
 
 class JointDisplacement(NamedTuple):
-    """How far something went from where it was spawned, on the axis on which it went farthest."""
+    """The displacement of a joint from its spawn pose, on the axis with the largest displacement."""
 
     displacement: float
     """[m] or [rad], never negative."""
     is_prismatic: bool
-    """Whether the way is one in meters."""
+    """Whether the axis is a translation [m] rather than a rotation [rad]."""
     fraction: float | None
-    """Of the farthest that it can go that way; None where nothing limits it."""
+    """The displacement relative to the reach of the axis, 0 to 1; None if the axis is unlimited."""
 
 
 def axis_ranges(joint: Joint) -> tuple[JointAxisRange, ...]:
-    """All six axes: x, y, z [m], twist (about x), swing2 (about y), swing1 (about z) [rad]."""
+    """Returns the ranges of all six axes: x, y, z [m], twist (about x), swing2 (about y), swing1 (about z) [rad]."""
     linear, angular = joint.linear, joint.angular
     return (
         JointAxisRange(linear.x, linear.limit, linear.x_middle),
@@ -60,9 +57,9 @@ def axis_ranges(joint: Joint) -> tuple[JointAxisRange, ...]:
 
 
 def joint_reach(joint: Joint) -> tuple[float | None, ...]:
-    """How far each axis leads from where the child was spawned, in the order of `axis_ranges` [m or rad].
+    """Returns the largest displacement from the spawn pose on each axis, in the order of `axis_ranges` [m or rad].
 
-    0 is no way at all, None one without an end.
+    0 for a locked axis, None for a free one.
     """
     return tuple(
         None if motion is AxisMotion.FREE else 0.0 if motion is AxisMotion.LOCKED else limit + abs(middle)
@@ -71,58 +68,62 @@ def joint_reach(joint: Joint) -> tuple[float | None, ...]:
 
 
 def joint_displacement(joint: Joint, positions: Sequence[float]) -> JointDisplacement | None:
-    """How far a constraint let its child go; None for one that lets nothing move.
+    """Returns the displacement of a joint; None if all of its axes are locked.
 
     Args:
-        joint: the constraint.
-        positions: where it is, in the order of `joint_reach`.
+        joint: the joint.
+        positions: its displacement on each axis, in the order of `axis_ranges` [m or rad].
     """
-    ways = [
+    displacements = [
         JointDisplacement(abs(position), axis < 3, None if reach is None else min(abs(position) / reach, 1.0))
         for axis, (position, reach) in enumerate(zip(positions, joint_reach(joint), strict=True))
         if reach != 0.0
     ]
-    return max(ways, key=lambda way: way.fraction if way.fraction is not None else way.displacement, default=None)
+    return max(
+        displacements,
+        key=lambda each: each.fraction if each.fraction is not None else each.displacement,
+        default=None,
+    )
 
 
 _MOBILITY_RANK = {Mobility.DYNAMIC: 0, Mobility.KINEMATIC: 1}
-"""Who gives way first."""
+"""Bodies with a lower rank are moved first; all others have rank 2."""
 
 
 @dataclass(frozen=True, slots=True)
 class RigidGroups:
-    """The bodies of a world, in its order."""
+    """Groups of bodies that attachments connect rigidly; rows are indices into `World.bodies`."""
 
     root_row: NDArray[np.intp]
-    """For each body, that of its assembly: the row of the body that all of it finally hangs on."""
+    """For each body, the row of the root body of its group, which identifies the group."""
     jointed_pairs: frozenset[tuple[int, int]]
-    """Pairs of assemblies that a constraint joins: the one that moves, then the one that holds it."""
+    """Pairs of groups that a joint connects: the moving group, then the holding one."""
     is_jointed: NDArray[np.bool_]
-    """For each body, whether its assembly hangs in a constraint, as a door with its handle does."""
+    """For each body, whether a joint holds its group, as it does a door with its handle."""
     is_dynamic: NDArray[np.bool_]
-    """For each body, whether the physics moves its assembly."""
+    """For each body, whether the physics simulation moves its group."""
 
     @classmethod
     def from_world(cls, world: World) -> RigidGroups:
-        """Finds them; a circle of attachments is cut somewhere."""
+        """Computes the groups of a world; a cycle of attachments is cut at an arbitrary body."""
         rows = {body.id: row for row, body in enumerate(world.bodies)}
-        parents = {hold.child: hold.parent for hold in world.attachments if hold.parent in rows}
-        number = np.array([rows[_root_of(body.id, parents)] for body in world.bodies], dtype=np.intp)
-        joined = set()
+        parents = {attachment.child: attachment.parent for attachment in world.attachments if attachment.parent in rows}
+        root_row = np.array([rows[_root_of(body.id, parents)] for body in world.bodies], dtype=np.intp)
+        jointed_pairs = set()
         for joint in world.joints:
             if joint.parent in rows and joint.child in rows:
                 moving, holder = moving_body(joint, world.bodies[rows[joint.parent]], world.bodies[rows[joint.child]])
-                joined.add((int(number[rows[moving.id]]), int(number[rows[holder.id]])))
-        hung = np.isin(number, [moving for moving, _ in joined])
-        simulates = np.array([body.physics.is_dynamic for body in world.bodies], dtype=bool)
-        return cls(number, frozenset(joined), hung, simulates[number])
+                jointed_pairs.add((int(root_row[rows[moving.id]]), int(root_row[rows[holder.id]])))
+        is_jointed = np.isin(root_row, [moving for moving, _ in jointed_pairs])
+        is_dynamic = np.array([body.physics.is_dynamic for body in world.bodies], dtype=bool)
+        return cls(root_row, frozenset(jointed_pairs), is_jointed, is_dynamic[root_row])
 
 
 def moving_body(joint: Joint, parent: Body, child: Body) -> tuple[Body, Body]:
-    """Which of its two bodies a constraint lets move, and which one holds it.
+    """Returns the body that a joint moves and the body that holds it.
 
-    Maps have the roles either way round. What the physics moves gives way before what a program moves, and that before
-    what is fixed; of two alike the smaller one does.
+    Maps use parent and child either way. Dynamic bodies are moved before kinematic ones, and those before static ones;
+    of two with equal mobility, the smaller one is moved.
     """
 
     def rank(body: Body) -> tuple[int, float]:
@@ -138,8 +139,8 @@ def _volume(body: Body) -> float:
 
 
 def _root_of(id: BodyId, parents: Mapping[BodyId, BodyId]) -> BodyId:
-    seen = {id}
-    while (above := parents.get(id)) is not None and above not in seen:
-        seen.add(above)
-        id = above
+    visited = {id}
+    while (parent := parents.get(id)) is not None and parent not in visited:
+        visited.add(parent)
+        id = parent
     return id

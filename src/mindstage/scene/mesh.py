@@ -1,12 +1,10 @@
-"""Triangle meshes of primitives, boxes in bulk, surfaces of revolution, sweeps, lofts and plates with holes.
+"""Triangle meshes: primitives, rounded boxes, surfaces of revolution, sweeps, lofts, panels with cutouts, convex hulls.
 
-Each mesh is closed by its indices (every edge runs once each way), counterclockwise seen from outside, and has one
-normal a point: edges are bevelled a little, so that shading runs over the narrow bevel while the faces beside it stay
-flat, and no point is needed twice.
+Each mesh is closed by its indices: every edge is used once in each direction, and faces are counterclockwise seen from
+outside. Each point has one normal: edges have a narrow bevel over which the shading changes, so that adjacent faces
+look flat and no point is duplicated.
 
-Convex hulls of point sets: triangles, face normals, volume and second moments.
-
-`scipy.spatial` (Qhull) is imported by the first call, since it takes a tenth of a second to load.
+`scipy.spatial` (Qhull) is imported by the first call of `convex_hull`, since the import takes 0.1 s.
 """
 
 from __future__ import annotations
@@ -44,7 +42,7 @@ __all__ = [
 
 
 _FLAT = 1e-6
-"""Points whose least extent is at most this part of the largest one are coplanar: float32 files round by 1e-7."""
+"""Points are coplanar if their smallest extent is at most this fraction of the largest: float32 files round by 1e-7."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,7 +50,7 @@ class Hull:
     """A convex polyhedron with triangular faces."""
 
     points: Array
-    """n x 3, the vertices, in the order in which they were given."""
+    """n x 3, the vertices, in the order of the input points."""
     faces: NDArray[np.intp]
     """m x 3 indices of points, counterclockwise seen from outside."""
     normals: Array
@@ -104,30 +102,30 @@ def convex_hull(points: Array) -> Hull | None:
 Faces = NDArray[np.uint32]
 
 _EDGE_RADIUS_M = 0.008
-"""How much of a primitive's edges is taken off, at most."""
+"""Largest bevel of the edges of primitives."""
 _SEGMENTS = 40
-"""Corners of a primitive's circle, a multiple of four."""
-_LEAST_M = 2e-4
-"""Primitives are at least so large along each axis."""
+"""Points of the circles of primitives, a multiple of four."""
+_MIN_EXTENT_M = 2e-4
+"""Smallest extent of primitives along each axis."""
 _SHARP_EDGE_RAD = 0.6
-"""Profiles that turn by more have an edge there, which is bevelled."""
+"""Corners of profiles with a larger angle are sharp edges, which are beveled."""
 
 
 class TriangleMesh(NamedTuple):
-    """A closed surface."""
+    """A closed triangle mesh."""
 
     points: Array
     """n x 3 [m]."""
     faces: Faces
-    """m x 3 numbers of points, counterclockwise seen from outside."""
+    """m x 3 indices of points, counterclockwise seen from outside."""
     normals: Array | None = None
-    """n x 3, of norm 1; None where each face has its own."""
+    """n x 3 unit vertex normals; None for flat shading, with one normal per face."""
     uv: Array | None = None
-    """n x 2, texture coordinates."""
+    """n x 2 texture coordinates."""
 
 
 def joined(meshes: Sequence[TriangleMesh]) -> TriangleMesh:
-    """Several as one; all of them have normals, or none."""
+    """Returns several meshes as one; either all of them have normals or none."""
     if len(meshes) == 1:
         return meshes[0]
     starts = np.cumsum([0, *(len(mesh.points) for mesh in meshes)])
@@ -140,7 +138,7 @@ def joined(meshes: Sequence[TriangleMesh]) -> TriangleMesh:
 
 
 def scaled(mesh: TriangleMesh, scale: Array, shift: Array) -> TriangleMesh:
-    """The mesh larger or smaller along each axis, then moved."""
+    """Returns the mesh scaled along each axis, then translated."""
     normals = mesh.normals
     if normals is not None and not np.allclose(scale, scale[0], rtol=1e-9):
         normals = _normalized(normals / scale)
@@ -151,71 +149,71 @@ def scaled(mesh: TriangleMesh, scale: Array, shift: Array) -> TriangleMesh:
 
 
 def box(size: Vector) -> TriangleMesh:
-    """A box around the origin, with slightly bevelled edges."""
-    half = np.maximum(np.array(size), _LEAST_M)[None] / 2
+    """Returns a box around the origin, with beveled edges."""
+    half = np.maximum(np.array(size), _MIN_EXTENT_M)[None] / 2
     return boxes(-half, half, np.minimum(_EDGE_RADIUS_M, 0.3 * half.min(axis=1)))
 
 
 def cylinder(size: Vector) -> TriangleMesh:
-    """A cylinder along z around the origin, with bevelled edges; elliptic where width and depth differ."""
-    radius, half = max(min(size[:2]), _LEAST_M) / 2, max(size[2], _LEAST_M) / 2
-    return _turned(size, [(0.0, -half), (radius, -half), (radius, half), (0.0, half)])
+    """Returns a cylinder along z around the origin, with beveled edges; elliptic if width and depth differ."""
+    radius, half = max(min(size[:2]), _MIN_EXTENT_M) / 2, max(size[2], _MIN_EXTENT_M) / 2
+    return _surface_of_revolution(size, [(0.0, -half), (radius, -half), (radius, half), (0.0, half)])
 
 
 def sphere(size: Vector) -> TriangleMesh:
-    """A sphere around the origin, or an ellipsoid where the extents differ."""
+    """Returns a sphere around the origin, or an ellipsoid if the extents differ."""
     angle = np.linspace(-np.pi / 2, np.pi / 2, _SEGMENTS // 2 + 1)
     profile = np.stack([np.cos(angle), np.sin(angle)], axis=1)
     profile[[0, -1], 0] = 0.0
-    return _turned(size, [(r, z) for r, z in profile.tolist()])
+    return _surface_of_revolution(size, [(r, z) for r, z in profile.tolist()])
 
 
 def cone(size: Vector) -> TriangleMesh:
-    """A cone along z around the origin, its tip at the top."""
-    radius, half = max(min(size[:2]), _LEAST_M) / 2, max(size[2], _LEAST_M) / 2
-    return _turned(size, [(0.0, -half), (radius, -half), (0.0, half)])
+    """Returns a cone along z around the origin, with its apex at the top."""
+    radius, half = max(min(size[:2]), _MIN_EXTENT_M) / 2, max(size[2], _MIN_EXTENT_M) / 2
+    return _surface_of_revolution(size, [(0.0, -half), (radius, -half), (0.0, half)])
 
 
 def arrow(size: Vector) -> TriangleMesh:
-    """An arrow from the origin along x: as long as the first extent, as thick as the others."""
+    """Returns an arrow from the origin along x: the first extent is its length, the others are its thickness."""
     length, width, height = size
-    radius, half = max(min(width, height), _LEAST_M) / 2, max(length, _LEAST_M) / 2
+    radius, half = max(min(width, height), _MIN_EXTENT_M) / 2, max(length, _MIN_EXTENT_M) / 2
     shaft = [(0.0, -half), (0.5 * radius, -half), (0.5 * radius, 0.5 * half)]
-    upright = _turned((width, height, length), [*shaft, (radius, 0.5 * half), (0.0, half)])
+    upright = _surface_of_revolution((width, height, length), [*shaft, (radius, 0.5 * half), (0.0, half)])
     assert upright.normals is not None
-    points = upright.points[:, [2, 0, 1]] + (max(length, _LEAST_M) / 2, 0.0, 0.0)
+    points = upright.points[:, [2, 0, 1]] + (max(length, _MIN_EXTENT_M) / 2, 0.0, 0.0)
     return TriangleMesh(points, upright.faces, upright.normals[:, [2, 0, 1]])
 
 
-def _turned(size: Vector, profile: Sequence[tuple[float, float]]) -> TriangleMesh:
-    """A surface of revolution, stretched to a size."""
+def _surface_of_revolution(size: Vector, profile: Sequence[tuple[float, float]]) -> TriangleMesh:
+    """Returns a surface of revolution that is scaled to a size."""
     mesh = lathe(profile, bevel=_EDGE_RADIUS_M, segments=_SEGMENTS)
-    scale = np.maximum(np.array(size), _LEAST_M) / np.ptp(mesh.points, axis=0)
+    scale = np.maximum(np.array(size), _MIN_EXTENT_M) / np.ptp(mesh.points, axis=0)
     return scaled(mesh, scale, np.zeros(3))
 
 
 def box_edges(size: Vector, *, margin: float = 0.0) -> NDArray[np.float32]:
-    """The twelve edges of a box, as 12 x 2 x 3 ends; outside of it by the margin [m]."""
+    """Returns the end points of the twelve edges of a box, 12 x 2 x 3, offset outwards by the margin [m]."""
     corners = _CORNERS * (np.asarray(size) / 2 + margin)
     return np.asarray(corners[np.array(_EDGES)], dtype=np.float32)
 
 
 _CORNERS = np.array(list(product((-1.0, 1.0), repeat=3)))
 _EDGES = [(a, b) for a in range(8) for b in range(a + 1, 8) if np.sum(_CORNERS[a] != _CORNERS[b]) == 1]
-"""Pairs of corners."""
+"""Pairs of indices of corners."""
 
 
 # -- boxes -------------------------------------------------------------------------------------------------------------
 
 
 def boxes(low: Array, high: Array, radii: Array, *, steps: int = 1) -> TriangleMesh:
-    """Boxes with rounded edges, as one mesh.
+    """Returns boxes with rounded edges as one mesh.
 
     Args:
         low: lower corners, n x 3 [m].
-        high: upper corners.
-        rounding: the radius of each one's edges [m], at most half its least extent.
-        steps: flat pieces a rounded edge has; one is a bevel.
+        high: upper corners, n x 3 [m].
+        radii: radius of the edges of each box [m], at most half of its smallest extent.
+        steps: number of flat strips per rounded edge; one is a bevel.
     """
     signs, turns, faces = _rounded_unit_box(steps)
     half, center, radius = (high - low) / 2, (high + low) / 2, radii[:, None, None]
@@ -230,7 +228,7 @@ def boxes(low: Array, high: Array, radii: Array, *, steps: int = 1) -> TriangleM
 
 @cache
 def _rounded_unit_box(steps: int) -> tuple[Array, Array, Faces]:
-    """A rounded box as a sphere cut in eight: the corner that each point belongs to, its direction, and the faces."""
+    """Returns the corner signs and normals of the points of a rounded box, and its faces."""
     quarter = np.linspace(0.0, np.pi / 2, steps + 1)
     around = np.concatenate([quarter + turn * np.pi / 2 for turn in range(4)])
     upwards = np.concatenate([quarter - np.pi / 2, quarter])
@@ -248,7 +246,7 @@ def _rounded_unit_box(steps: int) -> tuple[Array, Array, Faces]:
 
 
 def _grid(rings: int, segments: int, *, closed: bool = False) -> NDArray[np.int64]:
-    """The faces between rings of points, each of which is closed; the last ring meets the first one if asked to."""
+    """Returns the faces between consecutive closed rings of points; `closed` connects the last ring to the first."""
     ring, step = np.meshgrid(np.arange(rings if closed else rings - 1), np.arange(segments), indexing="ij")
     here, beside = ring * segments + step, ring * segments + (step + 1) % segments
     above = (ring + 1) % rings * segments
@@ -258,23 +256,23 @@ def _grid(rings: int, segments: int, *, closed: bool = False) -> NDArray[np.int6
 
 
 def _caps(rings: int, segments: int) -> NDArray[np.int64]:
-    """A fan over the first ring and one over the last."""
+    """Returns triangle fans over the first and the last ring."""
     fan = np.array([(0, step, step + 1) for step in range(1, segments - 1)], dtype=np.int64)
     return np.concatenate([fan[:, ::-1], fan + (rings - 1) * segments])
 
 
-# -- round things ------------------------------------------------------------------------------------------------------
+# -- surfaces of revolution, sweeps and lofts --------------------------------------------------------------------------
 
 
 def lathe(profile: Sequence[tuple[float, float]], *, bevel: float, segments: int, closed: bool = False) -> TriangleMesh:
-    """Turns a profile round z.
+    """Returns the surface of revolution of a profile about z.
 
     Args:
-        profile: radius and height [m] of its corners: from the axis below, by the outside, to the axis above, which
-            may be at the bottom of a hollow; or a loop that does not touch the axis.
-        bevel: how much of a sharp edge is taken off, at most [m].
-        around: corners of a circle, a multiple of four.
-        closed: whether the profile is such a loop.
+        profile: radius and height [m] of its points: from the axis at the bottom, along the outside, to the axis at
+            the top, which may be the bottom of a cavity; or a loop that does not touch the axis.
+        bevel: largest bevel of sharp edges [m].
+        segments: points per circle, a multiple of four.
+        closed: whether the profile is a loop.
     """
     corners = np.array(profile, dtype=np.float64)
     line, headings = _bevel_profile(corners, bevel, closed=closed)
@@ -290,12 +288,12 @@ def lathe(profile: Sequence[tuple[float, float]], *, bevel: float, segments: int
 
 
 def sweep(path: Array, radius: float | Array, *, segments: int = 12) -> TriangleMesh:
-    """A round bar along a path, with rounded ends.
+    """Returns a round bar along a path, with rounded ends.
 
     Args:
         path: n x 3 [m].
-        radius: of the bar [m], one or n.
-        around: corners of a circle.
+        radius: radius of the bar [m], a number or n.
+        segments: points per circle.
     """
     path = np.asarray(path, dtype=np.float64)
     radii = np.broadcast_to(np.asarray(radius, dtype=np.float64), (len(path),))
@@ -316,10 +314,10 @@ def sweep(path: Array, radius: float | Array, *, segments: int = 12) -> Triangle
 
 
 def loft(rings: Array) -> TriangleMesh:
-    """A skin over rings of points, with smooth normals; the first and the last one are closed by their middles.
+    """Returns the surface through rings of points, with smooth normals; fans close the first and the last ring.
 
     Args:
-        rings: k x n x 3 [m], each counterclockwise seen from where the rings go to.
+        rings: k x n x 3 [m], each counterclockwise seen against the direction of the loft.
     """
     ends = [np.broadcast_to(ring.mean(axis=0), (1, rings.shape[1], 3)) for ring in (rings[0], rings[-1])]
     mesh = _tube(np.concatenate([ends[0], rings, ends[1]]), None)
@@ -332,7 +330,7 @@ def loft(rings: Array) -> TriangleMesh:
 
 
 def _tube(rings: Array, normals: Array | None, *, closed: bool = False) -> TriangleMesh:
-    """The surface over rings; a ring all of whose points are one becomes that one point."""
+    """Returns the surface through rings; a ring of coincident points becomes a single point."""
     count, around, _ = rings.shape
     single = np.all(np.abs(rings - rings[:, :1]) < 1e-12, axis=(1, 2))
     lengths = np.where(single, 1, around)
@@ -347,32 +345,34 @@ def _tube(rings: Array, normals: Array | None, *, closed: bool = False) -> Trian
 
 
 def _bevel_profile(corners: Array, bevel: float, *, closed: bool) -> tuple[Array, Array]:
-    """A profile whose sharp corners became two, and where each of its points looks."""
+    """Returns the points and normals of a profile in which each sharp corner is replaced by two points."""
     steps = np.diff(corners, axis=0, append=corners[:1])
     lengths = np.linalg.norm(steps, axis=1)
-    ways = steps / np.where(lengths > 0.0, lengths, 1.0)[:, None]
-    out = np.stack([ways[:, 1], -ways[:, 0]], axis=1)
+    directions = steps / np.where(lengths > 0.0, lengths, 1.0)[:, None]
+    out = np.stack([directions[:, 1], -directions[:, 0]], axis=1)
     points: list[Array] = []
-    looks: list[Array] = []
+    normals: list[Array] = []
     last = len(corners) - 1
     for at, corner in enumerate(corners):
         if not closed and at in (0, last):
             points.append(corner)
-            looks.append(np.array([0.0, np.sign(out[at - 1 if at else 0][1]) or 1.0]) if corner[0] == 0.0 else out[at])
+            normals.append(
+                np.array([0.0, np.sign(out[at - 1 if at else 0][1]) or 1.0]) if corner[0] == 0.0 else out[at]
+            )
             continue
         before, after = out[at - 1], out[at]
         if before @ after > np.cos(_SHARP_EDGE_RAD):
             points.append(corner)
-            looks.append(before + after)
+            normals.append(before + after)
             continue
         cut = min(bevel, 0.3 * float(lengths[at - 1]), 0.3 * float(lengths[at]))
-        points += [corner - cut * ways[at - 1], corner + cut * ways[at]]
-        looks += [before, after]
-    return _restore_extents(np.array(points), corners), _normalized(np.array(looks))
+        points += [corner - cut * directions[at - 1], corner + cut * directions[at]]
+        normals += [before, after]
+    return _restore_extents(np.array(points), corners), _normalized(np.array(normals))
 
 
 def _restore_extents(line: Array, corners: Array) -> Array:
-    """What the bevels took off the outermost corners is given back, so that the extents are what they were."""
+    """Scales a beveled profile to the extents of the original corners."""
     radius = line[:, 0] * (corners[:, 0].max() / line[:, 0].max())
     low, high = corners[:, 1].min(), corners[:, 1].max()
     height = line[:, 1]
@@ -382,12 +382,12 @@ def _restore_extents(line: Array, corners: Array) -> Array:
 
 
 def _parallel_frames(along: Array) -> Array:
-    """Two directions across each step of a path, n x 2 x 3, turned as little as can be from step to step."""
+    """Returns two unit vectors across each direction, n x 2 x 3, by parallel transport (minimal rotation)."""
     first = np.eye(3)[int(np.argmin(np.abs(along[0])))]
     sides = []
-    for way in along:
-        first = _normalized(first - (first @ way) * way)
-        sides.append((first, np.cross(way, first)))
+    for direction in along:
+        first = _normalized(first - (first @ direction) * direction)
+        sides.append((first, np.cross(direction, first)))
     return np.array(sides)
 
 
@@ -396,24 +396,24 @@ def _normalized(vectors: Array) -> Array:
     return np.asarray(vectors / np.where(lengths > 0.0, lengths, 1.0))
 
 
-# -- plates with holes -------------------------------------------------------------------------------------------------
+# -- panels with cutouts -----------------------------------------------------------------------------------------------
 
 
 def panel_with_cutouts(
     cuts: tuple[Array, Array], kept: NDArray[np.bool_], thickness: tuple[float, float]
 ) -> TriangleMesh:
-    """A plate with holes through it along z; each face has its own normal.
+    """Returns a panel with holes through it along z, flat shaded.
 
     Args:
-        cuts: where the plate is divided along x and along y, edges included [m].
-        kept: which of the cells between the cuts are there.
-        thickness: its lower and upper side along z [m].
+        cuts: coordinates that divide the panel into cells along x and y, including its edges [m].
+        kept: which of the cells are present.
+        thickness: lower and upper z coordinate [m].
     """
     rows, columns = kept.shape
     number = np.arange(2 * (rows + 1) * (columns + 1)).reshape(2, rows + 1, columns + 1)
     padded = np.pad(kept, 1)
     a, b, c, d = padded[:-1, :-1], padded[1:, :-1], padded[:-1, 1:], padded[1:, 1:]
-    twice = (a & d & ~b & ~c) | (b & c & ~a & ~d)  # two cells meet in a corner alone: each has its own
+    twice = (a & d & ~b & ~c) | (b & c & ~a & ~d)  # two cells that meet only at a corner do not share the vertex
     x, y = np.nonzero(kept)
     below, above = (
         [

@@ -1,13 +1,11 @@
-"""World: a place as plain data, with no RDF and no engine in it.
+"""The world model: bodies, joints, lights and RDF statements as plain values, independent of RDF stores and engines.
 
-Units are SI, frames are ROS's (right-handed, x forward, y left, z up), quaternions are w x y z. Every value is
-frozen and hashable, so worlds can be compared, sent, stored and used as keys. A field that is None was not told:
-nothing is made up here, and an engine that needs a value chooses one and reports it.
+Units are SI. Frames follow ROS REP 103 (right-handed, x forward, y left, z up); quaternions are w x y z. All values
+are frozen and hashable, so worlds can be compared, sent, stored and used as keys. A field that is None is not stated in
+the map: no value is invented here; an engine that needs one chooses it and reports it.
 
-Facts: what is known of a thing beyond the fields that a world has for it, kept word for word.
-
-This is the shape of an RDF statement without RDF's machinery: a property and a value, where a value is a name, a
-literal, or a thing that has no name and is known only by its own facts.
+A `PropertyAssertion` is an RDF statement about its owner: a property and a value, which is an IRI, a literal or a blank
+node described by its own statements.
 """
 
 from __future__ import annotations
@@ -54,17 +52,17 @@ __all__ = [
 
 
 Iri = NewType("Iri", str)
-"""An absolute IRI; a name that starts with `_:` is a label which means something only inside one world."""
+"""An absolute IRI, or the label of a blank node (`_:…`), which is valid only within one world."""
 
 
 class IriRef(msgspec.Struct, frozen=True, tag="iri", forbid_unknown_fields=True):
-    """A named thing."""
+    """A reference to a named resource."""
 
     iri: Iri
 
 
 class Literal(msgspec.Struct, frozen=True, tag="literal", forbid_unknown_fields=True):
-    """A value with its text exactly as the source has it."""
+    """An RDF literal, with its lexical form exactly as in the source."""
 
     text: str
     datatype: Iri | None = None
@@ -73,87 +71,87 @@ class Literal(msgspec.Struct, frozen=True, tag="literal", forbid_unknown_fields=
 
 
 class BlankNode(msgspec.Struct, frozen=True, tag="anonymous", forbid_unknown_fields=True):
-    """A thing without a name; two of them are the same when their facts are."""
+    """An RDF blank node; two of them are equal if their facts are."""
 
     facts: tuple[PropertyAssertion, ...] = ()
-    """Sorted by property, then value, so that equal things are equal values."""
+    """Sorted by property, then value, so that equal nodes are equal values."""
 
 
 FactValue = IriRef | Literal | BlankNode
 
 
 class PropertyAssertion(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """One statement about the thing that holds it."""
+    """One statement, whose subject is the object that holds it."""
 
     property: Iri
     value: FactValue
 
 
 class NamedResource(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A named thing that is neither a body nor a constraint, and what is said about it."""
+    """A named resource that is no body, joint or light, and the statements about it."""
 
     iri: Iri
     facts: tuple[PropertyAssertion, ...] = ()
 
 
 BodyId = NewType("BodyId", str)
-"""The local name of an individual, unique in its world; constraints and lights have ids of the same kind."""
+"""The local name of an individual, unique in its world; ids of joints and lights share this namespace."""
 
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 Color = tuple[float, float, float]
-"""Red, green, blue, each 0 to 1."""
+"""Red, green and blue (sRGB), each 0 to 1."""
 
 
 class FrozenStruct(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True):
-    """What all parts of a world are: frozen, hashable, made by keyword."""
+    """Base class of the parts of a world: frozen, hashable, with keyword-only fields."""
 
 
 class Pose(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Where something is: a position [m] and a rotation, in the frame of the world unless said otherwise."""
+    """A position [m] and an orientation, in the world frame unless stated otherwise."""
 
     position: Vector = (0.0, 0.0, 0.0)
     """x, y, z [m]."""
     quaternion: Quaternion = (1.0, 0.0, 0.0, 0.0)
-    """w, x, y, z as given: it may be normalized only to the digits that a map writes."""
+    """w, x, y, z as given: the norm may differ from 1 by the rounding of the map."""
 
 
 IDENTITY = Pose()
 
 
 class Mobility(StrEnum):
-    """Who may move a body."""
+    """How a body can move."""
 
     STATIC = "static"
-    """Nobody: it is part of the building."""
+    """It never moves: a part of the building."""
     STATIONARY = "stationary"
-    """Nobody: a light that may change its color, but not its place."""
+    """It never moves; a stationary light may change its color."""
     DYNAMIC = "dynamic"
-    """The physics."""
+    """It is moved by the physics simulation."""
     KINEMATIC = "kinematic"
-    """A program; it pushes dynamic bodies and is never pushed."""
+    """It is moved by commands; it pushes dynamic bodies and is never pushed."""
 
 
 class BodyPhysics(FrozenStruct, frozen=True, kw_only=True):
-    """How a body takes part in the physics; None means that the map does not say."""
+    """Physical properties of a body; None where the map does not state one."""
 
     mobility: Mobility | None = None
-    """None is taken as static."""
+    """None is treated as static."""
     gravity: bool | None = None
-    """None is taken as true."""
+    """None is treated as true."""
     overlap_events: bool | None = None
-    """Whether touching is announced; None is taken as false."""
+    """Whether contacts are reported; None is treated as false."""
     mass_kg: float | None = None
-    """[kg]. None or 0 is not a mass; an engine that needs one estimates it from the size and says so."""
+    """[kg]. None or 0 is no mass; an engine that needs one estimates it from the size and reports it."""
 
     @property
     def is_dynamic(self) -> bool:
-        """Whether the physics moves the body."""
+        """Whether the physics simulation moves the body."""
         return self.mobility is Mobility.DYNAMIC
 
 
 class Tag(FrozenStruct, frozen=True, kw_only=True):
-    """One key and value that an engine keeps with a body ("UTag")."""
+    """A key and a value that are attached to a body, joint or light ("UTag" in Unreal Engine)."""
 
     type: str
     key: str
@@ -161,7 +159,7 @@ class Tag(FrozenStruct, frozen=True, kw_only=True):
 
 
 class Material(FrozenStruct, frozen=True, kw_only=True, rename={"color": "colour"}):
-    """A named surface; the path says where an engine finds it, the color how to paint it without."""
+    """A named material: the path of an engine asset, and the color that is used without that asset."""
 
     name: str
     path: str = ""
@@ -169,40 +167,40 @@ class Material(FrozenStruct, frozen=True, kw_only=True, rename={"color": "colour
 
 
 class PrimitiveType(StrEnum):
-    """The forms that a body without a mesh can have."""
+    """The shapes that a body without a mesh can have."""
 
     BOX = "box"
     SPHERE = "sphere"
     CYLINDER = "cylinder"
-    """Upright: its axis is z."""
+    """Its axis is z."""
 
 
 class PrimitiveShape(FrozenStruct, frozen=True, kw_only=True, rename={"type": "kind"}):
-    """The form of a body inside its size; a mesh, where it is found, is what one sees instead."""
+    """The primitive shape that fills the size of a body; a mesh, where one is found, replaces it."""
 
     type: PrimitiveType = PrimitiveType.BOX
 
 
 class Body(FrozenStruct, frozen=True, kw_only=True):
-    """One individual that has a place."""
+    """An individual with a pose."""
 
     id: BodyId
     iri: Iri
     cls: Iri
-    """Its most telling class; further types are facts."""
+    """Its most specific class; further types are facts."""
     pose: Pose
     label: str | None = None
     size: Vector | None = None
-    """Depth, width, height: the extents along its own x, y, z [m]."""
+    """Depth, width, height: the extents along the x, y and z axes of the body [m]."""
     mesh: str | None = None
     """A path (`package://…`) or a name."""
     shape: PrimitiveShape | None = None
-    """None is taken as a box."""
+    """None is treated as a box."""
     physics: BodyPhysics = BodyPhysics()
     materials: tuple[Material, ...] = ()
     tags: tuple[Tag, ...] = ()
     facts: tuple[PropertyAssertion, ...] = ()
-    """Every other statement about the individual."""
+    """All other statements about the individual."""
 
     def __repr__(self) -> str:
         at = ", ".join(f"{part:.3f}" for part in self.pose.position)
@@ -210,7 +208,7 @@ class Body(FrozenStruct, frozen=True, kw_only=True):
 
 
 class AxisMotion(IntEnum):
-    """What one axis of a constraint allows; the numbers are those of maps and of the wire."""
+    """The motion that one axis of a joint allows; maps and messages use the same numbers."""
 
     FREE = 0
     LIMITED = 1
@@ -218,7 +216,7 @@ class AxisMotion(IntEnum):
 
 
 class SoftLimit(FrozenStruct, frozen=True, kw_only=True):
-    """A limit as a spring instead of a wall, where `enabled`."""
+    """A limit that acts as a spring and damper instead of a hard stop, if `enabled`."""
 
     enabled: bool = False
     stiffness: float = 0.0
@@ -228,19 +226,19 @@ class SoftLimit(FrozenStruct, frozen=True, kw_only=True):
 
 
 class LinearLimits(FrozenStruct, frozen=True, kw_only=True, rename={"soft_limit": "soft"}):
-    """How far the child may slide along the axes of the joint frame, either way from the middle of its range.
+    """The translational limits of a joint along the axes of its frame, relative to the middle of the range.
 
-    The middle is where it was spawned, unless it may go farther one way than the other: a drawer that is shut and
-    opens by 0.4 m has its middle, and its limit, at 0.2 m.
+    The middle is the spawn position, unless the range is asymmetric: a drawer that is closed when spawned and opens by
+    0.4 m has its middle at 0.2 m and a limit of 0.2 m.
     """
 
     x: AxisMotion = AxisMotion.LOCKED
     y: AxisMotion = AxisMotion.LOCKED
     z: AxisMotion = AxisMotion.LOCKED
     limit: float = 0.0
-    """[m], for every limited axis."""
+    """Half of the range of each limited axis [m]."""
     x_middle: float = 0.0
-    """Of the range along x, from where the child was spawned [m]; of no meaning where x is not limited."""
+    """Middle of the range along x, relative to the spawn position [m]; ignored unless x is limited."""
     y_middle: float = 0.0
     z_middle: float = 0.0
     soft_limit: SoftLimit = SoftLimit()
@@ -249,7 +247,7 @@ class LinearLimits(FrozenStruct, frozen=True, kw_only=True, rename={"soft_limit"
 class AngularLimits(
     FrozenStruct, frozen=True, kw_only=True, rename={"swing_soft_limit": "swing_soft", "twist_soft_limit": "twist_soft"}
 ):
-    """How far the child may turn about the axes of the joint frame, either way from the middle of its range."""
+    """The rotational limits of a joint about the axes of its frame, relative to the middle of the range."""
 
     swing1: AxisMotion = AxisMotion.LOCKED
     """About z."""
@@ -264,7 +262,7 @@ class AngularLimits(
     twist_limit: float = 0.0
     """[rad]."""
     swing1_middle: float = 0.0
-    """Of the range about z, from where the child was spawned [rad]; see `LinearLimits`."""
+    """Middle of the range about z, relative to the spawn orientation [rad]; see `LinearLimits`."""
     swing2_middle: float = 0.0
     twist_middle: float = 0.0
     swing_soft_limit: SoftLimit = SoftLimit()
@@ -272,19 +270,19 @@ class AngularLimits(
 
 
 class Joint(FrozenStruct, frozen=True, kw_only=True):
-    """A joint with up to six degrees of freedom between two bodies (PhysX calls it D6)."""
+    """A joint with up to six degrees of freedom between two bodies (a D6 joint in PhysX)."""
 
     id: BodyId
     iri: Iri
     parent: BodyId
     child: BodyId
-    """Roles as the map has them; the heavier side may well be the child."""
+    """Parent and child are as in the map; the child may be the heavier body (see `kinematics.moving_body`)."""
     pose: Pose
-    """The joint's frame when spawned, in the world."""
+    """The joint frame when spawned, in the world frame."""
     linear: LinearLimits = LinearLimits()
     angular: AngularLimits = AngularLimits()
     disable_collision: bool | None = None
-    """Between the two bodies; None is taken as true."""
+    """Whether the two bodies do not collide with each other; None is treated as true."""
     tags: tuple[Tag, ...] = ()
     facts: tuple[PropertyAssertion, ...] = ()
 
@@ -293,23 +291,23 @@ class Joint(FrozenStruct, frozen=True, kw_only=True):
 
 
 class Attachment(FrozenStruct, frozen=True, kw_only=True):
-    """The child goes where the parent goes, and never the other way round."""
+    """A rigid attachment: the child moves with the parent, not vice versa."""
 
     parent: BodyId
     child: BodyId
 
 
 class LightType(StrEnum):
-    """How a light shines."""
+    """The type of a light source."""
 
     POINT = "point"
     SPOT = "spot"
-    """Along the negative z axis of its pose."""
+    """It points along the negative z axis of its pose."""
     DIRECTIONAL = "directional"
 
 
 class Light(FrozenStruct, frozen=True, kw_only=True, rename={"type": "kind", "color": "colour"}):
-    """A source of light."""
+    """A light source."""
 
     id: BodyId
     iri: Iri
@@ -317,25 +315,25 @@ class Light(FrozenStruct, frozen=True, kw_only=True, rename={"type": "kind", "co
     pose: Pose
     color: Color = (1.0, 1.0, 1.0)
     intensity: float = 1.0
-    """[cd] for point and spot, [lx] for directional, as glTF's KHR_lights_punctual has it."""
+    """[cd] for point and spot lights, [lx] for directional lights, as in glTF's KHR_lights_punctual."""
     tags: tuple[Tag, ...] = ()
     facts: tuple[PropertyAssertion, ...] = ()
 
 
 class World(FrozenStruct, frozen=True, kw_only=True, rename={"joints": "constraints"}):
-    """A whole place. Order carries no meaning; ids are unique across bodies, constraints and lights."""
+    """A complete scene. The order of its parts has no meaning; ids are unique across bodies, joints and lights."""
 
     iri: Iri
-    """The map's individual."""
+    """The IRI of the map's individual."""
     name: str = ""
     bodies: tuple[Body, ...] = ()
     joints: tuple[Joint, ...] = ()
     attachments: tuple[Attachment, ...] = ()
     lights: tuple[Light, ...] = ()
     facts: tuple[PropertyAssertion, ...] = ()
-    """What is said about the map itself."""
+    """The statements about the map itself."""
     resources: tuple[NamedResource, ...] = ()
-    """What the map's source says about anything else: its classes, its properties, the ontology it is part of."""
+    """Other resources that the source of the map describes: classes, properties, the ontology that it is part of."""
     format_version: int = 1
 
     def __repr__(self) -> str:
@@ -343,7 +341,7 @@ class World(FrozenStruct, frozen=True, kw_only=True, rename={"joints": "constrai
         return f"<{type(self).__name__} {self.name or short_name(self.iri)}: {', '.join(counts)}>"
 
     def _repr_html_(self) -> str:
-        """The bodies as a table for notebooks."""
+        """Returns the bodies as an HTML table for notebooks."""
         rows = [
             (
                 body.id,
@@ -357,10 +355,10 @@ class World(FrozenStruct, frozen=True, kw_only=True, rename={"joints": "constrai
         return html_table(repr(self), ("id", "class", "position [m]", "size [m]", "mobility"), rows)
 
     def body(self, id: str) -> Body:
-        """The body of that id; made for tests and consoles, since it looks through all of them.
+        """Returns the body with an id. A linear search: meant for tests and interactive use.
 
         Raises:
-            BodyNotFoundError: no body has that id.
+            BodyNotFoundError: no body has this id.
         """
         for body in self.bodies:
             if body.id == id:

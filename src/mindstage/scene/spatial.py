@@ -1,31 +1,26 @@
-"""Space: where things are relative to one another, by the boxes around them.
+"""Qualitative spatial relations between bodies, computed from their oriented bounding boxes.
 
-Down is where things fall, along the world's -z. Every rule below measures boxes: what a box stands round (the room
-under a table, the inside of a fridge) belongs to it, and what is round fills its box. In the words of the rules, a
-thing's *footprint* is the shadow of its box on the ground, its *place* is the smallest thing that it is inside of, and
-two things *hang together* by attachments.
+Down is the world's -z. A box includes the free space within it (below a table, inside a fridge), and round bodies fill
+their box. In the rules below, the *footprint* of a body is the vertical projection of its box, its *container* is the
+smallest body that it is inside of, and bodies of one *rigid group* are connected by attachments.
 
-- **inside**: the larger box holds at least 80 % of the thing's box along each of its own axes. The gap is the way from
-  the thing to the nearest side of what it is in (negative where it sticks out), the share how much of it is inside.
-- **on**: the thing's underside is where the other one's top is, from 20 mm below it (yet no more than half of either
-  height) to 5 mm above it, and the footprints share at least 10 % of the smaller one; both have the same place. What a
-  constraint holds is on nothing else, as a drawer rests on its slides, and carries only what the physics moves: the
-  counter is not on the door below it. The gap runs from the top to the underside, the share is that of the smaller
+- **inside**: the larger box contains at least 80 % of the smaller one along each of its own axes. The gap is the
+  smallest distance of the inner box to a side of the container (negative if it sticks out); the overlap is the fraction
+  of the inner box that is inside.
+- **on**: the underside of the body is at the top of the other one, from 20 mm below it (but at most half of either
+  height) to 5 mm above it; the footprints overlap by at least 10 % of the smaller one; both have the same container. A
+  body that is held by a joint is on nothing else, as a drawer rests on its slides, and supports only dynamic bodies: a
+  counter is not on the door below it. The gap is from the top to the underside; the overlap is relative to the smaller
   footprint.
-- **above**: likewise up to 3 m higher, which is one storey, and whatever holds it; what is on something is not above
-  it. Gap and share are the same.
-- **below**: the other way round of both, on and above.
-- **next to**: no more than 0.25 m of level ground lies between the footprints, which is the gap; they share less than
-  10 %, the heights at least half of the smaller one, which is the share. Both have the same place, do not hang
-  together, and no constraint joins them: the milk in the fridge is not next to the cup outside, nor is a door next to
-  the cupboard that it closes.
+- **above**: as "on", but up to 3 m higher, which is one story, and not "on". Gap and overlap are the same.
+- **below**: the inverse of both "on" and "above".
+- **next to**: the horizontal gap between the footprints is at most 0.25 m; the footprints overlap by less than 10 %,
+  the heights by at least half of the smaller one, which is the overlap. Both have the same container, are in different
+  rigid groups, and no joint connects these: milk in a fridge is not next to a cup outside, nor is a door next to the
+  cupboard that it closes.
 
-A shell (see `enclosing_bodies`) is where everything is and takes part in nothing, and neither does what has no size.
-
-Shells: bodies that everything is in, such as walls or a panorama.
-
-Maps give each body the box around it, and the box around the walls of a kitchen holds the whole kitchen. Such a body
-is where things are, not one of them.
+Enclosing bodies, such as walls and panoramas, contain everything else: the bounding box of the walls of a kitchen
+contains the whole kitchen. They take part in no relation, and neither do bodies without a size.
 """
 
 from __future__ import annotations
@@ -63,9 +58,9 @@ __all__ = [
 
 
 ENCLOSURE_MIN_SIZE_M = (1.0, 2.0, 2.0)
-"""A shell is at least so large along its shortest, middle and longest side: one can stand in it."""
+"""Smallest sorted extents of an enclosing body: a person fits in it."""
 ENCLOSURE_MIN_CONTENTS = 3
-"""A shell holds at least so many pieces of furniture that do not hang on it."""
+"""Smallest number of furniture groups in an enclosing body that no joint connects to it."""
 
 
 def find_enclosing_bodies(
@@ -77,15 +72,15 @@ def find_enclosing_bodies(
     group: NDArray[np.intp],
     jointed_pairs: Container[tuple[int, int]],
 ) -> dict[int, int]:
-    """Shells, and how many pieces of furniture each holds.
+    """Returns the rows of enclosing bodies, and the number of furniture groups in each.
 
     Args:
-        boxes: all bodies.
-        holds: pairs (outer, inner) of bodies of different assemblies, of which the one holds the other.
-        moves: for each body, whether the physics moves it.
-        loose: for each body, whether it stands on its own and could be taken away; all others are furniture.
-        assembly: for each body, the number of those that hang together rigidly.
-        joined: pairs of assemblies, in one order or the other, that a constraint joins.
+        boxes: the boxes of all bodies.
+        containing_pairs: rows (outer, inner) of bodies of different rigid groups, of which one contains the other.
+        is_dynamic: for each body, whether the physics simulation moves it.
+        is_free: for each body, whether it is dynamic and not held by a joint; all others are furniture.
+        group: for each body, the number of its rigid group.
+        jointed_pairs: pairs of groups, in either order, that a joint connects.
     """
     large = np.all(np.sort(2 * boxes.half_extents, axis=1) >= ENCLOSURE_MIN_SIZE_M, axis=1) & ~is_dynamic
     outer, inner = containing_pairs
@@ -110,11 +105,11 @@ _ABOVE_MAX_GAP_M = 3.0
 _MIN_FOOTPRINT_OVERLAP = 0.1
 _NEXT_TO_MAX_GAP_M, _MIN_HEIGHT_OVERLAP = 0.25, 0.5
 _ROUNDING_TOLERANCE = 1e-9
-"""A limit counts as kept within rounding, so that a world that is turned or moved as a whole answers the same."""
+"""Tolerance of all thresholds, so that the result does not depend on the pose of the scene as a whole."""
 
 
 class SpatialRelation(StrEnum):
-    """How one thing stands to another."""
+    """The spatial relation of one body to another."""
 
     ON = "on"
     INSIDE = "inside"
@@ -124,19 +119,19 @@ class SpatialRelation(StrEnum):
 
 
 class RelatedPair(NamedTuple):
-    """One thing and another."""
+    """Two bodies and the relation of the first to the second."""
 
     body: Body
     relation: SpatialRelation
     other: Body
     gap: float
-    """[m], to the micrometre."""
+    """[m], rounded to micrometers; see the module for its definition."""
     overlap: float
-    """0 to 1."""
+    """0 to 1; see the module for its definition."""
 
 
 class _RelationRows(NamedTuple):
-    """Many of one relation, as rows of the bodies."""
+    """Pairs of one relation, as rows of the bodies."""
 
     relation: SpatialRelation
     body: Indices
@@ -146,7 +141,7 @@ class _RelationRows(NamedTuple):
 
 
 class SpatialRelations:
-    """The bodies of a world as boxes, at one moment."""
+    """The spatial relations between the bodies of a world."""
 
     def __init__(self, world: World) -> None:
         rows = [row for row, body in enumerate(world.bodies) if _has_extent(body)]
@@ -161,9 +156,9 @@ class SpatialRelations:
         self._footprints = footprints(self._boxes)
         self._areas = polygon_areas(self._footprints)
         self._volume = np.prod(sizes, axis=1)
-        assemblies = RigidGroups.from_world(world)
-        self._group, self._is_jointed = assemblies.root_row[rows], assemblies.is_jointed[rows]
-        self._is_dynamic, self._jointed_pairs = assemblies.is_dynamic[rows], assemblies.jointed_pairs
+        groups = RigidGroups.from_world(world)
+        self._group, self._is_jointed = groups.root_row[rows], groups.is_jointed[rows]
+        self._is_dynamic, self._jointed_pairs = groups.is_dynamic[rows], groups.jointed_pairs
         outer, inner = self._containing_pairs()
         apart = self._group[outer] != self._group[inner]
         apart &= contains(self._boxes, outer, inner)
@@ -177,13 +172,13 @@ class SpatialRelations:
         )
         self._is_related = np.ones(len(rows), dtype=bool)
         self._is_related[list(self._enclosing)] = False
-        things = self._is_related[outer] & self._is_related[inner]
-        self._outer, self._inner = outer[things], inner[things]
+        related = self._is_related[outer] & self._is_related[inner]
+        self._outer, self._inner = outer[related], inner[related]
         self._container = self._smallest_container(self._outer, self._inner)
 
     @property
     def enclosing_bodies(self) -> tuple[BodyId, ...]:
-        """What takes part in nothing because everything is in it."""
+        """Bodies that contain everything else, which take part in no relation."""
         return tuple(self.bodies[row].id for row in self._enclosing)
 
     def related(
@@ -193,19 +188,19 @@ class SpatialRelations:
         others: Collection[BodyId] | None = None,
         relations: Collection[SpatialRelation] = tuple(SpatialRelation),
     ) -> Iterator[RelatedPair]:
-        """How things stand to one another, each relation once, in no order that means anything.
+        """Yields related pairs of bodies, each relation once, in no particular order.
 
         Args:
-            things: only of these; None for all.
-            others: only to these; None for all.
-            relations: only these.
+            subjects: restricts the first body; None for all.
+            others: restricts the second body; None for all.
+            relations: the relations to compute.
         """
-        chosen = self._mask(subjects), self._mask(others)
-        for found in self._pairs(*chosen, frozenset(relations)):
-            kept = chosen[0][found.body] & chosen[1][found.other]
+        subject_mask, other_mask = self._mask(subjects), self._mask(others)
+        for found in self._pairs(subject_mask, other_mask, frozenset(relations)):
+            kept = subject_mask[found.body] & other_mask[found.other]
             columns = (found.body[kept], found.other[kept], found.gap[kept].round(6), found.overlap[kept].round(6))
-            for thing, other, gap, share in zip(*(column.tolist() for column in columns), strict=True):
-                yield RelatedPair(self.bodies[thing], found.relation, self.bodies[other], gap + 0.0, share)
+            for body, other, gap, overlap in zip(*(column.tolist() for column in columns), strict=True):
+                yield RelatedPair(self.bodies[body], found.relation, self.bodies[other], gap + 0.0, overlap)
 
     def _mask(self, ids: Collection[BodyId] | None) -> NDArray[np.bool_]:
         if ids is None:
@@ -228,10 +223,10 @@ class SpatialRelations:
             ):
                 yield self._next_to_rows(a, b)
 
-    # -- inside ------------------------------------------------------------------------------------------------
+    # -- inside --------------------------------------------------------------------------------------------------------
 
     def _containing_pairs(self) -> tuple[Indices, Indices]:
-        """Pairs (outer, inner), shells among them."""
+        """Returns pairs (outer, inner), including enclosing bodies."""
         everything = np.ones(len(self.bodies), dtype=bool)
         found = [np.zeros((2, 0), dtype=np.intp)]
         for a, b in overlapping_pairs(self._boxes, everything, everything):
@@ -245,11 +240,11 @@ class SpatialRelations:
         return outer, inner
 
     def _smallest_container(self, outer: Indices, inner: Indices) -> Indices:
-        """For each body, the smallest one that it is inside of; -1 for none."""
-        place = np.full(len(self.bodies), -1)
+        """Returns, for each body, the row of the smallest body that it is inside of; -1 for none."""
+        container = np.full(len(self.bodies), -1)
         order = np.lexsort((outer, -self._volume[outer]))
-        place[inner[order]] = outer[order]  # of several the last one stays
-        return place
+        container[inner[order]] = outer[order]  # the last assignment wins
+        return container
 
     def _inside_rows(self) -> _RelationRows:
         boxes, outer, inner = self._boxes, self._outer, self._inner
@@ -260,7 +255,7 @@ class SpatialRelations:
         held = np.clip((np.minimum(room, reach) + reach) / np.maximum(2 * reach, _ROUNDING_TOLERANCE), 0.0, 1.0)
         return _RelationRows(SpatialRelation.INSIDE, inner, outer, (room - reach).min(axis=1), held.prod(axis=1))
 
-    # -- over and under ----------------------------------------------------------------------------------------
+    # -- on, above and below -------------------------------------------------------------------------------------------
 
     def _vertical_rows(self, a: Indices, b: Indices) -> Iterator[_RelationRows]:
         a, b = self._in_same_container(a, b)
@@ -276,50 +271,50 @@ class SpatialRelations:
             & (gap <= _ABOVE_MAX_GAP_M + _ROUNDING_TOLERANCE)
         )
         upper, lower, gap = upper[clear], lower[clear], gap[clear]
-        share = self._footprint_overlap(upper, lower)
-        over = share >= _MIN_FOOTPRINT_OVERLAP - _ROUNDING_TOLERANCE
-        upper, lower, gap, share = upper[over], lower[over], gap[over], share[over]
+        overlap = self._footprint_overlap(upper, lower)
+        over = overlap >= _MIN_FOOTPRINT_OVERLAP - _ROUNDING_TOLERANCE
+        upper, lower, gap, overlap = upper[over], lower[over], gap[over], overlap[over]
         rests = (
             (gap <= _ON_MAX_GAP_M + _ROUNDING_TOLERANCE)
             & ~self._is_jointed[upper]
             & (self._is_dynamic[upper] | ~self._is_jointed[lower])
         )
-        yield _RelationRows(SpatialRelation.ON, upper[rests], lower[rests], gap[rests], share[rests])
-        yield _RelationRows(SpatialRelation.ABOVE, upper[~rests], lower[~rests], gap[~rests], share[~rests])
-        yield _RelationRows(SpatialRelation.BELOW, lower, upper, gap, share)
+        yield _RelationRows(SpatialRelation.ON, upper[rests], lower[rests], gap[rests], overlap[rests])
+        yield _RelationRows(SpatialRelation.ABOVE, upper[~rests], lower[~rests], gap[~rests], overlap[~rests])
+        yield _RelationRows(SpatialRelation.BELOW, lower, upper, gap, overlap)
 
     def _footprint_overlap(self, a: Indices, b: Indices) -> Array:
-        """How much of the smaller footprint of each pair both cover."""
+        """Returns the area of the intersection of each pair relative to the smaller footprint."""
         smaller = np.minimum(self._areas[a], self._areas[b])
         both = polygon_overlap_areas(self._footprints, a, b)
         return np.divide(both, smaller, out=np.zeros(len(a)), where=smaller > 0.0).clip(0.0, 1.0)
 
-    # -- side by side ------------------------------------------------------------------------------------------
+    # -- next to -------------------------------------------------------------------------------------------------------
 
     def _next_to_rows(self, a: Indices, b: Indices) -> _RelationRows:
         a, b = self._in_same_container(a, b)
         shared = np.minimum(self._high[a], self._high[b]) - np.maximum(self._low[a], self._low[b])
         lower = np.minimum(self._high[a] - self._low[a], self._high[b] - self._low[b])
-        share = np.divide(shared, lower, out=np.zeros(len(a)), where=lower > 0.0)
-        level = (share >= _MIN_HEIGHT_OVERLAP - _ROUNDING_TOLERANCE) & self._unconnected(a, b)
-        a, b, share = a[level], b[level], share[level]
+        overlap = np.divide(shared, lower, out=np.zeros(len(a)), where=lower > 0.0)
+        level = (overlap >= _MIN_HEIGHT_OVERLAP - _ROUNDING_TOLERANCE) & self._unconnected(a, b)
+        a, b, overlap = a[level], b[level], overlap[level]
         covered = self._footprint_overlap(a, b)
         aside = covered < _MIN_FOOTPRINT_OVERLAP - _ROUNDING_TOLERANCE
-        a, b, share, covered = a[aside], b[aside], share[aside], covered[aside]
+        a, b, overlap, covered = a[aside], b[aside], overlap[aside], covered[aside]
         gap = np.where(covered > 0.0, 0.0, polygon_gaps(self._footprints, a, b))
         near = gap <= _NEXT_TO_MAX_GAP_M + _ROUNDING_TOLERANCE
-        a, b, gap, share = a[near], b[near], gap[near], share[near]
+        a, b, gap, overlap = a[near], b[near], gap[near], overlap[near]
         both = (np.concatenate([a, b]), np.concatenate([b, a]))
-        return _RelationRows(SpatialRelation.NEXT_TO, *both, np.tile(gap, 2), np.tile(share, 2).clip(0.0, 1.0))
+        return _RelationRows(SpatialRelation.NEXT_TO, *both, np.tile(gap, 2), np.tile(overlap, 2).clip(0.0, 1.0))
 
     def _unconnected(self, a: Indices, b: Indices) -> NDArray[np.bool_]:
-        """Whether two bodies neither hang together nor are joined by a constraint."""
+        """Returns whether two bodies are in different rigid groups that no joint connects."""
         one, other, count = self._group[a], self._group[b], int(self._group.max(initial=0)) + 1
         joined = [first * count + second for pair in self._jointed_pairs for first, second in (pair, pair[::-1])]
         return np.asarray((one != other) & ~np.isin(one * count + other, joined))
 
     def _in_same_container(self, a: Indices, b: Indices) -> tuple[Indices, Indices]:
-        """The pairs of things that are inside of the same one, or both of none."""
+        """Returns the pairs of related bodies with the same container, or both without one."""
         same = (self._container[a] == self._container[b]) & self._is_related[a] & self._is_related[b]
         return a[same], b[same]
 

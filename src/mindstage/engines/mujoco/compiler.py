@@ -1,24 +1,14 @@
-"""Build: a blueprint becomes a compiled MuJoCo model.
+"""Compiles a world to a MuJoCo model.
 
-Every body becomes one MuJoCo body, except scenery: what never moves and has nothing to do with anything that
-does becomes geometry of MuJoCo's world, because adding a body costs MuJoCo a walk over all bodies so far.
+Every body becomes a MuJoCo body, except scenery: fixed bodies without joints or excluded pairs become geoms of the
+world body, since adding a body costs MuJoCo time proportional to the number of bodies so far.
 
-Blueprint: all that was decided before a model is built, so that nothing is decided while it is.
+Contacts between scenery and a body that its joint keeps away from it are excluded. Otherwise MuJoCo would check each
+drawer of a kitchen against a hundred geoms of the scenery in every step.
 
-Meshes: files that MuJoCo can read, and how large what is in them is.
-
-Reach: what hangs in a joint on something that stands still, and never gets to the scenery.
-
-A drawer in the middle of a room meets no wall, however far it is pulled. Told so, MuJoCo does not look for contacts
-between the two in every step; in a kitchen it would look at a hundred parts of the scenery for each drawer.
-
-Shapes: solids as MuJoCo's geoms, how they feel to the touch, and the inertia that goes with them.
-
-MuJoCo gives two geoms that meet the friction and bounce of the one with the higher priority. So that wood on ice
-slips and a ball bounces on wood, whatever is bouncy comes first, then what is more slippery; what nobody said
-anything about comes last.
-
-Tuning: how joints resist, set in a compiled model, where the inertia behind each joint is known.
+MuJoCo takes the friction and restitution of a contact from the geom with the higher priority. Priorities are highest
+for bouncy geoms, then for slippery ones, and lowest for geoms of unspecified friction: wood slips on ice, and a ball
+bounces on wood.
 """
 
 from __future__ import annotations
@@ -46,8 +36,8 @@ from mindstage.scene.transforms import Array, mesh_scale, pose_inverse, pose_mul
 
 __all__ = [
     "GeomOptions",
+    "MeshAsset",
     "ModelInput",
-    "TriangleMesh",
     "add_geom",
     "compile_model",
     "contact_options",
@@ -66,11 +56,11 @@ _FIXED_MOBILITIES = (Mobility.STATIC, Mobility.STATIONARY)
 
 @dataclass(slots=True)
 class ModelInput:
-    """All that a model is made from; rows of arrays go with `rows`."""
+    """All data from which a model is compiled; `rows` has the row of each body in the arrays."""
 
     builder: PhysicsModelBuilder
     poses: Array
-    """Where the bodies stand, n x 7, unit quaternions."""
+    """Poses of the bodies, n x 7, with unit quaternions."""
     timestep_s: float
     bodies: Mapping[BodyId, Body]
     rows: dict[BodyId, int]
@@ -79,10 +69,10 @@ class ModelInput:
     forest: KinematicForest
     excluded_pairs: set[tuple[BodyId, BodyId]]
     kinematics_driven: bool = False
-    """Whether somebody moves kinematic bodies; until then they are fixed like static ones, which costs nothing."""
+    """Whether kinematic bodies are moved; until then they are fixed like static ones, which costs nothing."""
 
     def is_fixed(self, group: RigidGroup) -> bool:
-        """Whether it is fixed to the world."""
+        """Whether a group is fixed to the world."""
         return group.mobility in _FIXED_MOBILITIES or (
             group.mobility is Mobility.KINEMATIC and not self.kinematics_driven
         )
@@ -91,7 +81,7 @@ class ModelInput:
     def from_builder(
         cls, builder: PhysicsModelBuilder, poses: Array, timestep_s: float, *, kinematics_driven: bool = False
     ) -> ModelInput:
-        """What a planner decided about bodies that stand somewhere."""
+        """The input for the current world of a builder."""
         ids = builder.registry.ids
         rows = {id: row for row, id in enumerate(ids)}
         sizes, masses, bodies = builder.mass_properties.sizes(ids), builder.masses(), builder.registry.bodies
@@ -113,21 +103,21 @@ _MESH_SUFFIXES = frozenset({".obj", ".stl", ".msh"})
 
 
 @dataclass(frozen=True, slots=True)
-class TriangleMesh:
-    """One file."""
+class MeshAsset:
+    """A mesh file that MuJoCo can read."""
 
     path: Path
     extents: Array
-    """Along x, y and z, in the file's own units."""
+    """Size along x, y and z, in units of the file."""
 
     def scale_to(self, size: Vector | None) -> tuple[float, float, float]:
-        """What makes it as large as a body; 1 where it is so already, or where nobody knows."""
+        """Scale factors that give the mesh the size of a body; 1 if the size is unknown."""
         x, y, z = mesh_scale(self.extents, size).tolist()
         return x, y, z
 
 
-def load_mesh(path: Path) -> TriangleMesh | None:
-    """A mesh, if MuJoCo can read it."""
+def load_mesh(path: Path) -> MeshAsset | None:
+    """Loads a mesh file; None if MuJoCo cannot read it."""
     if path.suffix.lower() not in _MESH_SUFFIXES:
         return None
     spec = mujoco.MjSpec()
@@ -135,79 +125,81 @@ def load_mesh(path: Path) -> TriangleMesh | None:
     spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname="mesh")
     try:
         model = spec.compile()
-    except ValueError:  # it says what is wrong with the file; whoever asked says that it is left out
+    except ValueError:  # the caller reports that the file is left out
         return None
     points = quat_rotate(model.mesh_quat[0], np.asarray(model.mesh_vert, dtype=np.float64)) + model.mesh_pos[0]
-    return TriangleMesh(path, np.ptp(points, axis=0))
+    return MeshAsset(path, np.ptp(points, axis=0))
 
 
 _LIMIT_OVERRUN_M = 0.05
-"""So far something may slide past its limit, pushed hard; what turns is taken to turn all the way round."""
+"""How far a joint may slide past its limit under load; hinges are assumed to turn fully."""
 _CORNERS = np.stack(np.meshgrid([0, 1], [0, 1], [0, 1], indexing="ij"), axis=-1).reshape(8, 3)
 
 
 def cull_static_contacts(
     model_input: ModelInput, axes: Mapping[BodyId, tuple[JointAxis, ...]], scenery: OrientedBoxes
 ) -> list[BodyId]:
-    """The bodies that get to no scenery on the whole way that the one joint on which they hang lets them go.
+    """Bodies on a joint of one axis that never reach the scenery, wherever the joint is.
 
     Args:
-        plan: who hangs on whom, and where.
-        axes: of each constraint that is a joint.
-        scenery: what stands still.
+        model_input: the bodies and their poses.
+        axes: movable axes of each tree joint.
+        scenery: boxes of the scenery.
     """
-    hung = _limited_root_joints(model_input, axes)
-    if not hung or not len(scenery.center):
+    roots = _limited_root_joints(model_input, axes)
+    if not roots or not len(scenery.center):
         return []
-    low, high = _swept_bounds(model_input, hung)
+    low, high = _swept_bounds(model_input, roots)
     first, last = scenery.bounds()
     meets = np.all((low[:, None] < last[None]) & (high[:, None] > first[None]), axis=2).any(axis=1)
-    far = (top for top, met in zip(hung, meets.tolist(), strict=True) if not met)
-    return [id for top in far for id in model_input.forest.groups[top].bodies]
+    free_roots = (root for root, meets_scenery in zip(roots, meets.tolist(), strict=True) if not meets_scenery)
+    return [id for root in free_roots for id in model_input.forest.groups[root].bodies]
 
 
 def _limited_root_joints(
     model_input: ModelInput, axes: Mapping[BodyId, tuple[JointAxis, ...]]
 ) -> dict[BodyId, JointAxis]:
-    """The tops that a joint of one axis, with hard limits, holds to what stands still."""
+    """Roots of groups that a joint of one axis with hard limits connects to a fixed body."""
     forest = model_input.forest
-    found = {}
-    for top, branch in forest.tree_joints.items():
-        joint = axes.get(branch.joint.id, ())
-        limited = len(joint) == 1 and joint[0].limit is not None and not joint[0].soft_limit.enabled
-        if limited and model_input.is_fixed(forest.groups[forest.root_of[branch.parent]]):
-            found[top] = joint[0]
-    return found
+    joints = {}
+    for root, tree_joint in forest.tree_joints.items():
+        movable = axes.get(tree_joint.joint.id, ())
+        limited = len(movable) == 1 and movable[0].limit is not None and not movable[0].soft_limit.enabled
+        if limited and model_input.is_fixed(forest.groups[forest.root_of[tree_joint.parent]]):
+            joints[root] = movable[0]
+    return joints
 
 
 def _swept_bounds(model_input: ModelInput, root_joints: Mapping[BodyId, JointAxis]) -> tuple[Array, Array]:
-    """The corners of upright boxes that hold the assemblies, wherever their joints let them be."""
+    """Corners of axis-aligned boxes around the groups in all positions of their joints."""
     joints = list(root_joints.values())
-    branches = [model_input.forest.tree_joints[top] for top in root_joints]
-    ends = [branch.order_ends(model_input.builder.joint_frames[branch.joint.id]) for branch in branches]
+    tree_joints = [model_input.forest.tree_joints[root] for root in root_joints]
+    ends = [tree_joint.order_ends(model_input.builder.joint_frames[tree_joint.joint.id]) for tree_joint in tree_joints]
     fixed = pose_multiply(
-        model_input.poses[[model_input.rows[branch.parent] for branch in branches]], np.array([end[0] for end in ends])
+        model_input.poses[[model_input.rows[tree_joint.parent] for tree_joint in tree_joints]],
+        np.array([end[0] for end in ends]),
     )
     moving = pose_multiply(
-        model_input.poses[[model_input.rows[branch.child] for branch in branches]], np.array([end[1] for end in ends])
+        model_input.poses[[model_input.rows[tree_joint.child] for tree_joint in tree_joints]],
+        np.array([end[1] for end in ends]),
     )
     low, high = _group_bounds(model_input, list(root_joints))
-    number = [joint.direction for joint in joints]
-    directions = quat_rotate(fixed[:, 3:], np.eye(3)[number])
-    now = pose_multiply(pose_inverse(fixed), moving)[np.arange(len(joints)), number]
+    direction_index = [joint.direction for joint in joints]
+    directions = quat_rotate(fixed[:, 3:], np.eye(3)[direction_index])
+    position = pose_multiply(pose_inverse(fixed), moving)[np.arange(len(joints)), direction_index]
     limits = np.array([(joint.limit or 0.0) + _LIMIT_OVERRUN_M for joint in joints])
     middles = np.array([joint.middle for joint in joints])
-    ways = np.stack([middles - limits - now, middles + limits - now], axis=1)
-    shifts = ways[:, :, None] * directions[:, None]
-    turned_low, turned_high = _rotation_bounds(low, high, moving[:, :3], directions)
-    slides = np.array([joint.is_prismatic for joint in joints])[:, None]
-    low = np.where(slides, low + np.minimum(shifts.min(axis=1), 0.0), turned_low)
-    return low, np.where(slides, high + np.maximum(shifts.max(axis=1), 0.0), turned_high)
+    travel = np.stack([middles - limits - position, middles + limits - position], axis=1)
+    shifts = travel[:, :, None] * directions[:, None]
+    rotated_low, rotated_high = _rotation_bounds(low, high, moving[:, :3], directions)
+    is_slide = np.array([joint.is_prismatic for joint in joints])[:, None]
+    low = np.where(is_slide, low + np.minimum(shifts.min(axis=1), 0.0), rotated_low)
+    return low, np.where(is_slide, high + np.maximum(shifts.max(axis=1), 0.0), rotated_high)
 
 
 def _group_bounds(model_input: ModelInput, roots: list[BodyId]) -> tuple[Array, Array]:
-    """The corners of upright boxes round assemblies as they stand."""
-    bodies = [model_input.forest.groups[top].bodies for top in roots]
+    """Corners of axis-aligned boxes around groups at their current poses."""
+    bodies = [model_input.forest.groups[root].bodies for root in roots]
     rows = [model_input.rows[id] for each in bodies for id in each]
     low, high = OrientedBoxes.from_poses(model_input.poses[rows], model_input.sizes[rows]).bounds()
     first = np.cumsum([0, *(len(each) for each in bodies[:-1])])
@@ -215,10 +207,10 @@ def _group_bounds(model_input: ModelInput, roots: list[BodyId]) -> tuple[Array, 
 
 
 def _rotation_bounds(low: Array, high: Array, anchors: Array, axes: Array) -> tuple[Array, Array]:
-    """The boxes in which other ones stay, however far they are turned about an axis."""
-    away = low[:, None] + _CORNERS * (high - low)[:, None] - anchors[:, None]
-    along = np.einsum("nci,ni->nc", away, axes)
-    radius = np.linalg.norm(away - along[..., None] * axes[:, None], axis=2).max(axis=1)
+    """Boxes that contain other boxes in all rotations about an axis."""
+    offsets = low[:, None] + _CORNERS * (high - low)[:, None] - anchors[:, None]
+    along = np.einsum("nci,ni->nc", offsets, axes)
+    radius = np.linalg.norm(offsets - along[..., None] * axes[:, None], axis=2).max(axis=1)
     start, end = along.min(axis=1), along.max(axis=1)
     middle = anchors + axes * ((start + end) / 2)[:, None]
     half = np.abs(axes) * ((end - start) / 2)[:, None] + np.sqrt(np.maximum(1.0 - axes**2, 0.0)) * radius[:, None]
@@ -226,19 +218,19 @@ def _rotation_bounds(low: Array, high: Array, anchors: Array, axes: Array) -> tu
 
 
 GeomOptions = dict[str, Any]
-"""Options of geoms."""
+"""Keyword arguments of `MjsBody.add_geom`."""
 
 _FRICTION = (0.8, 0.005, 0.0001)
 _DEFAULT_CONTACT: GeomOptions = {}
 _NO_CONTACT: GeomOptions = {"contype": 0, "conaffinity": 0, "friction": (1.0, 0.005, 0.0001)}
 _MIN_INERTIA_SIZE_M = 0.005
-"""For inertia a body is taken at least this thick, or a sheet of paper would spin without end."""
+"""Minimum size for inertia, so that a sheet of paper is not too easy to spin."""
 _MIN_RESTITUTION = 0.5
-"""What bounces less, as all furniture does, has MuJoCo's own contacts: they hardly bounce, but come to rest."""
+"""Below this coefficient, as for all furniture, MuJoCo's default contacts are used, which come to rest."""
 _CONTACT_TIME_CONSTANT_S = 0.02
-"""MuJoCo's own time constant of a contact."""
+"""MuJoCo's default time constant of a contact."""
 _MIN_CONTACT_STEPS = 20.0
-"""A bounce lasts at least so many time steps, or the solver would not see it."""
+"""Minimum duration of a bounce in time steps, for stability."""
 _GEOMS = {
     CollisionShapeType.BOX: mujoco.mjtGeom.mjGEOM_BOX,
     CollisionShapeType.SPHERE: mujoco.mjtGeom.mjGEOM_ELLIPSOID,
@@ -248,25 +240,25 @@ _GEOMS = {
 
 
 def contact_options(geometry: BodyGeometry | None, timestep_s: float, *, non_colliding: bool) -> GeomOptions:
-    """How a form's surface feels to others; what it does not say is as everywhere, and a ghost feels like nothing."""
+    """Friction, restitution and priority of a body's geoms; MuJoCo's defaults where the geometry has none."""
     if non_colliding:
         return _NO_CONTACT
     if geometry is None or (geometry.friction is None and geometry.restitution is None):
         return _DEFAULT_CONTACT
     sliding = _FRICTION[0] if geometry.friction is None else max(geometry.friction, 1e-5)
     priority = 0 if geometry.friction is None else 1 + round(1000 * exp(-sliding))
-    bounce = min(geometry.restitution or 0.0, 0.98)
-    if bounce < _MIN_RESTITUTION:
+    restitution = min(geometry.restitution or 0.0, 0.98)
+    if restitution < _MIN_RESTITUTION:
         return {"friction": (sliding, *_FRICTION[1:]), "priority": priority}
-    # A damped spring of ratio z sends back the part exp(-pi z / sqrt(1 - z^2)) of the speed with which it was hit.
-    damping = -log(bounce) / (pi**2 + log(bounce) ** 2) ** 0.5
-    slow_enough = _MIN_CONTACT_STEPS * timestep_s / (pi * damping)
-    solref = (max(_CONTACT_TIME_CONSTANT_S, slow_enough), damping)
-    return {"friction": (sliding, *_FRICTION[1:]), "priority": 10_000 + round(1000 * bounce), "solref": solref}
+    # A damped spring with ratio z has the coefficient of restitution exp(-pi z / sqrt(1 - z^2)).
+    damping = -log(restitution) / (pi**2 + log(restitution) ** 2) ** 0.5
+    min_time_constant = _MIN_CONTACT_STEPS * timestep_s / (pi * damping)
+    solref = (max(_CONTACT_TIME_CONSTANT_S, min_time_constant), damping)
+    return {"friction": (sliding, *_FRICTION[1:]), "priority": 10_000 + round(1000 * restitution), "solref": solref}
 
 
 def set_defaults(spec: Any) -> None:
-    """Sets what all geoms of a spec have in common: each attribute given to `add_geom` costs as much as its rest."""
+    """Sets the options that all geoms of a spec share, since each option passed to `add_geom` costs time."""
     geom = spec.default.geom
     geom.type, geom.mass, geom.margin, geom.friction = (
         mujoco.mjtGeom.mjGEOM_BOX,
@@ -284,14 +276,14 @@ def add_geom(
     geom_options: GeomOptions,
     mesh: str = "",
 ) -> None:
-    """Adds a massless solid to one of MuJoCo's bodies, of a spec with `set_defaults`.
+    """Adds a massless geom to a body of a spec with `set_defaults`.
 
     Args:
-        body: the spec's.
-        solid: what is added.
-        place: of its middle on that body, seven numbers; None for the body's own pose.
-        touch: how it feels, and whom.
-        mesh: the name of the mesh that a hull was made into.
+        body: the MuJoCo body.
+        collision_shape: the shape to add.
+        pose: pose of its center in the body frame, seven numbers; None for the body's own pose.
+        geom_options: options from `contact_options`.
+        mesh: name of the mesh of a hull.
     """
     options: dict[str, Any] = {"meshname": mesh} if mesh else {"size": _half_extents(collision_shape)}
     if pose is not None:
@@ -302,13 +294,13 @@ def add_geom(
 
 
 def _half_extents(collision_shape: CollisionShape) -> list[float]:
-    """Half extents, as MuJoCo wants them; a cylinder is as wide as it is on average."""
+    """Half extents in MuJoCo's order; an elliptic cylinder becomes a circular one of mean radius."""
     x, y, z = (extent / 2 for extent in collision_shape.size)
     return [(x + y) / 2, z, 0.0] if collision_shape.type is CollisionShapeType.CYLINDER else [x, y, z]
 
 
 def unit_inertias(bodies: Iterable[Body], sizes: Array) -> Array:
-    """The moments of solids that fill the bodies' sizes, for 1 kg, n x 3 [m²]."""
+    """Moments of inertia for 1 kg of primitive shapes that fill the bodies' sizes, n x 3 [m²]."""
     factors = np.array([MEAN_SQUARES[primitive_collision_type(body)] for body in bodies]).reshape(-1, 3)
     squares = np.maximum(sizes, _MIN_INERTIA_SIZE_M) ** 2 * factors
     return np.asarray(squares.sum(axis=1, keepdims=True) - squares)
@@ -316,51 +308,50 @@ def unit_inertias(bodies: Iterable[Body], sizes: Array) -> Array:
 
 @lru_cache(maxsize=4096)
 def inertia_frame(compiled: CompiledGeometry) -> tuple[Array, Array, Array]:
-    """Where the mass of a form lies: its middle, the directions of its principal axes, and their moments for 1 kg.
+    """Mass distribution for 1 kg: center of mass [m], principal axes as a quaternion, principal moments [m²].
 
-    A body that nothing can touch has the inertia of something small. A form is worked out once, however often a model
-    is built.
+    A body without collision shapes has the inertia of a small one. Results are cached, since models are compiled often.
     """
     moments, axes = np.linalg.eigh(compiled.inertia)
     if np.linalg.det(axes) < 0.0:
         axes[:, 0] = -axes[:, 0]
-    turn = np.zeros(4)
-    mujoco.mju_mat2Quat(turn, axes.reshape(9))
-    return compiled.center_of_mass, turn, np.maximum(moments, _MIN_INERTIA_SIZE_M**2 / 6)
+    rotation = np.zeros(4)
+    mujoco.mju_mat2Quat(rotation, axes.reshape(9))
+    return compiled.center_of_mass, rotation, np.maximum(moments, _MIN_INERTIA_SIZE_M**2 / 6)
 
 
 _SLIDE_FRICTION = 1.0
-"""A slide holds against what would accelerate it by this [m/s²]: 5 N for a drawer of 5 kg."""
+"""Friction of a slide, as an acceleration [m/s²]: 5 N for a drawer of 5 kg."""
 _HINGE_FRICTION = 2.0
-"""The same for hinges [rad/s²]."""
+"""Friction of a hinge, as an acceleration [rad/s²]."""
 _DAMPING = 1.0
-"""Of the speed along a joint, this part is lost in a second [1/s]."""
+"""Part of a joint's velocity that is lost in a second [1/s]."""
 
 
 def set_soft_limits(model: Any, joints: Iterable[ModelJoint]) -> None:
-    """Soft limits as springs and dampers of their true strength.
+    """Sets soft limits as springs and dampers of the given stiffness and damping.
 
-    A MuJoCo constraint of impedance d lets through 1 - d of every other force and adds d of its own, whose stiffness
-    and damping are told for a unit of inertia and divided by d inside MuJoCo. With a small d that is the
-    spring asked for; a spring too stiff for the time step gets a larger one, which is softer than asked but stable.
+    A MuJoCo constraint of impedance d lets through 1 - d of every other force and adds d times its own. Its stiffness
+    and damping are given for a unit of inertia, and divided by d inside MuJoCo, so a small d gives the requested
+    spring. A spring too stiff for the time step gets a larger d, which is softer but stable.
     """
     for joint in joints:
-        limitable = [axis for axis in joint.axes if axis.is_prismatic or not joint.is_ball]
-        for offset, axis in enumerate(limitable):
+        limited_dofs = [axis for axis in joint.axes if axis.is_prismatic or not joint.is_ball]
+        for offset, axis in enumerate(limited_dofs):
             if axis.soft_limit.enabled and axis.limit is not None and axis.soft_limit.stiffness > 0.0:
                 dof = joint.dof_address + offset
-                number = int(model.dof_jntid[dof])
+                joint_id = int(model.dof_jntid[dof])
                 weight = model.dof_invweight0[dof]
                 impedance = float(np.clip(10 * axis.soft_limit.stiffness * weight * model.opt.timestep**2, 0.01, 0.95))
                 damping = max(axis.soft_limit.damping, 1e-6)
-                model.jnt_solref[number] = (-axis.soft_limit.stiffness * weight, -damping * weight)
-                model.jnt_solimp[number] = (impedance, impedance, 0.001, 0.5, 2)
+                model.jnt_solref[joint_id] = (-axis.soft_limit.stiffness * weight, -damping * weight)
+                model.jnt_solimp[joint_id] = (impedance, impedance, 0.001, 0.5, 2)
 
 
 def set_joint_friction(model: Any, data: Any, joints: Iterable[ModelJoint]) -> None:
-    """Gives every joint so much friction that it stays where it was put, gravity or not."""
-    for stage in (mujoco.mj_kinematics, mujoco.mj_comPos, mujoco.mj_comVel, mujoco.mj_passive):
-        stage(model, data)  # of all that `mj_forward` does, only what gravity needs
+    """Sets the friction of joints such that they hold their position against gravity."""
+    for compute in (mujoco.mj_kinematics, mujoco.mj_comPos, mujoco.mj_comVel, mujoco.mj_passive):
+        compute(model, data)  # the parts of `mj_forward` that gravity needs
     weight = np.zeros(model.nv)
     mujoco.mj_rne(model, data, 0, weight)
     gravity = np.abs(weight - data.qfrc_passive)
@@ -377,14 +368,14 @@ def set_joint_friction(model: Any, data: Any, joints: Iterable[ModelJoint]) -> N
 
 
 _HARD_LIMIT_SOLREF = (0.005, 1.0)
-"""Time constant [s] and damping ratio of a hard limit: a strong arm presses a drawer less than 1 mm past it."""
+"""Time constant [s] and damping ratio of a hard limit: a strong arm pushes a drawer less than 1 mm past it."""
 _IDENTITY_POSE = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
 _DIRECTIONS = np.eye(3)
-_UNTURNED = [1.0, 0.0, 0.0, 0.0]
+_IDENTITY_QUATERNION = [1.0, 0.0, 0.0, 0.0]
 
 
 class _SpecBuilder:
-    """Holds what the steps of one build share."""
+    """Builds the spec of one model."""
 
     def __init__(self, model_input: ModelInput) -> None:
         self.model_input = model_input
@@ -392,9 +383,9 @@ class _SpecBuilder:
         set_defaults(self.spec)
         self.inertias = unit_inertias(model_input.bodies.values(), model_input.sizes)
         self.meshes: dict[tuple[Vector, ...], str] = {}
-        """By the points of hulls."""
+        """Names of hull meshes by their points."""
         self.scenery_boxes = OrientedBoxes.from_poses(np.zeros((0, 7)), np.zeros((0, 3)))
-        """Round each part of the scenery."""
+        """A box around each geom of the scenery."""
         self.frames = _frames(model_input)
         self.spec_bodies: dict[BodyId, Any] = {}
         self.free_joints: dict[BodyId, Any] = {}
@@ -405,95 +396,105 @@ class _SpecBuilder:
         option.timestep = self.model_input.timestep_s
         option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
         option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
-        option.impratio = 10.0  # friction nearly as stiff as contact, so that nothing creeps down a slope
+        option.impratio = 10.0  # friction nearly as stiff as contact, which prevents creep on slopes
         option.enableflags |= int(mujoco.mjtEnableBit.mjENBL_SLEEP)
-        option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)  # a broken world must not look like a new one
+        option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)  # a diverged state must not be reset silently
         self.spec.compiler.degree = False
 
     def add_group(self, group: RigidGroup) -> None:
-        plan = self.model_input
-        branch = plan.forest.tree_joints.get(group.root)
-        if branch is None:
-            top = self._add_body(self.spec.worldbody, group.root, plan.poses[plan.rows[group.root]])
+        model_input = self.model_input
+        tree_joint = model_input.forest.tree_joints.get(group.root)
+        if tree_joint is None:
+            root = self._add_body(self.spec.worldbody, group.root, model_input.poses[model_input.rows[group.root]])
             if group.is_dynamic:
-                self.free_joints[group.root] = top.add_freejoint()
-            elif not plan.is_fixed(group):
-                top.mocap = True
+                self.free_joints[group.root] = root.add_freejoint()
+            elif not model_input.is_fixed(group):
+                root.mocap = True
         else:
-            self._add_tree_joint(group, branch)
+            self._add_tree_joint(group, tree_joint)
         for id in group.bodies[1:]:
-            self._add_body(self.spec_bodies[plan.forest.rigid_parents[id]], id, plan.builder.attachment_poses[id])
+            self._add_body(
+                self.spec_bodies[model_input.forest.rigid_parents[id]], id, model_input.builder.attachment_poses[id]
+            )
 
     def _add_tree_joint(self, group: RigidGroup, tree_joint: TreeJoint) -> None:
-        parent_from_top, top_from_frame = self.frames[group.root]
-        top = self._add_body(self.spec_bodies[tree_joint.parent], group.root, parent_from_top)
+        parent_from_root, root_from_frame = self.frames[group.root]
+        root = self._add_body(self.spec_bodies[tree_joint.parent], group.root, parent_from_root)
         axes = movable_axes(tree_joint.joint, is_reversed=tree_joint.is_reversed)
         ball = is_ball(axes)
-        self._add_joints(top, tree_joint, axes, ball, top_from_frame)
+        self._add_joints(root, tree_joint, axes, ball, root_from_frame)
 
     def _add_joints(
         self, body: Any, tree_joint: TreeJoint, axes: tuple[JointAxis, ...], has_ball: bool, frame: Array
     ) -> list[Any]:
-        """The joints of one constraint, on a body in which its frame is known."""
-        made = []
+        """Adds the axes of one joint to a body.
+
+        Args:
+            body: the MuJoCo body that they move.
+            tree_joint: the joint.
+            axes: its movable axes.
+            has_ball: whether the rotations are one ball joint.
+            frame: the joint frame in the body, seven numbers.
+        """
+        joints = []
         for axis in axes:
             if has_ball and not axis.is_prismatic:
                 continue
-            turned = quat_rotate(frame[3:], _DIRECTIONS[axis.direction])
+            axis_in_body = quat_rotate(frame[3:], _DIRECTIONS[axis.direction])
             joint = body.add_joint(
                 type=mujoco.mjtJoint.mjJNT_SLIDE if axis.is_prismatic else mujoco.mjtJoint.mjJNT_HINGE,
                 pos=frame[:3],
-                axis=turned,
+                axis=axis_in_body,
             )
             if axis.limit is not None:
                 joint.limited = True
                 joint.range = (axis.middle - axis.limit, axis.middle + axis.limit)
                 joint.solref_limit = _HARD_LIMIT_SOLREF
                 joint.solimp_limit = (0.95, 0.999, 0.0005, 0.5, 2)
-            made.append(joint)
+            joints.append(joint)
         if has_ball:
-            made.append(body.add_joint(type=mujoco.mjtJoint.mjJNT_BALL, pos=frame[:3]))
-        if made:
-            self.spec_joints[tree_joint.joint.id] = (tree_joint, axes, has_ball, made, body)
-        return made
+            joints.append(body.add_joint(type=mujoco.mjtJoint.mjJNT_BALL, pos=frame[:3]))
+        if joints:
+            self.spec_joints[tree_joint.joint.id] = (tree_joint, axes, has_ball, joints, body)
+        return joints
 
     def add_scenery(self) -> list[BodyId]:
-        """Adds what is only there to be bumped into, and says which bodies that were."""
-        plan = self.model_input
-        busy = {id for pair in plan.builder.collision_filter.excluded_pairs for id in pair}
-        constraints = plan.builder.registry.joints.values()
-        busy |= {end for constraint in constraints for end in (constraint.parent, constraint.child)}
+        """Adds bodies that are only collided with as geoms of the world body, and returns their ids."""
+        model_input = self.model_input
+        excluded = {id for pair in model_input.builder.collision_filter.excluded_pairs for id in pair}
+        joints = model_input.builder.registry.joints.values()
+        excluded |= {end for joint in joints for end in (joint.parent, joint.child)}
         scenery: list[BodyId] = []
-        for assembly in plan.forest.groups.values():
-            if plan.is_fixed(assembly) and busy.isdisjoint(assembly.bodies):
-                scenery += assembly.bodies
-        made = [plan.builder.collision_shapes(id) for id in scenery]
-        counts = [len(solids) for solids, _ in made]
-        standing = np.repeat(plan.poses[[plan.rows[id] for id in scenery]], counts, axis=0)
-        local = [_IDENTITY_POSE[None] if places is None else places for _, places in made]
-        places = pose_multiply(standing, np.concatenate([np.zeros((0, 7)), *local]))
-        extents = np.array([solid.size for solids, _ in made for solid in solids]).reshape(-1, 3)
-        self.scenery_boxes = OrientedBoxes.from_poses(places, extents)
-        each = iter(places.tolist())
-        for id, (solids, _) in zip(scenery, made, strict=True):
-            self._add_geoms(self.spec.worldbody, id, zip(solids, each, strict=False))
+        for group in model_input.forest.groups.values():
+            if model_input.is_fixed(group) and excluded.isdisjoint(group.bodies):
+                scenery += group.bodies
+        shapes_of_body = [model_input.builder.collision_shapes(id) for id in scenery]
+        counts = [len(shapes) for shapes, _ in shapes_of_body]
+        standing = np.repeat(model_input.poses[[model_input.rows[id] for id in scenery]], counts, axis=0)
+        local = [_IDENTITY_POSE[None] if poses is None else poses for _, poses in shapes_of_body]
+        poses = pose_multiply(standing, np.concatenate([np.zeros((0, 7)), *local]))
+        extents = np.array([shape.size for shapes, _ in shapes_of_body for shape in shapes]).reshape(-1, 3)
+        self.scenery_boxes = OrientedBoxes.from_poses(poses, extents)
+        each = iter(poses.tolist())
+        for id, (shapes, _) in zip(scenery, shapes_of_body, strict=True):
+            self._add_geoms(self.spec.worldbody, id, zip(shapes, each, strict=False))
         return scenery
 
     def _add_body(self, parent: Any, id: BodyId, body_pose: Array) -> Any:
-        plan = self.model_input
+        model_input = self.model_input
         pose = body_pose.tolist()  # MuJoCo takes lists faster than arrays
-        if pose[3:] == _UNTURNED:
+        if pose[3:] == _IDENTITY_QUATERNION:
             body = parent.add_body(name=_name(id), pos=pose[:3])
         else:
             body = parent.add_body(name=_name(id), pos=pose[:3], quat=pose[3:])
         self.spec_bodies[id] = body
-        description = plan.bodies[id]
-        solids, places = plan.builder.collision_shapes(id)
-        if places is None:
-            self._add_geoms(body, id, zip(solids, repeat(None), strict=False))
+        description = model_input.bodies[id]
+        shapes, poses = model_input.builder.collision_shapes(id)
+        if poses is None:
+            self._add_geoms(body, id, zip(shapes, repeat(None), strict=False))
         else:
-            self._add_geoms(body, id, zip(solids, places.tolist(), strict=True))
-        mass = plan.masses.get(id, 0.0)
+            self._add_geoms(body, id, zip(shapes, poses.tolist(), strict=True))
+        mass = model_input.masses.get(id, 0.0)
         if mass > 0.0:
             body.explicitinertial = True
             body.ipos, body.iquat, moments = self._inertia(id)
@@ -503,7 +504,7 @@ class _SpecBuilder:
         return body
 
     def _inertia(self, id: BodyId) -> tuple[Array, Array, Array]:
-        """Where the mass lies, along which axes, and its moments for 1 kg."""
+        """Center of mass, principal axes as a quaternion, and moments for 1 kg."""
         if id in self.model_input.builder.geometry:
             return inertia_frame(self.model_input.builder.mass_properties.compiled(id))
         return _IDENTITY_POSE[:3], _IDENTITY_POSE[3:], self.inertias[self.model_input.rows[id]]
@@ -511,15 +512,17 @@ class _SpecBuilder:
     def _add_geoms(
         self, body: Any, id: BodyId, shapes: Iterable[tuple[CollisionShape, Sequence[float] | None]]
     ) -> None:
-        """What of one of our bodies can be touched, and where that is on one of MuJoCo's."""
-        planner = self.model_input.builder
-        ghost = id in planner.collision_filter.non_colliding
-        touch = contact_options(planner.geometry.get(id), self.model_input.timestep_s, non_colliding=ghost)
-        for solid, place in shapes:
-            add_geom(body, solid, place, geom_options=touch, mesh=self._hull_mesh_name(solid))
+        """Adds the collision shapes of a body, with their poses, to a MuJoCo body."""
+        builder = self.model_input.builder
+        non_colliding = id in builder.collision_filter.non_colliding
+        geom_options = contact_options(
+            builder.geometry.get(id), self.model_input.timestep_s, non_colliding=non_colliding
+        )
+        for shape, pose in shapes:
+            add_geom(body, shape, pose, geom_options=geom_options, mesh=self._hull_mesh_name(shape))
 
     def _hull_mesh_name(self, shape: CollisionShape) -> str:
-        """The name of a hull's mesh, each made once; an empty one for what is no hull."""
+        """The name of a hull's mesh, which is added on first use; empty for other shapes."""
         if shape.type is not CollisionShapeType.HULL:
             return ""
         if shape.points not in self.meshes:
@@ -528,7 +531,7 @@ class _SpecBuilder:
         return self.meshes[shape.points]
 
     def add_excludes(self) -> None:
-        """Pairs that never collide."""
+        """Excludes contacts of pairs."""
         for a, b in sorted(self.model_input.excluded_pairs):
             if a in self.spec_bodies and b in self.spec_bodies:
                 self.spec.add_exclude(bodyname1=_name(a), bodyname2=_name(b))
@@ -537,38 +540,42 @@ class _SpecBuilder:
             self.spec.add_exclude(bodyname1="world", bodyname2=_name(id))
 
     def add_loop_joint(self, tree_joint: TreeJoint) -> None:
-        """A constraint that closes a loop.
+        """Adds a joint that closes a loop.
 
-        MuJoCo has equalities for "welded" and "one point in common". Any other kind goes through a light go-between
-        that has the joints and is welded to the far side.
+        MuJoCo has equality constraints for a weld and for a common point. Other joints connect the parent to a light
+        intermediate body, which is welded to the child.
         """
-        of_parent, of_child = tree_joint.order_ends(self.model_input.builder.joint_frames[tree_joint.joint.id])
+        parent_from_frame, child_from_frame = tree_joint.order_ends(
+            self.model_input.builder.joint_frames[tree_joint.joint.id]
+        )
         axes = movable_axes(tree_joint.joint, is_reversed=tree_joint.is_reversed)
         linear, angular = tree_joint.joint.linear, tree_joint.joint.angular
-        pinned = all(motion is AxisMotion.LOCKED for motion in (linear.x, linear.y, linear.z))
-        turns = all(motion is AxisMotion.FREE for motion in (angular.twist, angular.swing1, angular.swing2))
+        is_position_locked = all(motion is AxisMotion.LOCKED for motion in (linear.x, linear.y, linear.z))
+        is_rotation_free = all(motion is AxisMotion.FREE for motion in (angular.twist, angular.swing1, angular.swing2))
         if not axes:
             self._add_weld(
-                _name(tree_joint.parent), _name(tree_joint.child), pose_multiply(of_parent, pose_inverse(of_child))
+                _name(tree_joint.parent),
+                _name(tree_joint.child),
+                pose_multiply(parent_from_frame, pose_inverse(child_from_frame)),
             )
-        elif pinned and turns:
+        elif is_position_locked and is_rotation_free:
             equality = self.spec.add_equality(
                 type=mujoco.mjtEq.mjEQ_CONNECT, objtype=mujoco.mjtObj.mjOBJ_BODY,
                 name1=_name(tree_joint.child), name2=_name(tree_joint.parent),
             )  # fmt: skip
-            equality.data[:3] = of_child[:3]
+            equality.data[:3] = child_from_frame[:3]
         else:
-            self._add_intermediate_body(tree_joint, axes, of_parent, of_child)
+            self._add_intermediate_body(tree_joint, axes, parent_from_frame, child_from_frame)
 
     def _add_intermediate_body(
         self, tree_joint: TreeJoint, axes: tuple[JointAxis, ...], parent_from_joint: Array, child_from_joint: Array
     ) -> None:
-        plan = self.model_input
+        model_input = self.model_input
         name = f"loop:{tree_joint.joint.id}"
         body = self.spec_bodies[tree_joint.parent].add_body(
             name=name, pos=parent_from_joint[:3], quat=parent_from_joint[3:]
         )
-        mass = 0.01 * max(plan.forest.groups[plan.forest.root_of[tree_joint.child]].mass_kg, 0.1)
+        mass = 0.01 * max(model_input.forest.groups[model_input.forest.root_of[tree_joint.child]].mass_kg, 0.1)
         body.explicitinertial, body.mass, body.inertia = True, mass, np.full(3, mass * 0.01)
         body.ipos, body.iquat = _IDENTITY_POSE[:3], _IDENTITY_POSE[3:]
         body.gravcomp = 1.0
@@ -584,73 +591,80 @@ class _SpecBuilder:
         equality.data[10] = 1.0
 
     def compile(self, scenery: list[BodyId]) -> CompiledModel:
-        plan = self.model_input
+        model_input = self.model_input
         try:
             model = self.spec.compile()
-        except ValueError as error:  # what MuJoCo's compiler refuses; the inventory should have refused it before
+        except ValueError as error:  # the registry should have refused the input
             raise EngineUnavailableError("mujoco", cause=f"it cannot compile this world: {error}") from error
         data = mujoco.MjData(model)
         numbers = {id: body.id for id, body in self.spec_bodies.items()}
         joints = {}
-        for id, (branch, axes, ball, made, body) in self.spec_joints.items():
-            first = made[0].id
+        for id, (tree_joint, axes, ball, spec_joints, body) in self.spec_joints.items():
+            first = spec_joints[0].id
             position, velocity = int(model.jnt_qposadr[first]), int(model.jnt_dofadr[first])
-            joints[id] = ModelJoint(branch, axes, ball, position, velocity, body.id)
+            joints[id] = ModelJoint(tree_joint, axes, ball, position, velocity, body.id)
         free = {
-            top: (int(model.jnt_qposadr[joint.id]), int(model.jnt_dofadr[joint.id]))
-            for top, joint in self.free_joints.items()
+            root: (int(model.jnt_qposadr[joint.id]), int(model.jnt_dofadr[joint.id]))
+            for root, joint in self.free_joints.items()
         }
         mocap = {
-            top: int(model.body_mocapid[numbers[top]])
-            for top, assembly in plan.forest.groups.items()
-            if plan.kinematics_driven and assembly.mobility is Mobility.KINEMATIC
+            root: int(model.body_mocapid[numbers[root]])
+            for root, group in model_input.forest.groups.items()
+            if model_input.kinematics_driven and group.mobility is Mobility.KINEMATIC
         }
-        order = np.fromiter((numbers.get(id, 0) for id in plan.rows), dtype=np.intp, count=len(plan.rows))
-        rows = np.array([plan.rows[id] for id in scenery], dtype=np.intp)
-        return CompiledModel(model, data, plan.rows, numbers, order, rows, plan.poses[rows], joints, free, mocap)
+        order = np.fromiter((numbers.get(id, 0) for id in model_input.rows), dtype=np.intp, count=len(model_input.rows))
+        rows = np.array([model_input.rows[id] for id in scenery], dtype=np.intp)
+        return CompiledModel(
+            model, data, model_input.rows, numbers, order, rows, model_input.poses[rows], joints, free, mocap
+        )
 
 
 def compile_model(model_input: ModelInput, *, scenery: bool = True) -> CompiledModel:
-    """Compiles a blueprint.
+    """Compiles a model.
 
     Args:
-        blueprint: what is built.
-        scenery: whether what never moves may be geometry of MuJoCo's world, and no body of its own.
+        model_input: the world to compile.
+        scenery: whether fixed bodies may become geoms of the world body.
 
     Raises:
-        EngineUnavailableError: MuJoCo refuses the model; its words are in the cause.
+        EngineUnavailableError: MuJoCo refuses the model, with its message as the cause.
     """
     builder = _SpecBuilder(model_input)
     builder.set_options()
-    standing = set(fixed := builder.add_scenery() if scenery else [])
-    for assembly in model_input.forest.groups.values():
-        if assembly.root not in standing:
-            builder.add_group(assembly)
-    for branch in model_input.forest.loop_joints:
-        builder.add_loop_joint(branch)
+    scenery_ids = set(scenery_bodies := builder.add_scenery() if scenery else [])
+    for group in model_input.forest.groups.values():
+        if group.root not in scenery_ids:
+            builder.add_group(group)
+    for tree_joint in model_input.forest.loop_joints:
+        builder.add_loop_joint(tree_joint)
     builder.add_excludes()
-    live = builder.compile(fixed)
-    set_soft_limits(live.model, live.joints.values())
-    set_joint_friction(live.model, live.data, live.joints.values())
-    return live
+    compiled = builder.compile(scenery_bodies)
+    set_soft_limits(compiled.model, compiled.joints.values())
+    set_joint_friction(compiled.model, compiled.data, compiled.joints.values())
+    return compiled
 
 
-def _frames(plan: ModelInput) -> dict[BodyId, tuple[Array, Array]]:
-    """Of each hanging assembly: its top seen from the parent body, and the joint's frame seen from the top."""
-    branches = plan.forest.tree_joints
-    if not branches:
+def _frames(model_input: ModelInput) -> dict[BodyId, tuple[Array, Array]]:
+    """For each group on a joint: the root's pose in the parent body, and the joint's frame in the root."""
+    tree_joints = model_input.forest.tree_joints
+    if not tree_joints:
         return {}
-    ends = [branch.order_ends(plan.builder.joint_frames[branch.joint.id]) for branch in branches.values()]
-    top_from_frame = np.array([of_child for _, of_child in ends])
-    inner = [row for row, (top, branch) in enumerate(branches.items()) if branch.child != top]
+    ends = [
+        tree_joint.order_ends(model_input.builder.joint_frames[tree_joint.joint.id])
+        for tree_joint in tree_joints.values()
+    ]
+    root_from_frame = np.array([child_from_frame for _, child_from_frame in ends])
+    inner = [row for row, (root, tree_joint) in enumerate(tree_joints.items()) if tree_joint.child != root]
     if inner:
-        tops, joined = list(branches), list(branches.values())
-        top_from_world = pose_inverse(plan.poses[[plan.rows[tops[row]] for row in inner]])
-        world_from_child = plan.poses[[plan.rows[joined[row].child] for row in inner]]
-        top_from_frame[inner] = pose_multiply(pose_multiply(top_from_world, world_from_child), top_from_frame[inner])
-    parent_from_top = pose_multiply(np.array([of_parent for of_parent, _ in ends]), pose_inverse(top_from_frame))
-    return dict(zip(branches, zip(parent_from_top, top_from_frame, strict=True), strict=True))
+        roots, joints_in_order = list(tree_joints), list(tree_joints.values())
+        root_from_world = pose_inverse(model_input.poses[[model_input.rows[roots[row]] for row in inner]])
+        world_from_child = model_input.poses[[model_input.rows[joints_in_order[row].child] for row in inner]]
+        root_from_frame[inner] = pose_multiply(pose_multiply(root_from_world, world_from_child), root_from_frame[inner])
+    parent_from_root = pose_multiply(
+        np.array([parent_from_frame for parent_from_frame, _ in ends]), pose_inverse(root_from_frame)
+    )
+    return dict(zip(tree_joints, zip(parent_from_root, root_from_frame, strict=True), strict=True))
 
 
 def _name(id: BodyId) -> str:
-    return f"body:{id}"  # "world" is a name of MuJoCo's own
+    return f"body:{id}"  # "world" is reserved by MuJoCo

@@ -1,13 +1,9 @@
-"""MujocoEngine: a world in MuJoCo.
+"""MujocoEngine: a world simulated by MuJoCo in this process.
 
-Static bodies are fixed to the world, and so are kinematic ones until one of them is moved; then they are mocap bodies.
-Dynamic ones move freely, and constraints make kinematic trees of them. An edit only marks the model as stale; the next
-call that needs physics builds it once, and what was running goes on (see `carry`).
-
-SceneKeeper: everything that a MuJoCo model is made from, kept true while a world is edited.
-
-Edits are cheap: they change what is planned and mark the model as stale. `live` builds it when physics is
-needed next, once for all edits since, and carries the running state over.
+Static bodies are fixed to MuJoCo's world, and so are kinematic ones until one of them is moved; from then on they are
+mocap bodies. Dynamic bodies have free joints, or joints of kinematic trees. An edit only marks the model as stale; the
+next call that needs physics compiles a new model, once for all edits, and transfers the running state to it (see
+`transfer_state`).
 """
 
 from __future__ import annotations
@@ -61,7 +57,7 @@ __all__ = ["ModelCache", "MujocoEngine"]
 
 
 class ModelCache:
-    """The plan, where everything stands, and the model made from both."""
+    """The input of a MuJoCo model, the poses of all bodies, and the model compiled from them."""
 
     def __init__(self, timestep_s: float, *, time_s: float = 0.0) -> None:
         self.builder = PhysicsModelBuilder()
@@ -70,37 +66,37 @@ class ModelCache:
         self._time_s = time_s
         self._compiled: CompiledModel | None = None
         self._pending_poses: dict[BodyId, Array] = {}
-        """Poses that the model does not have yet."""
+        """Poses that the compiled model does not have yet."""
         self._at_rest: set[BodyId] = set()
         self._kinematics_driven = False
         self._changed_boxes: list[Array] = []
 
     def copy(self) -> ModelCache:
-        """A keeper of its own in the same state, stale if this one is; compiled models never change, so are shared."""
-        twin = ModelCache(self._timestep_s, time_s=self._time_s)
-        twin.builder, twin.stale = self.builder.copy(), self.stale
+        """An independent copy, stale if this one is; compiled models are immutable and shared."""
+        result = ModelCache(self._timestep_s, time_s=self._time_s)
+        result.builder, result.stale = self.builder.copy(), self.stale
         if self._compiled is not None:
-            twin._compiled = copy.copy(self._compiled)
-            twin._compiled.data = copy.copy(self._compiled.data)
-        twin._pending_poses, twin._at_rest = dict(self._pending_poses), set(self._at_rest)
-        twin._changed_boxes, twin._kinematics_driven = list(self._changed_boxes), self._kinematics_driven
-        return twin
+            result._compiled = copy.copy(self._compiled)
+            result._compiled.data = copy.copy(self._compiled.data)
+        result._pending_poses, result._at_rest = dict(self._pending_poses), set(self._at_rest)
+        result._changed_boxes, result._kinematics_driven = list(self._changed_boxes), self._kinematics_driven
+        return result
 
-    # -- what there is -----------------------------------------------------------------------------------------
+    # -- state ------------------------------------------------------------------------------------------------
 
     @property
     def registry(self) -> EntityRegistry:
-        """What stands here, as it was described."""
+        """The bodies, joints and attachments as they were described."""
         return self.builder.registry
 
     @property
     def forest(self) -> KinematicForest:
-        """Who hangs on whom now."""
+        """The rigid groups and how joints connect them."""
         return self.builder.forest
 
     @property
     def late_notes(self) -> list[SpawnNote]:
-        """What had to be decided because of edits, and what the physics warned of."""
+        """Notes on decisions caused by edits, and warnings of MuJoCo."""
         return self.builder.late_notes
 
     @property
@@ -110,18 +106,18 @@ class ModelCache:
 
     @property
     def last_model(self) -> CompiledModel | None:
-        """The model that was built last, stale or not; None before the first."""
+        """The model compiled last, stale or not; None before the first one."""
         return self._compiled
 
     def model(self) -> CompiledModel:
-        """The model, made anew if anything changed since."""
+        """The current model, compiled anew if anything changed."""
         if self.stale or self._compiled is None:
             self._rebuild()
         assert self._compiled is not None
         return self._compiled
 
     def poses(self) -> Array:
-        """All poses now, n x 7, in the order of the inventory's ids."""
+        """Current poses, n x 7, in the order of `registry.ids`."""
         if not self.stale and self._compiled is not None:
             return self._compiled.poses()
         ids = self.registry.ids
@@ -137,22 +133,22 @@ class ModelCache:
         return poses
 
     def poses_by_id(self) -> dict[BodyId, Array]:
-        """All poses now, by body."""
+        """Current poses by body."""
         return dict(zip(self.registry.ids, self.poses(), strict=True))
 
     def bounds(self, ids: Iterable[BodyId]) -> Array:
-        """The box around some bodies, 2 x 3: lower and upper corner [m]."""
-        where = self.poses_by_id()
-        wanted = list(ids)
-        poses = np.array([where[id] for id in wanted]).reshape(-1, 7)
-        low, high = OrientedBoxes.from_poses(poses, self.builder.mass_properties.sizes(wanted)).bounds()
+        """The axis-aligned box around some bodies, 2 x 3: lower and upper corner [m]."""
+        poses_by_id = self.poses_by_id()
+        selected = list(ids)
+        poses = np.array([poses_by_id[id] for id in selected]).reshape(-1, 7)
+        low, high = OrientedBoxes.from_poses(poses, self.builder.mass_properties.sizes(selected)).bounds()
         return np.array([low.min(axis=0), high.max(axis=0)])
 
     def model_input(self, poses: Array | None = None) -> ModelInput:
-        """All that a model of it is made from.
+        """The input for compiling the current world.
 
         Args:
-            where: all poses, if they are at hand.
+            poses: the result of `poses`, if the caller has it already.
         """
         poses = self.poses() if poses is None else poses
         return ModelInput.from_builder(self.builder, poses, self._timestep_s, kinematics_driven=self._kinematics_driven)
@@ -163,29 +159,29 @@ class ModelCache:
         """See `Engine.spawn`."""
         before = self.poses()
         report = self.builder.add(world, before, geometry=geometry)
-        came = self.registry.ids[len(before) :]
-        poses = pose_array(self.registry.bodies[id].pose for id in came)
+        new_ids = self.registry.ids[len(before) :]
+        poses = pose_array(self.registry.bodies[id].pose for id in new_ids)
         poses[:, 3:] = normalize(poses[:, 3:])
-        self._pending_poses.update(zip(came, poses, strict=True))
+        self._pending_poses.update(zip(new_ids, poses, strict=True))
         self.stale = True
         return report
 
     def remove(self, ids: tuple[BodyId, ...]) -> None:
         """See `Engine.delete`."""
-        gone = {self.registry.body(id).id for id in ids}
-        if not gone:
+        removed = {self.registry.body(id).id for id in ids}
+        if not removed:
             return
-        self._changed_boxes.append(self.bounds(gone))
-        self.builder.remove(gone)
-        for id in gone:
+        self._changed_boxes.append(self.bounds(removed))
+        self.builder.remove(removed)
+        for id in removed:
             self._pending_poses.pop(id, None)
-        self._at_rest -= gone
+        self._at_rest -= removed
         self.stale = True
-        if self._compiled is not None:  # what comes under the same name later is something else
-            self._compiled = self._compiled.without(gone, remaining_joints=self.registry.joints)
+        if self._compiled is not None:  # a body spawned later with the same id is another body
+            self._compiled = self._compiled.without(removed, remaining_joints=self.registry.joints)
 
     def attach(self, parent: BodyId, child: BodyId) -> None:
-        """See `Engine.attach_parts`."""
+        """See `Engine.attach`."""
         self.builder.attach(parent, child, self.poses())
         self.stale = True
 
@@ -200,13 +196,13 @@ class ModelCache:
         self.stale = True
 
     def move(self, id: BodyId, target: Array) -> None:
-        """Puts a body, and all that goes with it, somewhere else; for bodies that no joint holds."""
-        where = self.poses_by_id()
+        """Moves a body and all bodies that move with it; not for bodies on joints."""
+        current = self.poses_by_id()
         moving = self.builder.bodies_moving_with(id)
         self._changed_boxes.append(self.bounds(moving))
         self.builder.update_attachment_pose(id, target, self.poses())
-        new_from_old = pose_multiply(target, pose_inverse(where[id]))
-        moved = pose_multiply(new_from_old, np.array([where[body] for body in moving]))
+        new_from_old = pose_multiply(target, pose_inverse(current[id]))
+        moved = pose_multiply(new_from_old, np.array([current[body] for body in moving]))
         moved[:, 3:] = normalize(moved[:, 3:])
         self._pending_poses.update(zip(moving, moved, strict=True))
         self._pending_poses[id] = target
@@ -215,37 +211,42 @@ class ModelCache:
         self.stale = True
 
     def enable_kinematic_motion(self, id: BodyId) -> None:
-        """Makes kinematic bodies such that they can be moved in place, if this is one and the first that is."""
-        assembly = self.forest.groups.get(id)
-        if not self._kinematics_driven and assembly is not None and assembly.mobility is Mobility.KINEMATIC:
+        """Makes kinematic bodies movable in place, when the first of them is moved."""
+        group = self.forest.groups.get(id)
+        if not self._kinematics_driven and group is not None and group.mobility is Mobility.KINEMATIC:
             self._kinematics_driven = self.stale = True
 
     def _rebuild(self) -> None:
-        where = self.poses()
-        self.builder.update_collisions(where)
+        poses = self.poses()
+        self.builder.update_collisions(poses)
         ids = self.registry.ids
-        new = compile_model(self.model_input(where))
-        new.data.time = self.time_s
-        disturbed: NDArray[np.float64] = np.array(self._changed_boxes).reshape(-1, 2, 3)
+        compiled = compile_model(self.model_input(poses))
+        compiled.data.time = self.time_s
+        changed_boxes: NDArray[np.float64] = np.array(self._changed_boxes).reshape(-1, 2, 3)
         transfer_state(
-            self._compiled, new, dict(zip(ids, where, strict=True)), self.builder.joint_frames, self._at_rest, disturbed
+            self._compiled,
+            compiled,
+            dict(zip(ids, poses, strict=True)),
+            self.builder.joint_frames,
+            self._at_rest,
+            changed_boxes,
         )
-        self._compiled, self.stale = new, False
+        self._compiled, self.stale = compiled, False
         self._pending_poses, self._at_rest, self._changed_boxes = {}, set(), []
 
 
 _POSE_TOLERANCE = 1e-12
-"""A pose that differs by less from the described one is the described one [m, rad]; larger numbers round more."""
+"""Poses that differ by less from the described one are equal to it [m, rad], relative to larger coordinates."""
 
 
 class MujocoEngine:
-    """The contract, kept by MuJoCo."""
+    """An engine that simulates with MuJoCo."""
 
     name = "mujoco"
     capabilities = frozenset({Capability.SAVE, Capability.JOINTS, Capability.STATISTICS})
 
     def __init__(self, *, timestep_s: float = 0.002) -> None:
-        """An empty world.
+        """Creates an engine with an empty world.
 
         Args:
             timestep_s: MuJoCo's time step [s].
@@ -258,7 +259,7 @@ class MujocoEngine:
 
     @property
     def time_s(self) -> float:
-        """See the contract, here and below."""
+        """See `Engine`; the same holds for the methods below."""
         return self._require_open().time_s
 
     def spawn(self, world: World, *, geometry: GeometryMap = NO_GEOMETRY) -> SpawnReport:
@@ -278,18 +279,18 @@ class MujocoEngine:
         self._require_open().detach(child)
 
     def set_pose(self, id: BodyId, pose: Pose) -> None:
-        keeper = self._require_open()
-        keeper.registry.body(id)
+        cache = self._require_open()
+        cache.registry.body(id)
         if reason := pose_error(pose):
             raise PoseUnreachableError(id, reason=reason)
         target = normalized_pose_array(pose)
-        if id in keeper.forest.tree_joints:
-            keeper.model()  # how far a joint goes is known to the model
-        if not keeper.stale and self._move_in_place(keeper, id, target):
-            keeper.registry.replace(id, pose=pose)
+        if id in cache.forest.tree_joints:
+            cache.model()  # joint coordinates need a current model
+        if not cache.stale and self._move_in_place(cache, id, target):
+            cache.registry.replace(id, pose=pose)
             return
-        keeper.move(id, target)
-        keeper.registry.replace(id, pose=pose)
+        cache.move(id, target)
+        cache.registry.replace(id, pose=pose)
 
     def set_physics(self, id: BodyId, physics: BodyPhysics) -> None:
         self._require_open().set_physics(id, physics)
@@ -310,59 +311,61 @@ class MujocoEngine:
         )
 
     def step(self, duration_s: float) -> None:
-        keeper = self._require_open()
+        cache = self._require_open()
         self._pending_s += duration_s
         steps = int(self._pending_s / self._timestep_s + 1e-6)
         if steps <= 0:
             return
         self._pending_s = max(0.0, self._pending_s - steps * self._timestep_s)
-        live = keeper.model()
+        compiled = cache.model()
         if self._forces:
-            self._apply_forces(live)
-        mujoco.mj_step(live.model, live.data, nstep=steps)
-        mujoco.mj_kinematics(live.model, live.data)
+            self._apply_forces(compiled)
+        mujoco.mj_step(compiled.model, compiled.data, nstep=steps)
+        mujoco.mj_kinematics(compiled.model, compiled.data)
         if self._forces:
-            live.data.xfrc_applied[:] = 0.0
+            compiled.data.xfrc_applied[:] = 0.0
             self._forces.clear()
-        keeper.late_notes.extend(_check(live))
+        cache.late_notes.extend(_check_warnings(compiled))
 
     def poses(self) -> tuple[tuple[BodyId, ...], PoseArray]:
-        keeper = self._require_open()
-        return keeper.registry.ids, keeper.poses()
+        cache = self._require_open()
+        return cache.registry.ids, cache.poses()
 
     def joint_positions(self) -> Mapping[BodyId, tuple[float, ...]]:
-        keeper = self._require_open()
-        live, where = keeper.model(), keeper.poses_by_id()
+        cache = self._require_open()
+        compiled, poses = cache.model(), cache.poses_by_id()
         positions = {}
-        for id, joint in live.joints.items():
-            constraint = joint.tree_joint.joint
-            of_parent, of_child = keeper.builder.joint_frames[id]
-            fixed = pose_multiply(where[constraint.parent], of_parent)
-            moving = pose_multiply(where[constraint.child], of_child)
-            positions[id] = tuple(joint_coordinates(pose_multiply(pose_inverse(fixed), moving), joint.axes).tolist())
+        for id, model_joint in compiled.joints.items():
+            joint = model_joint.tree_joint.joint
+            parent_from_frame, child_from_frame = cache.builder.joint_frames[id]
+            fixed = pose_multiply(poses[joint.parent], parent_from_frame)
+            moving = pose_multiply(poses[joint.child], child_from_frame)
+            positions[id] = tuple(
+                joint_coordinates(pose_multiply(pose_inverse(fixed), moving), model_joint.axes).tolist()
+            )
         return positions
 
     def stats(self) -> EngineStats:
-        live = self._require_open().last_model
-        sleep = np.zeros(0) if live is None else live.data.body_awake
+        compiled = self._require_open().last_model
+        sleep = np.zeros(0) if compiled is None else compiled.data.body_awake
         return EngineStats(
             movable=int(np.count_nonzero(sleep >= int(mujoco.mjtSleepState.mjS_ASLEEP))),
             awake=int(np.count_nonzero(sleep == int(mujoco.mjtSleepState.mjS_AWAKE))),
-            contacts=0 if live is None else int(live.data.ncon),
+            contacts=0 if compiled is None else int(compiled.data.ncon),
             timestep_s=self._timestep_s,
         )
 
     def snapshot(self) -> World:
-        keeper = self._require_open()
-        keeper.model()  # a log tells what the physics has, not what it is about to be given
-        now = keeper.poses()
-        given = pose_array(body.pose for body in keeper.registry.bodies.values())
-        scale = np.maximum(1.0, np.abs(given[:, :3]).max(axis=1, initial=1.0))
-        stayed = (np.abs(now[:, :3] - given[:, :3]).max(axis=1, initial=0.0) <= _POSE_TOLERANCE * scale) & (
-            quat_angle(given[:, 3:], now[:, 3:]) <= _POSE_TOLERANCE
+        cache = self._require_open()
+        cache.model()  # a snapshot has the poses of the physics after pending edits
+        now = cache.poses()
+        described = pose_array(body.pose for body in cache.registry.bodies.values())
+        scale = np.maximum(1.0, np.abs(described[:, :3]).max(axis=1, initial=1.0))
+        unmoved = (np.abs(now[:, :3] - described[:, :3]).max(axis=1, initial=0.0) <= _POSE_TOLERANCE * scale) & (
+            quat_angle(described[:, 3:], now[:, 3:]) <= _POSE_TOLERANCE
         )
-        rows = np.flatnonzero(~stayed).tolist()
-        return keeper.registry.to_world({keeper.registry.ids[row]: pose_from_array(now[row]) for row in rows})
+        rows = np.flatnonzero(~unmoved).tolist()
+        return cache.registry.to_world({cache.registry.ids[row]: pose_from_array(now[row]) for row in rows})
 
     def save_state(self) -> SavedState:
         return SavedState(self._require_open().copy())
@@ -370,7 +373,7 @@ class MujocoEngine:
     def restore_state(self, state: SavedState) -> None:
         self._require_open()
         if not isinstance(state, ModelCache):
-            raise TypeError(f"a state that MujocoEngine.save made is needed, not {type(state).__name__}")
+            raise TypeError(f"expected a state from MujocoEngine.save_state, not {type(state).__name__}")
         self._cache = state.copy()
         self._forces.clear()
         self._pending_s = 0.0
@@ -380,7 +383,7 @@ class MujocoEngine:
 
     @property
     def notes(self) -> tuple[SpawnNote, ...]:
-        """What had to be decided because of edits, and what the physics warned of (a spawn's own are in its report)."""
+        """Notes on decisions caused by edits, and warnings of MuJoCo; those of a spawn are in its report."""
         return tuple(self._require_open().late_notes)
 
     def _require_open(self) -> ModelCache:
@@ -389,48 +392,48 @@ class MujocoEngine:
         return self._cache
 
     def _apply_forces(self, compiled: CompiledModel) -> None:
-        for id, force, at in self._forces:
-            number = compiled.body_ids.get(id)
-            if number is None:
+        for id, force, point in self._forces:
+            body_id = compiled.body_ids.get(id)
+            if body_id is None:
                 continue
-            compiled.data.xfrc_applied[number, :3] += force
-            if at is not None:
-                compiled.data.xfrc_applied[number, 3:] += np.cross(at - compiled.data.xipos[number], force)
+            compiled.data.xfrc_applied[body_id, :3] += force
+            if point is not None:
+                compiled.data.xfrc_applied[body_id, 3:] += np.cross(point - compiled.data.xipos[body_id], force)
 
     def _move_in_place(self, cache: ModelCache, id: BodyId, target: Array) -> bool:
-        """Moves what needs no new model: what is free, kinematic, or on a joint. False for the rest."""
+        """Moves a body without a new model if it is free, kinematic or on a joint; False for others."""
         cache.enable_kinematic_motion(id)
-        live = cache.model()
+        compiled = cache.model()
         moving = cache.builder.bodies_moving_with(id)
-        if id in live.free_joint_addresses:
-            position, velocity = live.free_joint_addresses[id]
-            live.data.qpos[position : position + 7] = target
-            live.data.qvel[velocity : velocity + 6] = 0.0
-        elif id in live.mocap_ids:
-            live.data.mocap_pos[live.mocap_ids[id]] = target[:3]
-            live.data.mocap_quat[live.mocap_ids[id]] = target[3:]
-        elif (branch := cache.forest.tree_joints.get(id)) is not None:
-            self._set_joint(cache, id, branch.joint.id, target)
+        if id in compiled.free_joint_addresses:
+            qpos, dof = compiled.free_joint_addresses[id]
+            compiled.data.qpos[qpos : qpos + 7] = target
+            compiled.data.qvel[dof : dof + 6] = 0.0
+        elif id in compiled.mocap_ids:
+            compiled.data.mocap_pos[compiled.mocap_ids[id]] = target[:3]
+            compiled.data.mocap_quat[compiled.mocap_ids[id]] = target[3:]
+        elif (tree_joint := cache.forest.tree_joints.get(id)) is not None:
+            self._set_joint(cache, id, tree_joint.joint.id, target)
         else:
             return False
         before = cache.bounds(moving)
-        mujoco.mj_kinematics(live.model, live.data)
-        wake_islands(live, np.stack([before, cache.bounds(moving)]))
+        mujoco.mj_kinematics(compiled.model, compiled.data)
+        wake_islands(compiled, np.stack([before, cache.bounds(moving)]))
         return True
 
     def _set_joint(self, cache: ModelCache, id: BodyId, joint_id: BodyId, target: Array) -> None:
-        """Puts a body on a joint where it is asked to be.
+        """Sets the coordinates of the joint that holds a body.
 
         Raises:
-            PoseUnreachableError: its joint does not go there.
+            PoseUnreachableError: the joint does not allow the pose.
         """
-        live, where = cache.model(), cache.poses_by_id()
-        check_joint_limits(cache.builder, id, target, where)
-        joint = live.joints[joint_id]
-        child_from_top = pose_multiply(pose_inverse(where[id]), where[joint.tree_joint.child])
-        asked = {**where, joint.tree_joint.child: pose_multiply(target, child_from_top)}
+        compiled, poses = cache.model(), cache.poses_by_id()
+        check_joint_limits(cache.builder, id, target, poses)
+        joint = compiled.joints[joint_id]
+        child_from_body = pose_multiply(pose_inverse(poses[id]), poses[joint.tree_joint.child])
+        requested = {**poses, joint.tree_joint.child: pose_multiply(target, child_from_body)}
         set_joint_coordinates(
-            live, joint, current_joint_coordinates(joint, asked, cache.builder.joint_frames[joint_id])
+            compiled, joint, current_joint_coordinates(joint, requested, cache.builder.joint_frames[joint_id])
         )
 
 
@@ -441,29 +444,29 @@ _DIVERGENCE_WARNINGS = (
 )
 
 
-def _check(compiled: CompiledModel) -> list[SpawnNote]:
-    """What MuJoCo warned of since the last call.
+def _check_warnings(compiled: CompiledModel) -> list[SpawnNote]:
+    """MuJoCo's warnings since the last call.
 
     Raises:
-        SimulationDivergedError: it saw numbers that mean nothing.
+        SimulationDivergedError: the state is not finite.
     """
     notes = []
     for kind in range(int(mujoco.mjtWarning.mjNWARNING)):
-        entry = compiled.data.warning[kind]
-        if not entry.number:
+        counter = compiled.data.warning[kind]
+        if not counter.number:
             continue
-        entry.number = 0
+        counter.number = 0
         warning = mujoco.mjtWarning(kind)
         if warning in _DIVERGENCE_WARNINGS:
-            body = compiled.model.body(int(compiled.model.dof_bodyid[entry.lastinfo])).name.removeprefix("body:")
+            body = compiled.model.body(int(compiled.model.dof_bodyid[counter.lastinfo])).name.removeprefix("body:")
             quantity = warning.name.removeprefix("mjWARN_BAD").lower()
-            what = f"the {quantity} of {body!r} is not a number or far too large"
-            raise SimulationDivergedError(time_s=float(compiled.data.time), what=what)
-        text = f"at {compiled.data.time:.3f} s MuJoCo warned: {mujoco.mju_warningText(kind, entry.lastinfo)}"
+            reason = f"the {quantity} of {body!r} is not finite or far too large"
+            raise SimulationDivergedError(time_s=float(compiled.data.time), what=reason)
+        text = f"at {compiled.data.time:.3f} s MuJoCo warned: {mujoco.mju_warningText(kind, counter.lastinfo)}"
         notes.append(SpawnNote(SpawnNoteKind.SOLVER, (), text))
     return notes
 
 
-# MuJoCo counts its warnings, and `_check` tells them; the file that it would write them to as well has no place in
-# the folder from which somebody happens to work.
+# MuJoCo counts its warnings, and `_check_warnings` reports them. By default it also writes them to a file in the
+# current directory.
 mujoco.set_mju_user_warning(lambda text: None)

@@ -1,9 +1,7 @@
-"""Carry: what was moving goes on moving when the model is made anew.
+"""The state of a compiled MuJoCo model, and its transfer to the next model.
 
-An edit gives a new model. Joint coordinates, velocities and sleep come from the old one by name; what hangs on a new
-joint gets its coordinates from where it stands.
-
-Live: a compiled model, its state, and where everything of ours is in it.
+An edit produces a new model. Joint coordinates, velocities and sleep are copied from the old one by name; bodies on new
+joints get their coordinates from their poses.
 """
 
 from __future__ import annotations
@@ -34,58 +32,60 @@ __all__ = [
 
 @dataclass(slots=True)
 class ModelJoint:
-    """A branch of the forest as it stands in the model."""
+    """A tree joint in a compiled model."""
 
     tree_joint: TreeJoint
     axes: tuple[JointAxis, ...]
     is_ball: bool
     qpos_address: int
-    """Where its coordinates begin in `qpos`, in the order of `axes` (a ball's quaternion last)."""
+    """Start of its coordinates in `qpos`, in the order of `axes`; the quaternion of a ball joint comes last."""
     dof_address: int
-    """Where they begin in `qvel`."""
+    """Start of its velocities in `qvel`."""
     body_id: int
-    """The MuJoCo body that the joints move."""
+    """The MuJoCo body that it moves."""
 
 
 @dataclass(slots=True)
 class CompiledModel:
-    """A compiled model, its state, and where everything is in it."""
+    """A compiled model with its data, and the addresses of bodies and joints in it."""
 
     model: Any
     data: Any
     rows: dict[BodyId, int]
-    """The order of poses: as in the blueprint."""
+    """Row of each body in arrays of poses."""
     body_ids: dict[BodyId, int]
-    """MuJoCo's number of each body; scenery has none."""
+    """MuJoCo's id of each body; scenery has none."""
     body_id_order: NDArray[np.intp]
-    """The same in the order of `ModelInput.rows`, for reading all poses at once; 0 for scenery."""
+    """The same as an array in the order of `rows`, to read all poses at once; 0 for scenery."""
     scenery: NDArray[np.intp]
-    """Rows of bodies that are part of MuJoCo's world."""
+    """Rows of the bodies that are part of MuJoCo's world body."""
     scenery_poses: Array
-    """Where those stand."""
+    """Their poses, k x 7."""
     joints: dict[BodyId, ModelJoint]
-    """By constraint."""
+    """The tree joints by id."""
     free_joint_addresses: dict[BodyId, tuple[int, int]]
-    """Of each assembly that moves freely: where its pose begins in `qpos`, its velocity in `qvel`."""
+    """Addresses in `qpos` and `qvel` of each rigid group with a free joint."""
     mocap_ids: dict[BodyId, int]
-    """MuJoCo's mocap number of each kinematic assembly."""
+    """MuJoCo's mocap id of each kinematic group."""
 
     def without(self, removed: Collection[BodyId], *, remaining_joints: Container[BodyId]) -> CompiledModel:
-        """The same, as a state to carry over, in which some bodies are not known any more.
+        """The same model without some bodies and joints, so that their state is not transferred.
 
         Args:
-            gone: those bodies.
-            joints: the constraints that are still there.
+            removed: ids of the bodies to omit.
+            remaining_joints: ids of the joints to keep.
         """
         return replace(
             self,
-            body_ids={id: number for id, number in self.body_ids.items() if id not in removed},
-            free_joint_addresses={id: place for id, place in self.free_joint_addresses.items() if id not in removed},
+            body_ids={id: body_id for id, body_id in self.body_ids.items() if id not in removed},
+            free_joint_addresses={
+                id: addresses for id, addresses in self.free_joint_addresses.items() if id not in removed
+            },
             joints={id: joint for id, joint in self.joints.items() if id in remaining_joints},
         )
 
     def poses(self) -> Array:
-        """All poses, n x 7, in the order of `ModelInput.rows`."""
+        """All poses, n x 7, in the order of `rows`."""
         poses = np.empty((len(self.body_id_order), 7))
         poses[:, :3], poses[:, 3:] = self.data.xpos[self.body_id_order], self.data.xquat[self.body_id_order]
         poses[self.scenery] = self.scenery_poses
@@ -93,10 +93,10 @@ class CompiledModel:
 
 
 def _update_sleep() -> Callable[[int, int], object] | None:
-    """MuJoCo's own function that makes everything else agree with `tree_asleep`.
+    """MuJoCo's internal function that updates all other sleep data from `tree_asleep`, if it can be loaded.
 
-    The library exports it, its Python binding does not. Without it, what slept before an edit wakes up and falls
-    asleep again by itself.
+    The library exports it, but the Python binding does not. Without it, sleeping bodies wake up at each edit until they
+    fall asleep again.
     """
     for path in Path(mujoco.__file__).parent.glob(f"*mujoco*{mujoco.__version__}*"):
         if path.suffix in {".dll", ".dylib"} or ".so" in path.name:
@@ -109,7 +109,7 @@ def _update_sleep() -> Callable[[int, int], object] | None:
 
 _UPDATE_SLEEP = _update_sleep()
 _FULLY_AWAKE = -(1 + mujoco.mjMINAWAKE)
-"""From here MuJoCo counts up, once a step, while a tree does not move; at 0 it sleeps."""
+"""MuJoCo increments this value in every step in which a tree does not move; at 0 the tree sleeps."""
 
 
 def transfer_state(
@@ -120,25 +120,26 @@ def transfer_state(
     at_rest: set[BodyId],
     changed_boxes: NDArray[np.float64],
 ) -> None:
-    """Sets the state of a new model.
+    """Sets the state of a new model from that of the old one.
 
     Args:
-        old: the model before, if there was one.
+        old: the previous model, or None.
         new: the model to set.
-        where: poses of all bodies [m, w x y z].
-        ends: the frames of constraints, as in the blueprint.
-        at_rest: bodies that were just put somewhere and have no velocity.
-        disturbed: k x 2 x 3, boxes (lower and upper corner) in which something changed; what sleeps there wakes up.
+        poses: current poses of all bodies [m, w x y z].
+        joint_frames: each joint's frame in its parent and in its child.
+        at_rest: bodies that were just moved and have zero velocity.
+        changed_boxes: k x 2 x 3, lower and upper corners of boxes in which something changed [m]; bodies that sleep
+            there wake up.
     """
     data = new.data
-    for top, (_, velocity) in new.free_joint_addresses.items():
-        if old is not None and top in old.body_ids and top not in at_rest:  # scenery had no velocity
-            data.qvel[velocity : velocity + 6] = _velocity(old, top)
-            if top in old.free_joint_addresses:
-                before = old.free_joint_addresses[top][1]
-                data.qacc_warmstart[velocity : velocity + 6] = old.data.qacc_warmstart[before : before + 6]
+    for root, (_, velocity) in new.free_joint_addresses.items():
+        if old is not None and root in old.body_ids and root not in at_rest:  # scenery has no velocity
+            data.qvel[velocity : velocity + 6] = _velocity(old, root)
+            if root in old.free_joint_addresses:
+                old_dof = old.free_joint_addresses[root][1]
+                data.qacc_warmstart[velocity : velocity + 6] = old.data.qacc_warmstart[old_dof : old_dof + 6]
     for id, joint in new.joints.items():
-        if old is not None and not _copy_joint(old, new, id, joint, at_rest):  # a first model stands as spawned
+        if old is not None and not _copy_joint(old, new, id, joint, at_rest):  # a first model has them
             set_joint_coordinates(new, joint, current_joint_coordinates(joint, poses, joint_frames[id]))
     mujoco.mj_forward(new.model, data)
     if old is not None:
@@ -148,18 +149,18 @@ def transfer_state(
 def current_joint_coordinates(
     joint: ModelJoint, poses: Mapping[BodyId, Array], joint_frames: tuple[Array, Array]
 ) -> Array:
-    """Six coordinates of a joint, from where the two bodies stand; then the quaternion, for a ball."""
-    of_parent, of_child = joint.tree_joint.order_ends(joint_frames)
+    """Six coordinates of a joint from the poses of its bodies, followed by its rotation as a quaternion."""
+    parent_from_frame, child_from_frame = joint.tree_joint.order_ends(joint_frames)
     fixed, moving = (
-        pose_multiply(poses[joint.tree_joint.parent], of_parent),
-        pose_multiply(poses[joint.tree_joint.child], of_child),
+        pose_multiply(poses[joint.tree_joint.parent], parent_from_frame),
+        pose_multiply(poses[joint.tree_joint.child], child_from_frame),
     )
     relative = pose_multiply(pose_inverse(fixed), moving)
     return np.concatenate([joint_coordinates(relative, joint.axes), relative[3:]])
 
 
 def set_joint_coordinates(compiled: CompiledModel, joint: ModelJoint, coordinates: Array) -> None:
-    """Sets a joint's coordinates; its velocity becomes zero."""
+    """Sets the coordinates of a joint and its velocity to zero."""
     position = joint.qpos_address
     for axis in joint.axes:
         if axis.is_prismatic or not joint.is_ball:
@@ -171,79 +172,79 @@ def set_joint_coordinates(compiled: CompiledModel, joint: ModelJoint, coordinate
 
 
 def _copy_joint(old: CompiledModel, new: CompiledModel, id: BodyId, joint: ModelJoint, at_rest: set[BodyId]) -> bool:
-    """Takes a joint's state over as it was; False if it was not the same joint, or its bodies were moved by hand."""
-    before = old.joints.get(id)
-    if before is None or before.tree_joint.parent != joint.tree_joint.parent or before.axes != joint.axes:
+    """Copies the state of a joint; False if the joint is new or changed, or one of its bodies was moved."""
+    old_joint = old.joints.get(id)
+    if old_joint is None or old_joint.tree_joint.parent != joint.tree_joint.parent or old_joint.axes != joint.axes:
         return False
     if joint.tree_joint.child in at_rest and joint.tree_joint.parent not in at_rest:
         return False
     degrees = len(joint.axes)
-    here = slice(joint.qpos_address, joint.qpos_address + degrees + joint.is_ball)
-    there = slice(before.qpos_address, before.qpos_address + degrees + joint.is_ball)
-    new.data.qpos[here] = old.data.qpos[there]
-    here, there = (
+    now = slice(joint.qpos_address, joint.qpos_address + degrees + joint.is_ball)
+    then = slice(old_joint.qpos_address, old_joint.qpos_address + degrees + joint.is_ball)
+    new.data.qpos[now] = old.data.qpos[then]
+    now, then = (
         slice(joint.dof_address, joint.dof_address + degrees),
-        slice(before.dof_address, before.dof_address + degrees),
+        slice(old_joint.dof_address, old_joint.dof_address + degrees),
     )
-    new.data.qvel[here] = old.data.qvel[there]
-    new.data.qacc_warmstart[here] = old.data.qacc_warmstart[there]
+    new.data.qvel[now] = old.data.qvel[then]
+    new.data.qacc_warmstart[now] = old.data.qacc_warmstart[then]
     return True
 
 
 def _velocity(old: CompiledModel, id: BodyId) -> Array:
-    """A body's velocity as a free joint has it: linear in the world, angular in the body."""
+    """The velocity of a body as a free joint has it: linear in the world frame, angular in the body frame."""
     if id in old.free_joint_addresses:
         start = old.free_joint_addresses[id][1]
         return np.array(old.data.qvel[start : start + 6])
-    number = old.body_ids[id]
-    both = np.zeros(6)
-    mujoco.mj_objectVelocity(old.model, old.data, mujoco.mjtObj.mjOBJ_XBODY, number, both, 0)
-    quaternion = np.array(old.data.xquat[number])
-    return np.concatenate([both[3:], quat_rotate(quat_conjugate(quaternion), both[:3])])
+    body_id = old.body_ids[id]
+    spatial_velocity = np.zeros(6)
+    mujoco.mj_objectVelocity(old.model, old.data, mujoco.mjtObj.mjOBJ_XBODY, body_id, spatial_velocity, 0)
+    quaternion = np.array(old.data.xquat[body_id])
+    return np.concatenate([spatial_velocity[3:], quat_rotate(quat_conjugate(quaternion), spatial_velocity[:3])])
 
 
 def _trees_by_body(compiled: CompiledModel) -> dict[BodyId, int]:
-    """The tree of each body that the physics moves."""
+    """MuJoCo's tree of each body that has degrees of freedom."""
     trees = compiled.model.body_treeid
-    return {id: int(trees[number]) for id, number in compiled.body_ids.items() if trees[number] >= 0}
+    return {id: int(trees[body_id]) for id, body_id in compiled.body_ids.items() if trees[body_id] >= 0}
 
 
 def _keep_asleep(old: CompiledModel, new: CompiledModel, changed_boxes: NDArray[np.float64]) -> None:
-    """Trees that slept go on sleeping; MuJoCo links those that fell asleep together in a circle.
+    """Lets trees that were asleep stay asleep.
 
-    A circle is kept only if each of its trees is still there and nothing changed near any of them.
+    MuJoCo links the trees of a sleeping island in a cycle. A cycle is kept if all of its trees still exist and nothing
+    changed near any of them.
     """
     trees = _trees_by_body(new)
     asleep = old.data.tree_asleep
     next_of: dict[int, int] = {}
     tree_of_old: dict[int, int] = {}
-    for id, before in _trees_by_body(old).items():
+    for id, old_tree in _trees_by_body(old).items():
         if id in trees:
-            tree_of_old.setdefault(before, trees[id])
-    for before, now in tree_of_old.items():
-        neighbor = int(asleep[before])
+            tree_of_old.setdefault(old_tree, trees[id])
+    for old_tree, new_tree in tree_of_old.items():
+        neighbor = int(asleep[old_tree])
         if neighbor >= 0 and neighbor in tree_of_old:
-            next_of[now] = tree_of_old[neighbor]
-    stirred = _disturbed_trees(new, changed_boxes)
-    kept: set[int] = set()
-    for start, following in next_of.items():
-        circle, here = [start], following
-        while here != start and here in next_of and len(circle) <= len(next_of):
-            circle.append(here)
-            here = next_of[here]
-        if here == start and not stirred.intersection(circle):
-            kept.update(circle)
-    if kept and _UPDATE_SLEEP is not None:
-        for tree in kept:
+            next_of[new_tree] = tree_of_old[neighbor]
+    disturbed = _disturbed_trees(new, changed_boxes)
+    sleeping: set[int] = set()
+    for start, next_tree in next_of.items():
+        cycle, tree = [start], next_tree
+        while tree != start and tree in next_of and len(cycle) <= len(next_of):
+            cycle.append(tree)
+            tree = next_of[tree]
+        if tree == start and not disturbed.intersection(cycle):
+            sleeping.update(cycle)
+    if sleeping and _UPDATE_SLEEP is not None:
+        for tree in sleeping:
             new.data.tree_asleep[tree] = next_of[tree]
         _UPDATE_SLEEP(new.model._address, new.data._address)
 
 
 def wake_islands(compiled: CompiledModel, changed_boxes: NDArray[np.float64]) -> None:
-    """Wakes all that sleeps near some boxes (k x 2 x 3), and all that fell asleep together with it.
+    """Wakes islands that sleep near some boxes (k x 2 x 3 [m]), and restarts the sleep countdown of others there.
 
-    MuJoCo itself wakes what has a velocity; this one is too small to matter. What is about to fall asleep begins to
-    count anew.
+    MuJoCo wakes a tree that has a velocity; the one set here is too small to matter.
     """
     for tree in _disturbed_trees(compiled, changed_boxes):
         if compiled.data.tree_asleep[tree] >= 0:
@@ -253,7 +254,7 @@ def wake_islands(compiled: CompiledModel, changed_boxes: NDArray[np.float64]) ->
 
 
 def _disturbed_trees(compiled: CompiledModel, changed_boxes: NDArray[np.float64]) -> set[int]:
-    """Trees whose bodies reach into a box in which something changed."""
+    """Trees with geoms that reach into one of the boxes."""
     if not len(changed_boxes) or not compiled.model.nbody:
         return set()
     trees = compiled.model.body_treeid
@@ -261,8 +262,8 @@ def _disturbed_trees(compiled: CompiledModel, changed_boxes: NDArray[np.float64]
     geoms = np.flatnonzero(trees[compiled.model.geom_bodyid] >= 0)
     reach = compiled.model.geom_rbound[geoms, None] + 0.02
     center = compiled.data.geom_xpos[geoms]
-    stirred: set[int] = set()
+    disturbed: set[int] = set()
     for low, high in changed_boxes:
-        near = np.all((center + reach >= low) & (center - reach <= high), axis=1)
-        stirred.update(trees[compiled.model.geom_bodyid[geoms[near]]].tolist())
-    return stirred if len(moving) else set()
+        is_near = np.all((center + reach >= low) & (center - reach <= high), axis=1)
+        disturbed.update(trees[compiled.model.geom_bodyid[geoms[is_near]]].tolist())
+    return disturbed if len(moving) else set()

@@ -1,12 +1,10 @@
-"""Link: the way to one far engine. It asks, waits for at most so long, and tells what became of it as engines do.
+"""ServiceClient: calls the services of one remote engine over rosbridge, with timeouts and engine errors.
 
-A connection that broke comes back by itself, and a call that finds it broken waits a moment for that. What was under
-way at the time is not asked again, for nobody knows whether it was done.
+A lost connection is re-established in the background, and a call waits for it for a moment. Calls in progress at the
+time of the loss are not repeated, since they may already have been executed.
 
-Address: where a far engine is, as people type it: `ros://HOST:PORT/NAMESPACE?token=…`.
-
-Only the host must be there. The port is rosbridge's 9090, the namespace Unreal's plugin's, and the profile is found
-out by asking.
+`RemoteUrl` is the address of such an engine: `ros://HOST:PORT/NAMESPACE?token=…`. Only the host is required; the port
+is rosbridge's 9090, the namespace that of Unreal's plugin, and the profile is detected.
 """
 
 from __future__ import annotations
@@ -41,48 +39,48 @@ __all__ = ["SCHEME", "RemoteProfile", "RemoteUrl", "ServiceClient", "ServiceTran
 
 
 SCHEME = "ros://"
-_FORMAT_HINT = f"write {SCHEME}HOST:PORT/NAMESPACE, with ?token=… where one is needed"
+_FORMAT_HINT = f"write {SCHEME}HOST:PORT/NAMESPACE, with ?token=… if a token is required"
 
 
 class RemoteProfile(StrEnum):
-    """Which services a far engine offers."""
+    """The set of services that a remote engine offers."""
 
     MINDSTAGE = "mindstage"
-    """Another Mindstage: the whole contract, and nothing is lost on the way."""
+    """Another Mindstage: the whole `Engine` protocol, without loss."""
     UNREAL = "unreal"
-    """Unreal's plugin UROSWorldControl, or whoever speaks like it: what `world_control_msgs` has, and no more."""
+    """Unreal's plugin UROSWorldControl, or a compatible one: the services of `world_control_msgs`."""
 
 
 class RemoteUrl(msgspec.Struct, frozen=True, kw_only=True):
-    """A rosbridge, and the namespace at it."""
+    """The address of a rosbridge server and a namespace on it."""
 
     host: str
     port: int = 9090
     namespace: str = "unreal"
     token: str = ""
     profile: RemoteProfile | None = None
-    """None where the far side shall be asked."""
+    """None to detect it."""
 
     @classmethod
     def parse(cls, text: str) -> RemoteUrl:
-        """Reads what was typed.
+        """Parses an address.
 
         Raises:
-            EngineUnavailableError: it is no such address.
+            EngineUnavailableError: the text is not a valid address.
         """
         parts = _split(text)
-        asked = _parse_query(text, parts.query)
-        profile = asked.get("profile")
+        params = _parse_query(text, parts.query)
+        profile = params.get("profile")
         if profile is not None and profile not in {each.value for each in RemoteProfile}:
             known = " or ".join(each.value for each in RemoteProfile)
             raise EngineUnavailableError(
-                _without_query(text), cause=f"no profile {profile!r}", remedy=f"choose {known}"
+                _without_query(text), cause=f"unknown profile {profile!r}", remedy=f"choose {known}"
             )
         return cls(
             host=parts.hostname or "",
             port=9090 if parts.port is None else parts.port,
             namespace=unquote(parts.path).strip("/") or "unreal",
-            token=asked.get("token", ""),
+            token=params.get("token", ""),
             profile=None if profile is None else RemoteProfile(profile),
         )
 
@@ -92,7 +90,7 @@ class RemoteUrl(msgspec.Struct, frozen=True, kw_only=True):
         return f"ws://{self._authority}"
 
     def __str__(self) -> str:
-        """As it may be shown: without the token."""
+        """The address without the token, for display."""
         return f"{SCHEME}{self._authority}/{quote(self.namespace)}"
 
     @property
@@ -103,86 +101,86 @@ class RemoteUrl(msgspec.Struct, frozen=True, kw_only=True):
 def _split(text: str) -> SplitResult:
     try:
         parts = urlsplit(text)
-        _ = parts.port  # is read only now, and refused only now
+        _ = parts.port  # validated on access only
     except ValueError as error:
         raise EngineUnavailableError(
-            _without_query(text), cause=f"it is no address: {error}", remedy=_FORMAT_HINT
+            _without_query(text), cause=f"it is not a valid address: {error}", remedy=_FORMAT_HINT
         ) from error
     if f"{parts.scheme}://" != SCHEME or not parts.hostname or "@" in parts.netloc:
-        raise EngineUnavailableError(_without_query(text), cause="it is no address", remedy=_FORMAT_HINT)
+        raise EngineUnavailableError(_without_query(text), cause="it is not a valid address", remedy=_FORMAT_HINT)
     return parts
 
 
 def _parse_query(text: str, query: str) -> dict[str, str]:
-    """What stands behind the question mark."""
-    asked = parse_qs(query, keep_blank_values=True)
-    unknown = [key for key in asked if key not in {"token", "profile"}]
+    """The query parameters, `token` and `profile`."""
+    params = parse_qs(query, keep_blank_values=True)
+    unknown = [key for key in params if key not in {"token", "profile"}]
     if unknown:
-        cause = f"an address has no {unknown[0]!r}"
-        raise EngineUnavailableError(_without_query(text), cause=cause, remedy="there is token and profile")
-    return {key: values[-1] for key, values in asked.items()}
+        cause = f"unknown parameter {unknown[0]!r}"
+        raise EngineUnavailableError(_without_query(text), cause=cause, remedy="the parameters are token and profile")
+    return {key: values[-1] for key, values in params.items()}
 
 
 def _without_query(text: str) -> str:
-    """What was typed, without what may be secret in it."""
+    """The text without its query, which may contain the token."""
     return text.partition("?")[0]
 
 
 _LIMITS = BridgeLimits(message_bytes=256 << 20, waiting_bytes=256 << 20)
-"""A whole world may come in one message, and whom we asked for one we let speak."""
+"""A whole world may come in one message, and the peer was chosen by the user."""
 _MAX_MESSAGE_BYTES = BridgeLimits().message_bytes
-"""What a hub with the usual limits takes in one message."""
+"""The message size that a server with default limits accepts."""
 _CONNECT_TIMEOUT_S = 5.0
-"""So long is tried to reach a far side for the first time [s]."""
+"""Timeout of the first connection attempt [s]."""
 _RECONNECT_INTERVAL_S = 1.0
-"""At least so often is tried to come back after a loss [s]."""
+"""Longest delay between attempts to reconnect [s]."""
 _RECONNECT_WAIT_S = 2.0
-"""So long after a loss do calls wait for the connection to come back; later, they fail at once [s]."""
+"""How long calls wait for a lost connection, counted from its loss; later calls fail at once [s]."""
 _NOT_RUNNING_REMEDY = "is mindstage serve, or a rosbridge, running there?"
-_TOKEN_REMEDY = "write ?token=… behind the address"
+_TOKEN_REMEDY = "append ?token=… to the address"
 _MAX_CONCURRENT_CALLS = 64
-"""So many calls are under way at a time where many are made."""
+"""Maximum number of calls in progress in `call_each`."""
 
 
 class ServiceTransport(Protocol):
-    """What a link calls through: a `RosbridgeClient`, or whoever does as one does."""
+    """The part of `RosbridgeClient` that a `ServiceClient` needs."""
 
     @property
     def connected(self) -> bool:
-        """Whether someone is at the other end now."""
+        """Whether the connection is established."""
 
     def wait_connected(self, timeout_s: float) -> object:
-        """Waits for that."""
+        """Waits until the connection is established."""
 
     def call_service_async(self, name: str, args: object = None, *, timeout_s: float) -> Future[Any]:
-        """Calls a service without waiting."""
+        """Calls a service without waiting for the response."""
 
     def call_service(self, name: str, args: object = None, *, timeout_s: float) -> Any:
-        """Calls a service and waits."""
+        """Calls a service and waits for the response."""
 
     def close(self) -> None:
-        """Ends it; any number of times."""
+        """Closes the connection; closing it again has no effect."""
 
 
 class ServiceClient:
-    """Calls the services of one peer; connected when made, and again after a loss."""
+    """Calls the services of one server; connects when created, and reconnects after a loss."""
 
     def __init__(self, address: RemoteUrl, *, timeout_s: float, transport: ServiceTransport | None = None) -> None:
         """Connects.
 
         Args:
-            address: whom to.
-            timeout_s: how long a call may take that does not say otherwise [s].
-            line: what to call through; by default a connection of its own.
+            address: address of the server.
+            timeout_s: default timeout of a call [s].
+            transport: the connection to use; by default a new `RosbridgeClient`.
 
         Raises:
-            EngineUnavailableError: nobody is there, or does not let us in.
+            EngineUnavailableError: the server does not answer, or rejects the token.
         """
         self.address = address
         self.name = str(address)
         self.timeout_s = timeout_s
         self.connection_count = 0
-        """How often a connection was made; another number means that it is another one."""
+        """Number of connections made so far; it changes with every reconnection."""
         self._lost_time_s = 0.0
         self._transport: ServiceTransport = transport or RosbridgeClient(
             address.url,
@@ -199,10 +197,10 @@ class ServiceClient:
             raise EngineUnavailableError(self.name, cause=str(error), remedy=remedy) from error
 
     def wait_ready(self) -> None:
-        """Waits a moment for a connection that was lost.
+        """Waits a moment for a lost connection to be re-established.
 
         Raises:
-            EngineUnavailableError: it is still lost.
+            EngineUnavailableError: the connection is still lost.
         """
         if self._transport.connected:
             return
@@ -211,34 +209,34 @@ class ServiceClient:
             self._transport.wait_connected(left_s)
 
     def call(self, name: str, service: type[Service], request: Message, *, timeout_s: float | None = None) -> Any:
-        """Calls a service, and gives its response.
+        """Calls a service and returns its response.
 
         Raises:
-            EngineError: it broke, did not answer in time, or cannot be reached.
-            MessageValidationError: the request holds what cannot travel.
+            EngineError: the engine failed, did not answer in time, or cannot be reached.
+            MessageValidationError: the request cannot be encoded, or is too large.
         """
         return next(self.call_each(name, service, [request], timeout_s=timeout_s))
 
     def call_each(
         self, name: str, service: type[Service], requests: Iterable[Message], *, timeout_s: float | None = None
     ) -> Iterator[Any]:
-        """Calls a service many times, several at once, and gives the responses in the requests' order."""
-        patience_s = self.timeout_s if timeout_s is None else timeout_s
-        waiting: deque[Future[Any]] = deque()
+        """Calls a service once for each request, concurrently; yields the responses in the order of the requests."""
+        timeout = self.timeout_s if timeout_s is None else timeout_s
+        pending: deque[Future[Any]] = deque()
         for request in requests:
-            written = _encode_request(request)
+            encoded = _encode_request(request)
             with self._translating_errors(name):
-                waiting.append(self._transport.call_service_async(name, written, timeout_s=patience_s))
-            if len(waiting) >= _MAX_CONCURRENT_CALLS:
-                yield self._response(name, service, waiting.popleft(), patience_s)
-        while waiting:
-            yield self._response(name, service, waiting.popleft(), patience_s)
+                pending.append(self._transport.call_service_async(name, encoded, timeout_s=timeout))
+            if len(pending) >= _MAX_CONCURRENT_CALLS:
+                yield self._response(name, service, pending.popleft(), timeout)
+        while pending:
+            yield self._response(name, service, pending.popleft(), timeout)
 
     def is_available(self, name: str, service: type[Service], request: Message) -> bool:
-        """Whether somebody answers a call, be it with an error.
+        """Whether a service exists; a call that returns an error counts.
 
         Raises:
-            EngineError: nobody can tell.
+            EngineError: the call did not get far enough to find out.
         """
         try:
             self.call(name, service, request)
@@ -251,39 +249,41 @@ class ServiceClient:
         return True
 
     def call_raw(self, name: str, *, timeout_s: float) -> Any:
-        """What a service answers that is none of the engine's, such as rosapi's.
+        """Calls a service outside the engine protocol, such as rosapi's, and returns the decoded JSON.
 
         Raises:
-            BridgeError: it does not.
+            BridgeError: the call failed.
         """
         return self._transport.call_service(name, timeout_s=timeout_s)
 
     def close(self) -> None:
-        """Ends it; any number of times."""
+        """Closes the connection; closing it again has no effect."""
         self._transport.close()
 
     @contextmanager
     def validating(self, name: str) -> Iterator[None]:
-        """What cannot be understood of an answer is the engine's fault.
+        """Maps errors in reading a response to `EngineUnavailableError`.
 
         Raises:
-            EngineUnavailableError: it was not understood.
+            EngineUnavailableError: the response is invalid.
         """
         try:
             yield
         except (MessageValidationError, msgspec.MsgspecError, ValueError) as error:
-            cause = f"what {name} answered makes no sense: {error}"
-            raise EngineUnavailableError(self.name, cause=cause, remedy="use the same version on both sides") from error
+            cause = f"the response of {name} is invalid: {error}"
+            raise EngineUnavailableError(
+                self.name, cause=cause, remedy="use the same version on both machines"
+            ) from error
 
     def _response(self, name: str, service: type[Service], answer: Future[Any], timeout_s: float) -> Any:
         with self._translating_errors(name):
-            values = answer.result(timeout_s + 10.0)  # the client's own clock ends it long before
+            values = answer.result(timeout_s + 10.0)  # the transport's own timeout expires long before
         with self.validating(name):
             return decode(service.Response, values, strict=True)
 
     @contextmanager
     def _translating_errors(self, name: str) -> Iterator[None]:
-        """Makes errors of the bridge errors of an engine."""
+        """Maps errors of the bridge to errors of the engine."""
         try:
             yield
         except ServiceTimeoutError as error:
@@ -296,9 +296,11 @@ class ServiceClient:
             raise EngineUnavailableError(self.name, cause=str(error)) from error
 
     def _engine_error(self, error: ServiceCallError) -> EngineError:
-        """The error that the far side told; what is no engine's own says whose it is."""
-        told = error_from_text(error.cause)
-        return EngineError(f"the engine {self.name!r} failed: {told}") if type(told) is EngineError else told
+        """The error that the remote engine reported; a plain `EngineError` gets the engine's name."""
+        reported = error_from_text(error.cause)
+        return (
+            EngineError(f"the engine {self.name!r} failed: {reported}") if type(reported) is EngineError else reported
+        )
 
     def _on_state(self, state: ConnectionState) -> None:
         if state is ConnectionState.CONNECTED:
@@ -308,13 +310,13 @@ class ServiceClient:
 
 
 def _encode_request(request: Message) -> msgspec.Raw:
-    """A request as it travels.
+    """The encoded request.
 
     Raises:
-        MessageValidationError: it holds what cannot, or too much.
+        MessageValidationError: it contains invalid values, or is too large.
     """
-    written = msgspec.json.encode(encode(request))
-    if len(written) > _MAX_MESSAGE_BYTES:
-        cause = f"it has {len(written) >> 20} MiB, and {_MAX_MESSAGE_BYTES >> 20} can travel in one message"
+    encoded = msgspec.json.encode(encode(request))
+    if len(encoded) > _MAX_MESSAGE_BYTES:
+        cause = f"it has {len(encoded) >> 20} MiB, and one message can have {_MAX_MESSAGE_BYTES >> 20} MiB"
         raise MessageValidationError(type_name(type(request)), cause=cause, remedy="send it in several parts")
-    return msgspec.Raw(written)
+    return msgspec.Raw(encoded)

@@ -1,9 +1,8 @@
-"""RemoteEngine: an engine at the other end of a rosbridge.
+"""RemoteEngine: the base class of engines that run in another process, reached through rosbridge.
 
-There are two kinds, and `RemoteEngine.connect` finds out which one answers: another Mindstage offers the whole contract
-(`MindstageRemoteEngine`), Unreal's plugin what its services can do (`UnrealEngine`). Both are the contract's `Engine`, with
-a `ping`, and both raise an `EngineError` within their timeout when the far side is gone; once it is back, the next
-call reaches it again.
+There are two kinds, and `connect` detects which one answers: another Mindstage offers the whole `Engine` protocol
+(`MindstageRemoteEngine`), Unreal's plugin a part of it (`UnrealEngine`). Both raise an `EngineError` within their
+timeout while the connection is lost; the first call after it is restored succeeds again.
 """
 
 from __future__ import annotations
@@ -18,41 +17,45 @@ __all__ = ["RemoteEngine"]
 
 
 class RemoteEngine(Engine):
-    """What both kinds share: the link and its end. Make one with `connect`."""
+    """The connection that all remote engines share. Create one with `connect`."""
 
     profile: RemoteProfile
 
-    def __init__(self, link: ServiceClient) -> None:
-        self._client = link
+    def __init__(self, client: ServiceClient) -> None:
+        self._client = client
         self._closed = False
 
     @property
     def name(self) -> str:
-        """Where it is; never with the token."""
+        """The address, without the token."""
         return self._client.name
 
     @abstractmethod
     def ping(self) -> float:
-        """Asks the engine itself for a sign of life, and gives how long that took [s].
+        """Calls the engine and returns the round-trip time [s].
 
         Raises:
-            EngineError: there is none.
+            EngineError: the engine does not answer.
         """
 
     def stats(self) -> EngineStats:
-        """How busy it is, nobody is told over the wire; no far engine declares the ability."""
+        """Not available over the wire; no remote engine has the capability.
+
+        Raises:
+            UnsupportedByEngineError: always.
+        """
         self._require_open()
-        raise UnsupportedByEngineError(self.name, what="say how busy it is", remedy="look at it where it runs")
+        raise UnsupportedByEngineError(self.name, what="report its activity", remedy="inspect it on its own machine")
 
     def close(self) -> None:
-        """Lets go of the far engine, which runs on; any number of times."""
+        """Disconnects from the engine, which continues to run; closing it again has no effect."""
         if not self._closed:
             self._closed = True
             self._disconnect()
             self._client.close()
 
     def _disconnect(self) -> None:
-        """Says what is to be said before the end; must not raise."""
+        """Releases resources on the remote side before disconnecting; must not raise."""
 
     def _require_open(self) -> ServiceClient:
         if self._closed:

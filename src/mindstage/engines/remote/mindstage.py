@@ -1,9 +1,7 @@
-"""MindstageEngine: the engine of another Mindstage, with the whole contract and nothing lost on the way.
+"""MindstageRemoteEngine: the engine of another Mindstage process, with the whole `Engine` protocol.
 
-Parcel: what of a world can travel as JSON, and why the rest cannot.
-
-JSON has no NaN and no infinity. An engine in the same process would spawn what it can of such a world and list the
-rest, so a far one does too. The same holds for forms.
+Worlds and geometry are sent as JSON, which has no NaN and no infinity. Entities with such numbers are left out and
+reported as failures, as an engine in the same process does.
 """
 
 from __future__ import annotations
@@ -77,88 +75,91 @@ P = TypeVar("P", Body, Joint, Light)
 
 
 def encode_world(world: World) -> tuple[str, SpawnReport]:
-    """A world as JSON, and a report of what had to be left out.
+    """The world as JSON, and a report of the entities that were left out.
 
     Raises:
-        MessageValidationError: what is said about the map as a whole cannot travel.
+        MessageValidationError: a property of the world as a whole cannot be encoded.
     """
     try:
         return world_to_json(world), SpawnReport()
     except MessageValidationError:
-        pass  # one part of it cannot, and now it is looked which
+        pass  # some entity cannot be encoded; find out which
     refused = EntityRegistry().add(world)
     reasons = {failure.id: failure.reason for failure in (*refused.failed_bodies, *refused.failed_joints)}
-    bodies, no_bodies = _split_encodable(world.bodies, reasons)
-    lights, no_lights = _split_encodable(world.lights, reasons)
-    constraints, no_constraints = _split_encodable(world.joints, reasons)
-    rest = msgspec.structs.replace(world, bodies=bodies, lights=lights, joints=constraints)
-    return world_to_json(rest), SpawnReport(failed_bodies=no_bodies + no_lights, failed_joints=no_constraints)
+    bodies, failed_bodies = _split_encodable(world.bodies, reasons)
+    lights, failed_lights = _split_encodable(world.lights, reasons)
+    joints, failed_joints = _split_encodable(world.joints, reasons)
+    rest = msgspec.structs.replace(world, bodies=bodies, lights=lights, joints=joints)
+    return world_to_json(rest), SpawnReport(failed_bodies=failed_bodies + failed_lights, failed_joints=failed_joints)
 
 
 def encode_geometry(geometry: GeometryMap) -> tuple[dict[BodyId, BodyGeometry], tuple[SpawnNote, ...]]:
-    """Forms without the solids that nobody can build, and a note for each that had some."""
+    """The geometry without invalid collision shapes, and a note for each body that had some."""
     usable: dict[str, tuple[BodyGeometry, int]] = {}
     kept: dict[BodyId, BodyGeometry] = {}
     notes: list[SpawnNote] = []
-    for id, form in geometry.items():
-        if form.key not in usable:
-            ready = compile_geometry(form.collision_shapes)
-            usable[form.key] = (
-                replace(form, collision_shapes=ready.shapes) if ready.invalid_count else form,
-                ready.invalid_count,
+    for id, body_geometry in geometry.items():
+        if body_geometry.key not in usable:
+            compiled = compile_geometry(body_geometry.collision_shapes)
+            usable[body_geometry.key] = (
+                replace(body_geometry, collision_shapes=compiled.shapes) if compiled.invalid_count else body_geometry,
+                compiled.invalid_count,
             )
-        kept[id], left_out = usable[form.key]
-        if left_out:
-            text = f"{left_out} solids of {id}'s form have numbers that mean nothing; nothing touches them"
+        kept[id], invalid_count = usable[body_geometry.key]
+        if invalid_count:
+            text = f"{invalid_count} collision shapes of {id} have invalid numbers and are left out"
             notes.append(SpawnNote(SpawnNoteKind.SHAPE, (id,), text))
     return kept, tuple(notes)
 
 
-def _split_encodable(parts: Iterable[P], reasons: dict[str, str]) -> tuple[tuple[P, ...], tuple[SpawnFailure, ...]]:
-    """What can travel, and what cannot, in the words of other engines where they would refuse it as well."""
+def _split_encodable(entities: Iterable[P], reasons: dict[str, str]) -> tuple[tuple[P, ...], tuple[SpawnFailure, ...]]:
+    """Separates entities that can be encoded from those that cannot, with the reason."""
     kept: list[P] = []
-    left: list[SpawnFailure] = []
-    for part in parts:
+    failed: list[SpawnFailure] = []
+    for entity in entities:
         try:
-            to_json(part)
+            to_json(entity)
         except MessageValidationError as error:
-            left.append(SpawnFailure(part.id, reasons.get(part.id, str(error))))
+            failed.append(SpawnFailure(entity.id, reasons.get(entity.id, str(error))))
         else:
-            kept.append(part)
-    return tuple(kept), tuple(left)
+            kept.append(entity)
+    return tuple(kept), tuple(failed)
 
 
-# ruff: noqa: D102 - the contract documents an engine's methods, once for all
+# ruff: noqa: D102 - the methods of an engine are documented in the protocol
 
 MeshExporter = Callable[[BodyGeometry], str]
-"""Puts what a form looks like where the far engine can read it, and gives the name of that; empty if it cannot."""
+"""Writes the visual meshes of a geometry to a file that the remote engine can read.
+
+Returns the file name; empty if there is none.
+"""
 
 _TIMEOUT_PER_ENTITY_S = 0.05
-"""So much longer may a call take for each body or constraint that it is about [s]."""
+"""Additional timeout of a call for each body or joint in it [s]."""
 _MAX_SLOWDOWN = 6.0
-"""A simulated second may take so many times a call's timeout; the far side's stage is as patient."""
+"""Timeout of a simulated second, in timeouts of a call; the server allows as much."""
 _DISCONNECT_TIMEOUT_S = 1.0
 _FORMAT_VERSION = World(iri=Iri("")).format_version
 
 
 class MindstageRemoteEngine(RemoteEngine):
-    """The contract, kept by whichever engine runs over there.
+    """The engine of another Mindstage process.
 
-    That world may be stepped, edited and watched by others as well. Should it be started anew, every call says so
-    until something is spawned, or all is cleared.
+    The remote world may be stepped, edited and observed by other clients, too. After a restart of the other process,
+    every call raises `EngineUnavailableError` until a world is spawned or the engine is cleared.
     """
 
     profile = RemoteProfile.MINDSTAGE
 
     def __init__(
-        self, client: ServiceClient, *, control_time: bool = True, export_mesh: MeshExporter = lambda form: ""
+        self, client: ServiceClient, *, control_time: bool = True, export_mesh: MeshExporter = lambda geometry: ""
     ) -> None:
-        """Takes its time over, so that it passes by `step` only, until `close`.
+        """Connects to the world and stops its time, which then advances by `step` only, until `close`.
 
         Args:
-            link: to whom the services are offered.
-            holds_time: False to look at a world that lives by itself.
-            show: has the far engine see what bodies look like; by default it sees what can be touched of them.
+            client: connection to the server.
+            control_time: False to observe a world that runs in its own time.
+            export_mesh: writes visual meshes for the remote engine; by default it shows the collision shapes.
         """
         super().__init__(client)
         self._export_mesh = export_mesh
@@ -166,9 +167,9 @@ class MindstageRemoteEngine(RemoteEngine):
         self._speed_before = 0.0
         self._ids: tuple[BodyId, ...] = ()
         self._saved_states: set[_StateHandle] = set()
-        """States that the far side keeps for us."""
+        """States saved on the remote side."""
         self._released_states: deque[_StateHandle] = deque()
-        """Those that nobody here can bring back any more."""
+        """Those of them that have been garbage-collected here."""
         self._world_lost = False
         self._remote_info = self._describe()
         self._connection_number = client.connection_count
@@ -176,7 +177,7 @@ class MindstageRemoteEngine(RemoteEngine):
 
     @classmethod
     def is_available(cls, client: ServiceClient) -> bool:
-        """Whether someone at the other end speaks so."""
+        """Whether a Mindstage answers at the address."""
         return client.is_available(_service_name(client, wire.Describe), wire.Describe, wire.Describe.Request())
 
     @property
@@ -186,13 +187,13 @@ class MindstageRemoteEngine(RemoteEngine):
 
     @property
     def remote_engine_name(self) -> str:
-        """Which engine runs there, such as `mujoco`."""
+        """Name of the engine that runs there, such as "mujoco"."""
         return self._remote_info.engine
 
     @property
     def time_s(self) -> float:
-        told: wire.Describe.Response = self._call(wire.Describe, wire.Describe.Request())
-        return told.time_s
+        description: wire.Describe.Response = self._call(wire.Describe, wire.Describe.Request())
+        return description.time_s
 
     def ping(self) -> float:
         start = time.perf_counter()
@@ -202,21 +203,21 @@ class MindstageRemoteEngine(RemoteEngine):
     # -- the world -----------------------------------------------------------------------------------------------------
 
     def spawn(self, world: World, *, geometry: GeometryMap = NO_GEOMETRY) -> SpawnReport:
-        text, left_out = encode_world(world)
+        text, unsent = encode_world(world)
         usable, notes = encode_geometry(geometry if "forms" in self._remote_info.takes else NO_GEOMETRY)
         request = wire.SpawnWorld.Request(world=text, forms=geometry_to_json(usable, mesh=self._export_mesh))
         report = self._spawn(request, entity_count=len(world.bodies) + len(world.joints))
         return msgspec.structs.replace(
             report,
-            failed_bodies=left_out.failed_bodies + report.failed_bodies,
-            failed_joints=left_out.failed_joints + report.failed_joints,
+            failed_bodies=unsent.failed_bodies + report.failed_bodies,
+            failed_joints=unsent.failed_joints + report.failed_joints,
             notes=notes + report.notes,
         )
 
     def _spawn(self, request: wire.SpawnWorld.Request, *, entity_count: int) -> SpawnReport:
-        patience_s = self._timeout_s + _TIMEOUT_PER_ENTITY_S * entity_count
+        timeout_s = self._timeout_s + _TIMEOUT_PER_ENTITY_S * entity_count
         reply: wire.SpawnWorld.Response = self._call(
-            wire.SpawnWorld, request, timeout_s=patience_s, even_if_restarted=True
+            wire.SpawnWorld, request, timeout_s=timeout_s, even_if_restarted=True
         )
         with self._client.validating("spawn_world"):
             return msgspec.convert(encode(reply.report), SpawnReport)
@@ -242,7 +243,7 @@ class MindstageRemoteEngine(RemoteEngine):
 
     def set_pose(self, id: BodyId, pose: Pose) -> None:
         if reason := pose_error(pose):
-            raise PoseUnreachableError(id, reason=reason)  # the wire has no word for such numbers
+            raise PoseUnreachableError(id, reason=reason)  # JSON has no such numbers
         self._call(wire.SetPose, wire.SetPose.Request(id=id, pose=pose_message(pose)))
 
     def set_physics(self, id: BodyId, physics: BodyPhysics) -> None:
@@ -253,10 +254,10 @@ class MindstageRemoteEngine(RemoteEngine):
         self._call(wire.SetMaterials, wire.SetMaterials.Request(id=id, materials=text))
 
     def highlight(self, ids: Iterable[BodyId], color: Color | None) -> None:
-        lit = wire.Highlight.Request(ids=tuple(ids))
+        request = wire.Highlight.Request(ids=tuple(ids))
         if color is not None:
-            lit = msgspec.structs.replace(lit, lit=True, color=color_message(color))
-        self._call(wire.Highlight, lit)
+            request = msgspec.structs.replace(request, lit=True, color=color_message(color))
+        self._call(wire.Highlight, request)
 
     def highlights(self) -> Mapping[BodyId, Color]:
         reply: wire.GetHighlights.Response = self._call(wire.GetHighlights, wire.GetHighlights.Request())
@@ -264,10 +265,10 @@ class MindstageRemoteEngine(RemoteEngine):
             return dict(zip(map(BodyId, reply.ids), map(color_from_message, reply.colors), strict=True))
 
     def apply_force(self, id: BodyId, force: Vector, point: Vector | None = None) -> None:
-        push = wire.Push.Request(id=id, force=vector_message(force))
+        request = wire.Push.Request(id=id, force=vector_message(force))
         if point is not None:
-            push = msgspec.structs.replace(push, at_point=True, point=point_message(point))
-        self._call(wire.Push, push)
+            request = msgspec.structs.replace(request, at_point=True, point=point_message(point))
+        self._call(wire.Push, request)
 
     # -- time and state ------------------------------------------------------------------------------------------------
 
@@ -275,8 +276,8 @@ class MindstageRemoteEngine(RemoteEngine):
         self._step(wire.Step.Request(duration_s=duration_s))
 
     def _step(self, request: wire.Step.Request) -> wire.Step.Response:
-        patience_s = self._timeout_s * (1.0 + _MAX_SLOWDOWN * max(0.0, request.duration_s))
-        reply: wire.Step.Response = self._call(wire.Step, request, timeout_s=patience_s)
+        timeout_s = self._timeout_s * (1.0 + _MAX_SLOWDOWN * max(0.0, request.duration_s))
+        reply: wire.Step.Response = self._call(wire.Step, request, timeout_s=timeout_s)
         return reply
 
     def poses(self) -> tuple[tuple[BodyId, ...], PoseArray]:
@@ -306,16 +307,16 @@ class MindstageRemoteEngine(RemoteEngine):
     def restore_state(self, state: SavedState) -> None:
         self._require_open()
         if not isinstance(state, _RemoteState) or state.engine is not self:
-            raise TypeError(f"a state that this very engine's save made is needed, not {type(state).__name__}")
+            raise TypeError(f"expected a state from this engine's save_state, not {type(state).__name__}")
         if state.location not in self._saved_states:
-            raise EngineUnavailableError(self.name, cause="it was started anew, and the state went with its world")
+            raise EngineUnavailableError(self.name, cause="it was restarted, and its saved states are lost")
         self._call(wire.RestoreState, wire.RestoreState.Request(handle=state.location.handle))
 
-    # -- asking --------------------------------------------------------------------------------------------------------
+    # -- calls ---------------------------------------------------------------------------------------------------------
 
     @property
     def _timeout_s(self) -> float:
-        """How long a call may take in a world of this size [s]."""
+        """Timeout of a call for a world of this size [s]."""
         return self._client.timeout_s + _TIMEOUT_PER_ENTITY_S * len(self._ids)
 
     def _call(
@@ -326,47 +327,47 @@ class MindstageRemoteEngine(RemoteEngine):
         timeout_s: float | None = None,
         even_if_restarted: bool = False,
     ) -> Any:
-        """Calls a service of the far engine; what the world refuses is raised.
+        """Calls a service; raises the error of a refused request.
 
         Args:
-            service: which.
-            request: with what.
-            timeout_s: how long to wait [s].
-            in_any_world: whether the call makes sense in a world that was started anew as well.
+            service: service type.
+            request: the request message.
+            timeout_s: timeout [s]; by default `_timeout_s`.
+            even_if_restarted: whether the call is also valid after a restart of the remote process.
         """
-        link = self._require_open()
-        link.wait_ready()
-        if link.connection_count != self._connection_number:
+        client = self._require_open()
+        client.wait_ready()
+        if client.connection_count != self._connection_number:
             self._reconnect()
         if self._world_lost and not even_if_restarted:
-            cause = "it was started anew since, and the world that it ran is gone"
-            raise EngineUnavailableError(self.name, cause=cause, remedy="spawn it again, or clear first")
-        patience_s = self._timeout_s if timeout_s is None else timeout_s
-        reply = link.call(_service_name(link, service), service, request, timeout_s=patience_s)
+            cause = "it was restarted, and its world is lost"
+            raise EngineUnavailableError(self.name, cause=cause, remedy="spawn the world again, or clear the engine")
+        timeout_s = self._timeout_s if timeout_s is None else timeout_s
+        reply = client.call(_service_name(client, service), service, request, timeout_s=timeout_s)
         _raise_world_error(reply)
         if isinstance(reply, wire.SpawnWorld.Response | wire.Clear.Response):
             self._world_lost = False
         return reply
 
     def _reconnect(self) -> None:
-        """Learns who is there after a loss; someone else than before has another world."""
-        meetings = self._client.connection_count
-        far = self._describe()
-        if far.session != self._remote_info.session:
+        """Identifies the process after a reconnection; a new one does not have the world."""
+        connection_number = self._client.connection_count
+        remote_info = self._describe()
+        if remote_info.session != self._remote_info.session:
             self._world_lost = True
             self._saved_states.clear()
-        self._remote_info, self._connection_number = far, meetings
+        self._remote_info, self._connection_number = remote_info, connection_number
         self._take_time_control()
 
     def _describe(self) -> wire.Describe.Response:
-        link = self._client
-        far: wire.Describe.Response = link.call(
-            _service_name(link, wire.Describe), wire.Describe, wire.Describe.Request()
+        client = self._client
+        remote_info: wire.Describe.Response = client.call(
+            _service_name(client, wire.Describe), wire.Describe, wire.Describe.Request()
         )
-        if far.format_version != _FORMAT_VERSION:
-            cause = f"it reads worlds of the format {far.format_version}, and this Mindstage writes {_FORMAT_VERSION}"
-            raise EngineUnavailableError(self.name, cause=cause, remedy="use the same version on both sides")
-        return far
+        if remote_info.format_version != _FORMAT_VERSION:
+            cause = f"its world format is {remote_info.format_version}, and this Mindstage's is {_FORMAT_VERSION}"
+            raise EngineUnavailableError(self.name, cause=cause, remedy="use the same version on both machines")
+        return remote_info
 
     def _take_time_control(self) -> None:
         if self._control_time:
@@ -376,39 +377,39 @@ class MindstageRemoteEngine(RemoteEngine):
             self._speed_before = reply.before or self._speed_before
 
     def _release_states(self) -> None:
-        """The far side keeps only so many states."""
+        """Deletes unused states there, since their number is limited."""
         while self._released_states:
-            place = self._released_states.popleft()
-            if place in self._saved_states:
-                self._call(wire.ForgetState, wire.ForgetState.Request(handle=place.handle))
-                self._saved_states.discard(place)
+            handle = self._released_states.popleft()
+            if handle in self._saved_states:
+                self._call(wire.ForgetState, wire.ForgetState.Request(handle=handle.handle))
+                self._saved_states.discard(handle)
 
     def _disconnect(self) -> None:
-        link = self._client
-        states = [wire.ForgetState.Request(handle=place.handle) for place in self._saved_states]
+        client = self._client
+        states = [wire.ForgetState.Request(handle=handle.handle) for handle in self._saved_states]
         speeds = [wire.SetSpeed.Request(speed=self._speed_before)] if self._speed_before else []
-        with suppress(EngineError):  # whoever is gone keeps nothing, and its time is its own
+        with suppress(EngineError):  # after a crash there is nothing left to release
             list(
-                link.call_each(
-                    _service_name(link, wire.ForgetState), wire.ForgetState, states, timeout_s=_DISCONNECT_TIMEOUT_S
+                client.call_each(
+                    _service_name(client, wire.ForgetState), wire.ForgetState, states, timeout_s=_DISCONNECT_TIMEOUT_S
                 )
             )
             list(
-                link.call_each(
-                    _service_name(link, wire.SetSpeed), wire.SetSpeed, speeds, timeout_s=_DISCONNECT_TIMEOUT_S
+                client.call_each(
+                    _service_name(client, wire.SetSpeed), wire.SetSpeed, speeds, timeout_s=_DISCONNECT_TIMEOUT_S
                 )
             )
 
 
 class _StateHandle(NamedTuple):
-    """Where a state is kept."""
+    """Identifies a state on the remote side."""
 
     session: str
     handle: str
 
 
 class _RemoteState:
-    """A state that is kept over there, for as long as somebody has this."""
+    """A state on the remote side; it is deleted there when this object is garbage-collected."""
 
     def __init__(self, engine: MindstageRemoteEngine, location: _StateHandle) -> None:
         self.engine = engine
@@ -420,14 +421,14 @@ def _service_name(client: ServiceClient, service: type[Service]) -> str:
 
 
 def _raise_world_error(reply: Any) -> None:
-    """Raises what the world refused with.
+    """Raises the error of a refused request.
 
     Raises:
-        WorldError: the reply says no.
+        WorldError: the request was refused.
     """
     if getattr(reply, "success", True):
         return
     if reply.refusal.kind:
         raise message_to_error(reply.refusal)
-    if not isinstance(reply, wire.SpawnWorld.Response):  # whose report says what failed
-        raise WorldError(reply.refusal.text or "the far engine's world refuses it, and does not say why")
+    if not isinstance(reply, wire.SpawnWorld.Response):  # its report lists the failures
+        raise WorldError(reply.refusal.text or "the remote engine refused the request without a reason")

@@ -1,4 +1,4 @@
-"""Kinds: every shape there is, by its name."""
+"""Procedural shapes: templates with parameters, by the name of their shape in ontologies."""
 
 from __future__ import annotations
 
@@ -40,6 +40,6 @@ _TEMPLATES: tuple[type[ShapeTemplate], ...] = (
 )
 
 SHAPE_TEMPLATES: Mapping[str, type[ShapeTemplate]] = MappingProxyType(
-    {design.shape_name(): design for design in _TEMPLATES}
+    {template.shape_name(): template for template in _TEMPLATES}
 )
-"""The classes of designs by the names of their kinds."""
+"""The template classes by the names of their shapes."""

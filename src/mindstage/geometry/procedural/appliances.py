@@ -1,4 +1,4 @@
-"""Devices: what is plugged in, and the clock on the wall."""
+"""Appliances: electrical devices, radiators and wall clocks."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ __all__ = ["Appliance", "CoffeeMaker", "CookerHood", "Kettle", "Radiator", "Scre
 
 
 class Screen(ShapeTemplate, frozen=True, kw_only=True):
-    """A screen; on a stand where asked for, else to be hung up."""
+    """A screen on a stand, or for mounting on a wall."""
 
     roles: ClassVar[MaterialRoles] = MappingProxyType({"body": finishes.DARK_PLASTIC, "glass": finishes.SCREEN})
     stand: bool = False
@@ -48,11 +48,11 @@ class Screen(ShapeTemplate, frozen=True, kw_only=True):
 
 
 class Radiator(ShapeTemplate, frozen=True, kw_only=True):
-    """A radiator of upright columns; its back is at the wall."""
+    """A radiator of vertical columns; its back is at the wall."""
 
     roles: ClassVar[MaterialRoles] = MappingProxyType({"body": finishes.CREAM})
     column: Thickness = 0.05
-    """How wide [m]."""
+    """Width of a column [m]."""
 
     def _build(self, builder: GeometryBuilder) -> None:
         low, high, size = builder.low, builder.high, builder.size
@@ -75,7 +75,7 @@ class Radiator(ShapeTemplate, frozen=True, kw_only=True):
 
 
 class CookerHood(ShapeTemplate, frozen=True, kw_only=True):
-    """A cooker hood: a wide mouth, and a chimney at its back."""
+    """A cooker hood: a wide inlet, and a chimney at the back."""
 
     name = "hood"
     roles: ClassVar[MaterialRoles] = MappingProxyType(
@@ -101,7 +101,7 @@ class CookerHood(ShapeTemplate, frozen=True, kw_only=True):
 
 
 class Appliance(ShapeTemplate, frozen=True, kw_only=True):
-    """A closed device with a window or controls in front, or slots on top: a microwave, a toaster."""
+    """A closed appliance with a window or controls in front, or slots on top: a microwave, a toaster."""
 
     roles: ClassVar[MaterialRoles] = MappingProxyType(
         {
@@ -114,10 +114,10 @@ class Appliance(ShapeTemplate, frozen=True, kw_only=True):
     )
     window: Literal["none", "square", "round"] = "none"
     controls: Literal["none", "left", "top"] = "none"
-    """Where on its front: to its left (the right of who looks at it), or along the top."""
+    """Position on the front: at its left side (on the right for the viewer), or along the top."""
     knobs: Count = 2
     slots: Count = 0
-    """In its top, from side to side."""
+    """Number of slots in the top."""
     handle: bool = False
 
     def _build(self, builder: GeometryBuilder) -> None:
@@ -213,7 +213,7 @@ class Appliance(ShapeTemplate, frozen=True, kw_only=True):
 
 
 class CoffeeMaker(ShapeTemplate, frozen=True, kw_only=True):
-    """A coffee maker: a tower at its back, a head over a jug."""
+    """A coffee maker: a tower at the back, a head above a jug."""
 
     name = "brewer"
     roles: ClassVar[MaterialRoles] = MappingProxyType(
@@ -261,7 +261,7 @@ class CoffeeMaker(ShapeTemplate, frozen=True, kw_only=True):
 
 
 class Kettle(ShapeTemplate, frozen=True, kw_only=True):
-    """A kettle: its spout points to the front, its handle to the back where it is longer than wide."""
+    """A kettle: the spout points to the front and the handle to the back if it is longer than wide."""
 
     roles: ClassVar[MaterialRoles] = MappingProxyType(
         {"body": finishes.STEEL, "handle": finishes.DARK_PLASTIC, "lid": "handle"}

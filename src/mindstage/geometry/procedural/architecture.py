@@ -1,4 +1,4 @@
-"""Parts of buildings: doors, windows, walls, and what hangs on walls."""
+"""Architecture: doors, windows, walls, and wall decoration."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ from mindstage.scene.transforms import Array
 __all__ = ["Door", "OpeningFrame", "Picture", "RoomShell", "Wall", "Window"]
 
 _MIN_STRIP_M = 0.05
-"""What is left of a room's wall between two things that stand in it is at least so wide, else it is left out."""
+"""Strips of the walls of a room between two openings are omitted if they are narrower."""
 
 
 def _add_frame(
     builder: GeometryBuilder, role: str, width: float, x: tuple[float, float], *, rounding: float = 0.003
 ) -> None:
-    """A frame round the y and z extents, between two depths; it is seen only."""
+    """Adds a frame around the y and z extents, between two x coordinates; visual only."""
     (y0, z0), (y1, z1) = builder.low[1:], builder.high[1:]
     for y in ((y0, y0 + width), (y1 - width, y1)):
         builder.add_box(role, [x[0], y[0], z0], [x[1], y[1], z1], rounding=rounding, collides=False)
@@ -39,16 +39,16 @@ def _add_frame(
 
 
 class Door(ShapeTemplate, frozen=True, kw_only=True):
-    """A door leaf; one looks at its front."""
+    """A door leaf; it is viewed from the front."""
 
     roles: ClassVar[MaterialRoles] = MappingProxyType(
         {"body": finishes.LACQUER, "frame": "body", "glass": finishes.CLEAR_GLASS}
     )
     style: Literal["plain", "framed", "glazed"] = "plain"
     frame: Thickness = 0.07
-    """How wide its frame is [m]."""
+    """Width of the frame [m]."""
     panels: Count = 1
-    """How many fields, one above the other."""
+    """Number of panels, from bottom to top."""
 
     def _build(self, builder: GeometryBuilder) -> None:
         low, high, size = builder.low, builder.high, builder.size
@@ -81,7 +81,7 @@ class Door(ShapeTemplate, frozen=True, kw_only=True):
 
 
 class Window(ShapeTemplate, frozen=True, kw_only=True):
-    """A window: a frame, casements with panes of glass, a sill where it is deep."""
+    """A window: a frame, and casements with panes of glass."""
 
     roles: ClassVar[MaterialRoles] = MappingProxyType(
         {"body": finishes.CREAM, "frame": "body", "glass": finishes.SKY_GLASS, "metal": finishes.CHROME}
@@ -137,14 +137,14 @@ class Window(ShapeTemplate, frozen=True, kw_only=True):
 
 
 class OpeningFrame(ShapeTemplate, frozen=True, kw_only=True):
-    """A frame with nothing in it: round a doorway, a window, a picture."""
+    """An open frame: around a doorway, a window, a picture."""
 
     name = "frame"
     roles: ClassVar[MaterialRoles] = MappingProxyType({"body": finishes.LACQUER})
     frame: Thickness = 0.06
-    """How wide [m]."""
+    """Width of the frame [m]."""
     sill: bool = True
-    """Whether it goes along the bottom too; a doorway's does not."""
+    """Whether the frame includes the bottom side; that of a doorway does not."""
 
     def _build(self, builder: GeometryBuilder) -> None:
         low, high = builder.low, builder.high
@@ -163,7 +163,7 @@ class Wall(ShapeTemplate, frozen=True, kw_only=True):
 
     roles: ClassVar[MaterialRoles] = MappingProxyType({"body": finishes.PLASTER})
     free: tuple[Cutout, ...] = ()
-    """Openings; they go through where it is thin."""
+    """Openings along the thin axis."""
 
     def _build(self, builder: GeometryBuilder) -> None:
         thin = int(np.argmin(builder.size))
@@ -173,7 +173,7 @@ class Wall(ShapeTemplate, frozen=True, kw_only=True):
 
 
 class RoomShell(ShapeTemplate, frozen=True, kw_only=True):
-    """The walls round a room, with openings; floor and ceiling where asked for."""
+    """The walls of a room, with openings; optionally its floor and ceiling."""
 
     name = "shell"
     roles: ClassVar[MaterialRoles] = MappingProxyType({"body": finishes.PLASTER, "floor": "body"})
@@ -207,13 +207,13 @@ class RoomShell(ShapeTemplate, frozen=True, kw_only=True):
 
 
 class Picture(ShapeTemplate, frozen=True, kw_only=True):
-    """A picture or a poster; one looks at its front."""
+    """A picture or a poster; it is viewed from the front."""
 
     roles: ClassVar[MaterialRoles] = MappingProxyType(
         {"body": finishes.PAPER, "frame": finishes.IRON, "picture": finishes.PICTURE}
     )
     frame: Length = 0.0
-    """How wide its frame is [m]; a poster has none."""
+    """Width of the frame [m]; 0 for a poster."""
 
     def _build(self, builder: GeometryBuilder) -> None:
         low, high, size = builder.low, builder.high, builder.size

@@ -1,7 +1,7 @@
-"""Building: from a design and a size to a form, which fits the size exactly.
+"""Builds geometry from a shape template and a size, which it fits exactly.
 
-The same design in the same size is built once. A size that has no room for a shape's parts is no error: the body
-becomes a plain box, and the form says so.
+Results are cached by template and size. A size that is too small for the parts of a shape is no error: the result is a
+plain box, and its `reason` states why.
 """
 
 from __future__ import annotations
@@ -42,30 +42,30 @@ __all__ = ["build_geometry", "template_by_name"]
 _MIN_SIZE_M = 1e-5
 _MAX_SIZE_M = 1e5
 _CACHE_SIZE = 8192
-"""Forms that are remembered."""
+"""Number of cached geometries."""
 
 
 def template_by_name(shape_name: str, parameters: Mapping[str, Any] | None = None) -> ShapeTemplate:
-    """A design by its name and its parameters' names.
+    """Returns a shape template with parameters.
 
     Args:
-        kind: one of `SHAPE_TEMPLATES`.
-        parameters: values, or what can be read as one: "0.012" for a length, "+x" for a side.
+        shape_name: a key of `SHAPE_TEMPLATES`.
+        parameters: values by field name, or text to parse: "0.012" for a length, "+x" for a side.
 
     Raises:
-        ShapeNotFoundError: there is no such kind.
-        InvalidShapeError: it has no such parameter, or the parameter cannot be that.
+        ShapeNotFoundError: no shape has this name.
+        InvalidShapeError: the shape has no such parameter, or its value is invalid.
     """
-    design = SHAPE_TEMPLATES.get(shape_name)
-    if design is None:
+    template = SHAPE_TEMPLATES.get(shape_name)
+    if template is None:
         raise ShapeNotFoundError(shape_name, known=SHAPE_TEMPLATES)
     given = dict(parameters or {})
-    if strange := next((name for name in given if name not in design.__struct_fields__), None):
-        fields = design.__struct_fields__
-        hint = suggestion(strange, fields, none="it has none")
-        raise InvalidShapeError(shape_name, reason=f"it has no parameter {strange!r}; {hint}")
+    fields = template.__struct_fields__
+    if unknown := next((name for name in given if name not in fields), None):
+        hint = suggestion(unknown, fields, none="it has none")
+        raise InvalidShapeError(shape_name, reason=f"it has no parameter {unknown!r}; {hint}")
     try:
-        return msgspec.convert(given, design, strict=False)
+        return msgspec.convert(given, template, strict=False)
     except msgspec.ValidationError as error:
         raise InvalidShapeError(shape_name, reason=str(error)) from error
 
@@ -84,40 +84,39 @@ def build_geometry(
     source: GeometrySource = GeometrySource.ONTOLOGY,
     reason: str = "",
 ) -> BodyGeometry:
-    """Makes a form of exactly a size.
+    """Returns geometry that fits a size exactly.
 
     Args:
-        design: what it is.
-        size: along the body's own axes [m].
-        up: the body's side that looks up when it stands as it should.
-        front: the side from which one looks at it, reaches in or pulls.
-        surfaces: what is known of the design's roles; roles that it does not have are passed over.
-        glow: light that it gives; one without a pose goes to where the shape has its bulb.
-        friction: of all its solids.
-        restitution: of all its solids.
-        density: of all its solids [kg/m³].
-        source: where the form comes from.
-        why: in a line, for reports; what building had to decide is added to it.
+        template: the shape.
+        size: extents along the axes of the body [m].
+        up: the side of the body that faces up in normal use.
+        front: the side from which the body is viewed, opened or pulled.
+        materials: materials by role; roles that the template does not have are ignored.
+        light: an attached light; without a pose it is placed at the bulb of the shape.
+        friction: coefficient of sliding friction of all collision shapes.
+        restitution: coefficient of restitution of all collision shapes.
+        density: density of all collision shapes [kg/m³].
+        source: where the shape comes from.
+        reason: one line for reports; remarks of the template are appended.
 
     Raises:
-        InvalidShapeError: the size or a parameter cannot be, or front and up lie on one axis.
+        InvalidShapeError: the size or a parameter is invalid, or front and up are on the same axis.
     """
-    given = tuple(sorted((materials or {}).items(), key=lambda item: item[0]))
-    numbers = (friction, restitution, density)
-    kept = (float(size[0]), float(size[1]), float(size[2]))
-    form = _build_cached(template, kept, up, front, given, light, numbers)
-    words = "; ".join(part for part in (reason, form.reason) if part)
+    material_items = tuple(sorted((materials or {}).items(), key=lambda item: item[0]))
+    contact = (friction, restitution, density)
+    extents = (float(size[0]), float(size[1]), float(size[2]))
+    geometry = _build_cached(template, extents, up, front, material_items, light, contact)
     return BodyGeometry.deferred(
-        lambda: (form.key, form.visuals),
-        collision_shapes=form.collision_shapes,
+        lambda: (geometry.key, geometry.visuals),
+        collision_shapes=geometry.collision_shapes,
         source=source,
-        reason=words,
-        shape_name=form.shape_name,
+        reason="; ".join(part for part in (reason, geometry.reason) if part),
+        shape_name=geometry.shape_name,
         friction=friction,
         restitution=restitution,
         density=density,
-        support_surfaces=form.support_surfaces,
-        lights=form.lights,
+        support_surfaces=geometry.support_surfaces,
+        lights=geometry.lights,
     )
 
 
@@ -129,34 +128,36 @@ def _build_cached(
     front: BodySide,
     materials: tuple[tuple[str, PbrMaterial], ...],
     light: AttachedLight | None,
-    numbers: tuple[float | None, ...],
+    contact: tuple[float | None, ...],
 ) -> BodyGeometry:
     _check(template, size)
     turn = turn_between(front, up)
-    made, draft = _build_or_box(template, size, turn)
-    solids = tuple(solid for part in draft.collision_parts if (solid := part.to_collision_shape(turn)) is not None)
-    places = tuple(_support_surface(spot, turn) for spot in draft.support_surfaces)
-    glows = () if light is None else (_placed_light(light, draft, turn),)
-    drawing = _Drawing(made, draft, dict(materials), (made.shape_name(), solids, places, glows, numbers))
+    built, builder = _build_or_box(template, size, turn)
+    shapes = tuple(shape for part in builder.collision_parts if (shape := part.to_collision_shape(turn)) is not None)
+    surfaces = tuple(_support_surface(surface, turn) for surface in builder.support_surfaces)
+    lights = () if light is None else (_placed_light(light, builder, turn),)
+    deferred = _DeferredVisuals(
+        built, builder, dict(materials), (built.shape_name(), shapes, surfaces, lights, contact)
+    )
     return BodyGeometry.deferred(
-        drawing.result,
-        collision_shapes=solids,
-        shape_name=made.shape_name(),
-        reason="; ".join(draft.notes),
-        support_surfaces=places,
-        lights=glows,
+        deferred.result,
+        collision_shapes=shapes,
+        shape_name=built.shape_name(),
+        reason="; ".join(builder.notes),
+        support_surfaces=surfaces,
+        lights=lights,
     )
 
 
-class _Drawing:
-    """The key and the skins of a form, which are computed once, from what was drafted, when they are first read."""
+class _DeferredVisuals:
+    """Computes the key and the visual meshes of a geometry from its builder, once, on first access."""
 
     def __init__(
         self,
-        design: ShapeTemplate,
-        draft: GeometryBuilder,
-        surfaces: Mapping[str, PbrMaterial],
-        said: tuple[
+        template: ShapeTemplate,
+        builder: GeometryBuilder,
+        materials: Mapping[str, PbrMaterial],
+        other_fields: tuple[
             str,
             tuple[CollisionShape, ...],
             tuple[SupportSurface, ...],
@@ -164,54 +165,56 @@ class _Drawing:
             tuple[float | None, ...],
         ],
     ) -> None:
-        self._drafted: tuple[ShapeTemplate, GeometryBuilder] | None = (design, draft)
-        self._surfaces, self._said = surfaces, said
+        self._pending: tuple[ShapeTemplate, GeometryBuilder] | None = (template, builder)
+        self._materials, self._other_fields = materials, other_fields
         self._result: tuple[str, tuple[VisualMesh, ...]] = ("", ())
         self._lock = Lock()
 
     def result(self) -> tuple[str, tuple[VisualMesh, ...]]:
-        """The same objects for each caller."""
+        """Returns the key and the visual meshes: the same objects for each call and thread."""
         with self._lock:
-            if self._drafted is not None:
-                design, draft = self._drafted
-                skins = tuple(
+            if self._pending is not None:
+                template, builder = self._pending
+                visuals = tuple(
                     VisualMesh(
-                        points=draft.turn.to_body(mesh.points),
+                        points=builder.turn.to_body(mesh.points),
                         faces=mesh.faces,
-                        normals=None if mesh.normals is None else draft.turn.to_body(mesh.normals),
-                        material=design.material_of(role, self._surfaces),
+                        normals=None if mesh.normals is None else builder.turn.to_body(mesh.normals),
+                        material=template.material_of(role, self._materials),
                     )
-                    for (role, _), mesh in draft.merged_meshes().items()
+                    for (role, _), mesh in builder.merged_meshes().items()
                 )
-                self._result = (_digest(skins, self._said), skins)
-                self._drafted = None
+                self._result = (_digest(visuals, self._other_fields), visuals)
+                self._pending = None
             return self._result
 
 
 def _build_or_box(
     template: ShapeTemplate, size: Vector, turn: AxisPermutation
 ) -> tuple[ShapeTemplate, GeometryBuilder]:
-    """What was drawn, and as what: the design, or a box where that has no room."""
-    draft = GeometryBuilder(turn.template_size(size), turn)
+    """Returns the template that was built, or a box if the size is too small for it, and its builder."""
+    builder = GeometryBuilder(turn.template_size(size), turn)
     try:
-        template.build(draft)
-        if draft.is_empty:
-            raise TemplateDoesNotFit("nothing is left of it")
+        template.build(builder)
+        if builder.is_empty:
+            raise TemplateDoesNotFit("it has no parts")
     except TemplateDoesNotFit as reason:
-        draft = GeometryBuilder(turn.template_size(size), turn)
-        draft.add_note(f"{reason}, so a plain box")
+        builder = GeometryBuilder(turn.template_size(size), turn)
+        builder.add_note(f"{reason}, so a plain box")
         template = BoxShape()
-        template.build(draft)
-    draft.fit_to_size()
-    return template, draft
+        template.build(builder)
+    builder.fit_to_size()
+    return template, builder
 
 
 def _check(template: ShapeTemplate, size: Vector) -> None:
-    kind = template.shape_name()
+    shape_name = template.shape_name()
     if not all(_MIN_SIZE_M <= extent <= _MAX_SIZE_M for extent in size):
-        told = " x ".join(f"{extent:g}" for extent in size)
-        raise InvalidShapeError(kind, reason=f"its size is {told} m; each extent has to be from {_MIN_SIZE_M:g} m on")
-    template_by_name(kind, msgspec.structs.asdict(template))
+        extents = " x ".join(f"{extent:g}" for extent in size)
+        raise InvalidShapeError(
+            shape_name, reason=f"its size is {extents} m; extents are {_MIN_SIZE_M:g} to {_MAX_SIZE_M:g} m"
+        )
+    template_by_name(shape_name, msgspec.structs.asdict(template))
 
 
 def _support_surface(surface: LocalSupportSurface, turn: AxisPermutation) -> SupportSurface:
@@ -236,12 +239,12 @@ def _placed_light(light: AttachedLight, builder: GeometryBuilder, turn: AxisPerm
     return msgspec.structs.replace(light, pose=Pose(turn.vector_to_body((x, y, z))))
 
 
-def _digest(skins: tuple[VisualMesh, ...], said: tuple[Any, ...]) -> str:
-    digest = blake2b(msgspec.msgpack.encode(said), digest_size=16)
-    for skin in skins:
-        digest.update(msgspec.msgpack.encode((skin.material, skin.points.shape, skin.faces.shape)))
-        digest.update((skin.points + 0.0).tobytes())  # -0.0 and 0.0 are one place
-        digest.update(skin.faces.tobytes())
-        if skin.normals is not None:
-            digest.update((skin.normals + 0.0).tobytes())
+def _digest(visuals: tuple[VisualMesh, ...], other_fields: tuple[Any, ...]) -> str:
+    digest = blake2b(msgspec.msgpack.encode(other_fields), digest_size=16)
+    for visual in visuals:
+        digest.update(msgspec.msgpack.encode((visual.material, visual.points.shape, visual.faces.shape)))
+        digest.update((visual.points + 0.0).tobytes())  # -0.0 and 0.0 are equal
+        digest.update(visual.faces.tobytes())
+        if visual.normals is not None:
+            digest.update((visual.normals + 0.0).tobytes())
     return digest.hexdigest()

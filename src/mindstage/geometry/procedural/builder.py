@@ -1,22 +1,12 @@
-"""Drafts: a shape while it is drawn, part by part.
+"""Building blocks of procedural shapes: templates, the builder that they draw with, sides, cutouts, collision parts.
 
-A draft knows the size and nothing of what it becomes. Its frame has x to the front, y to the left, z up and the
-middle of the size at the origin. Parts are seen and touched alike unless told otherwise. What is finished fits the
-size exactly: the little that round parts miss of it is made up for by stretching everything.
+A `ShapeTemplate` is a class whose fields are the parameters of a shape; the names of fields are those in ontologies
+(`ms:wall 0.012`). Its `build` adds parts to a `GeometryBuilder`, in the template frame: x to the front, y to the left,
+z up, origin at the center of the size. Parameters are upper bounds: a wall of 15 mm is thinner where a fifth of the
+size is less. The finished shape is scaled to fit the size exactly.
 
-Holes: what is left of a plate where there are openings in it.
-
-Sides: which way a shape looks, and how it is turned into a body's own axes.
-
-Every shape is drawn once, with x to its front, y to its left and z up. A body may have its front at any of its six
-sides and up at any that is not opposite; between the two lies a turn by right angles, which loses no digit.
-
-Touchables: the convex parts of a shape while it is drawn, and how hollow things are cut into them.
-
-Designs: the kinds of shape, each a class whose fields are its parameters and whose `draw` makes it.
-
-Lengths are meters and wishes: a wall of 15 mm is thinner where a fifth of the size is less. Names of fields are those
-that an ontology uses (`ms:wall 0.012`).
+An `AxisPermutation` converts from the template frame to the body frame: the front can be any of the six sides of a
+body, and the top any side on another axis. These are rotations by right angles, which are exact.
 """
 
 from __future__ import annotations
@@ -65,17 +55,17 @@ __all__ = [
 
 
 Hole = tuple[Array, Array]
-"""Its lower and its upper corner, across the plate."""
+"""The lower and the upper corner of a hole, in the plane of the plate."""
 
 _MIN_FILL = 0.6
-"""So much of the rectangle round two holes that meet they must fill to become one."""
+"""Smallest fraction of their common bounds that two adjacent holes fill if they are merged."""
 
 
 def grid_cells(low: Array, high: Array, holes: Sequence[Hole]) -> tuple[tuple[Array, Array], NDArray[np.bool_]]:
-    """A plate divided where its holes begin and end, and which cells are left of it."""
+    """Returns the coordinates that divide a plate at the edges of its holes, and which cells remain."""
     cuts = []
     for axis in range(2):
-        marks = _each_once([low[axis], high[axis], *(corner[axis] for hole in holes for corner in hole)])
+        marks = _sorted_unique([low[axis], high[axis], *(corner[axis] for hole in holes for corner in hole)])
         inner = marks[(marks > low[axis] + 1e-4) & (marks < high[axis] - 1e-4)]
         inner = inner[np.diff(inner, prepend=-np.inf) > 1e-6]
         cuts.append(np.array([low[axis], *inner, high[axis]]))
@@ -87,32 +77,32 @@ def grid_cells(low: Array, high: Array, holes: Sequence[Hole]) -> tuple[tuple[Ar
 
 
 def merge_narrow_strips(low: Array, high: Array, holes: Sequence[Hole], min_width: float) -> list[Hole]:
-    """Holes that are widened so that hardly any strip between their edges is narrower than asked.
+    """Returns the holes, extended so that few strips between their edges are narrower than a width.
 
-    Nothing can stand on such strips, none is worth a look, and every one costs an engine a part to look at.
+    Such strips support nothing and are barely visible, but each is a collision shape.
 
     Args:
-        low: the plate's lower corner, across it [m].
-        high: its upper corner.
-        holes: what is free.
-        least: how wide strips should be [m].
+        low: lower corner of the plate, in its plane [m].
+        high: upper corner of the plate [m].
+        holes: the holes.
+        min_width: the smallest width of strips [m].
     """
     starts, ends = (np.array([hole[end] for hole in holes]).reshape(-1, 2) for end in (0, 1))
     for axis in range(2):
-        marks = _each_once([low[axis], high[axis], *starts[:, axis], *ends[:, axis]])
+        marks = _sorted_unique([low[axis], high[axis], *starts[:, axis], *ends[:, axis]])
         first, last = _merge_marks(marks, min_width)
         starts[:, axis] = first[np.searchsorted(marks, starts[:, axis])]
         ends[:, axis] = last[np.searchsorted(marks, ends[:, axis])]
     return _merge_holes(list(zip(starts, ends, strict=True)))
 
 
-def _each_once(marks: Sequence[float]) -> Array:
-    """The same numbers in order, each once: `numpy.unique` for few of them, which needs no `numpy.ma`."""
+def _sorted_unique(marks: Sequence[float]) -> Array:
+    """Returns the sorted unique numbers; unlike `numpy.unique` without the import of `numpy.ma`."""
     return np.array(sorted(set(marks)))
 
 
 def _merge_marks(marks: Array, min_width: float) -> tuple[Array, Array]:
-    """For each mark the first and the last of those so near each other that they are taken as one."""
+    """Returns, for each mark, the first and the last mark of its cluster."""
     first, last = marks.copy(), marks.copy()
     begin = 0
     for index in range(1, len(marks) + 1):
@@ -123,7 +113,7 @@ def _merge_marks(marks: Array, min_width: float) -> tuple[Array, Array]:
 
 
 def _merge_holes(holes: list[Hole]) -> list[Hole]:
-    """The same holes, those that meet as one where they fill most of the rectangle round them."""
+    """Returns the holes, with adjacent ones merged if they fill most of their common bounds."""
     for one, other in combinations(range(len(holes)), 2):
         (low_a, high_a), (low_b, high_b) = holes[one], holes[other]
         common = np.minimum(high_a, high_b) - np.maximum(low_a, low_b)
@@ -136,7 +126,7 @@ def _merge_holes(holes: list[Hole]) -> list[Hole]:
 
 
 class BodySide(StrEnum):
-    """One of the six sides of a body, by its own axes."""
+    """One of the six sides of a body, named by its axes."""
 
     FRONT = "+x"
     BACK = "-x"
@@ -147,7 +137,7 @@ class BodySide(StrEnum):
 
     @classmethod
     def from_axis(cls, axis: int, sign: int) -> BodySide:
-        """The side at one end of an axis (0, 1, 2 for x, y, z)."""
+        """Returns the side at one end of an axis (0, 1, 2 for x, y, z)."""
         return cls(f"{'+' if sign > 0 else '-'}{'xyz'[axis]}")
 
     @property
@@ -157,117 +147,118 @@ class BodySide(StrEnum):
 
     @property
     def sign(self) -> int:
-        """1 where the axis points, else -1."""
+        """1 for the positive end of the axis, otherwise -1."""
         return 1 if self.value[0] == "+" else -1
 
     @property
     def opposite(self) -> BodySide:
-        """The side across."""
+        """The opposite side."""
         return BodySide.from_axis(self.axis, -self.sign)
 
     @property
     def vector(self) -> Vector:
-        """Where it looks, of length 1."""
+        """The outward unit normal."""
         x, y, z = (float(self.sign) if axis == self.axis else 0.0 for axis in range(3))
         return (x, y, z)
 
 
 class Cutout(FrozenStruct, frozen=True, kw_only=True):
-    """A box that must stay free: a door's opening in a wall, a sink's in a worktop."""
+    """A box that stays free: the opening of a door in a wall, of a sink in a countertop."""
 
     low: Vector
-    """The corner with the smallest coordinates, in the body's frame."""
+    """The lower corner, in the body frame [m]."""
     high: Vector
+    """The upper corner [m]."""
 
 
 class AxisPermutation:
-    """From the frame in which shapes are drawn into a body's own."""
+    """A rotation by right angles from the template frame to the body frame."""
 
     def __init__(self, front: BodySide, up: BodySide) -> None:
         if front.axis == up.axis:
-            raise InvalidShapeError("any", reason=f"its front {front.value} and its top {up.value} lie on one axis")
+            raise InvalidShapeError("any", reason=f"its front {front.value} and its top {up.value} are on one axis")
         left = np.cross(up.vector, front.vector)
         self.matrix: Array = np.stack([front.vector, left, up.vector], axis=1)
         w, x, y, z = quaternion_from_matrix(self.matrix).tolist()
         self.quaternion: Quaternion = (w, x, y, z)
         self._axes = [int(np.flatnonzero(row)[0]) for row in self.matrix]
         self.is_identity = bool(np.array_equal(self.matrix, np.eye(3)))
-        """Whether both frames are the same."""
+        """Whether both frames are equal."""
 
     def template_size(self, size: Vector) -> Vector:
-        """A body's extents along the drawn axes."""
+        """Returns the extents of a body along the axes of the template frame."""
         x, y, z = (float(value) for value in np.abs(self.matrix.T) @ np.array(size))
         return (x, y, z)
 
     def body_size(self, template_size: Vector) -> Vector:
-        """Drawn extents along the body's axes."""
+        """Returns extents in the template frame along the axes of the body frame."""
         x, y, z = (template_size[axis] for axis in self._axes)
         return (x, y, z)
 
     def to_body(self, template_points: Array) -> Array:
-        """Points or directions, n x 3, in the body's frame."""
+        """Converts points or directions, n x 3, to the body frame."""
         return template_points if self.is_identity else template_points @ self.matrix.T
 
     def vector_to_body(self, template_vector: Vector) -> Vector:
-        """One point or direction in the body's frame."""
+        """Converts one point or direction to the body frame."""
         x, y, z = (self.matrix @ np.array(template_vector)).tolist()
         return (x, y, z)
 
     def template_side(self, side: BodySide) -> BodySide:
-        """A side of the body as the drawing calls it."""
-        drawn = self.matrix.T @ np.array(side.vector)
-        axis = int(np.flatnonzero(drawn)[0])
-        return BodySide.from_axis(axis, int(drawn[axis]))
+        """Returns the side in the template frame of a side of the body."""
+        normal = self.matrix.T @ np.array(side.vector)
+        axis = int(np.flatnonzero(normal)[0])
+        return BodySide.from_axis(axis, int(normal[axis]))
 
     def template_cutout(self, cutout: Cutout) -> tuple[Array, Array]:
-        """The two corners of a gap in the drawing."""
+        """Returns the lower and upper corner of a cutout in the template frame."""
         corners = np.array([cutout.low, cutout.high]) @ self.matrix
         return corners.min(axis=0), corners.max(axis=0)
 
 
 @cache
 def turn_between(front: BodySide, up: BodySide) -> AxisPermutation:
-    """The turn of these two sides; there are only 24, so each is computed once. Its arrays must not be written to."""
+    """Returns the permutation for a front and a top; each of the 24 is cached, so its arrays must not be modified."""
     return AxisPermutation(front, up)
 
 
 _SEGMENTS = 16
-"""Corners of a cylinder whose ends are no circles."""
+"""Points per ring of elliptic cylinders, which become hulls."""
 _MIN_UPRIGHT_RATIO = 0.75
-"""A wall whose foot is at least so wide as its rim, as a share, is taken as upright."""
+"""Walls with at least this ratio of foot to rim radius are approximated as vertical."""
 _CYLINDER_TURNS: tuple[tuple[float, float, float, float], ...] = (
     (0.5**0.5, 0.0, 0.5**0.5, 0.0),
     (0.5**0.5, -(0.5**0.5), 0.0, 0.0),
     (1.0, 0.0, 0.0, 0.0),
 )
-"""Which turn lays a cylinder's axis along x, y, z."""
+"""Rotations of the z axis of a cylinder to x, y and z."""
 
 
 class CollisionPart(NamedTuple):
-    """A convex part, in the drawing's frame."""
+    """A convex collision shape in the template frame."""
 
     type: CollisionShapeType
     points: Array
-    """Of a hull, its points; else the two corners of the box that it fills."""
+    """The points of a hull; otherwise the two corners of the bounds."""
     axis: int = 2
-    """Of a cylinder."""
+    """The axis of a cylinder."""
     turn_rad: float = 0.0
-    """By how much it is turned about z, at `hub`, from where its points are."""
+    """Rotation of the points about a vertical axis through `rotation_center`."""
     rotation_center: tuple[float, float] = (0.0, 0.0)
 
     def scaled(self, scale: Array, shift: Array) -> CollisionPart:
-        """The same part larger or smaller along each axis, then moved."""
+        """Returns the part scaled along each axis, then translated."""
         if self.turn_rad and not np.isclose(scale[0], scale[1], rtol=1e-9):
             return self._as_fixed_hull().scaled(scale, shift)
         x, y = (np.array(self.rotation_center) * scale[:2] + shift[:2]).tolist()
         return self._replace(points=self.points * scale + shift, rotation_center=(x, y))
 
     def clipped(self, low: Array, high: Array) -> CollisionPart:
-        """The same part, kept from standing out of a box by the last digit."""
+        """Returns the part clipped to a box, which removes rounding errors."""
         return self if self.turn_rad else self._replace(points=np.clip(self.points, low, high))
 
     def to_collision_shape(self, turn: AxisPermutation) -> CollisionShape | None:
-        """The part in the body's frame; None if it has no volume."""
+        """Returns the collision shape in the body frame; None if it has no volume."""
         if self.type is CollisionShapeType.CYLINDER and not self._is_circular():
             return self._as_hull().to_collision_shape(turn)
         low, high = self.points.min(axis=0), self.points.max(axis=0)
@@ -291,7 +282,7 @@ class CollisionPart(NamedTuple):
         return CollisionShape(type=self.type, size=size, pose=Pose(_vector(center), quaternion))
 
     def _rotated_shape(self, turn: AxisPermutation, low: Array, high: Array) -> CollisionShape:
-        """One of several alike that stand round an axis: its own frame turns, its points stay."""
+        """Returns the shape of a rotated part: only its pose is rotated, so copies have equal points."""
         center = (low + high) / 2
         cosine, sine = np.cos(self.turn_rad), np.sin(self.turn_rad)
         x, y = center[:2] - self.rotation_center
@@ -307,7 +298,7 @@ class CollisionPart(NamedTuple):
         return CollisionShape(type=self.type, size=_vector(high - low), pose=pose, points=tuple(map(_vector, local)))
 
     def _as_fixed_hull(self) -> CollisionPart:
-        """The same part as a hull whose points are where it is."""
+        """Returns the part as a hull without a rotation."""
         points = self.points
         if self.type is CollisionShapeType.BOX:
             points = np.array(list(product(*points.T)))
@@ -338,29 +329,32 @@ class CollisionPart(NamedTuple):
 def ring_parts(
     low: Array, high: Array, outer: tuple[float, float], inner: tuple[float, float], pieces: int
 ) -> list[CollisionPart]:
-    """The wall of an upright round vessel as convex pieces.
+    """Returns the wall of an upright round vessel as convex parts.
 
-    Pieces of a circle are one and the same part, turned; they are boxes where the wall is nearly upright, which engines
-    like best, else hulls.
+    The pieces of a circular wall are rotated copies of one part: boxes if the wall is nearly vertical, which engines
+    process fastest, otherwise hulls.
 
     Args:
-        low: of the box that it stands in [m].
-        high: its other corner.
-        outer: radii outside at the bottom and at the top, as shares of the box.
-        inner: those inside.
-        pieces: how many.
+        low: lower corner of the bounds [m].
+        high: upper corner of the bounds [m].
+        outer: outer radii at the bottom and at the top, as fractions of the bounds.
+        inner: inner radii at the bottom and at the top.
+        pieces: the number of parts.
     """
     half, middle = (high - low)[:2] / 2, (low + high)[:2] / 2
     radius, step = float(half.min()), 2 * np.pi / pieces
-    hub = (float(middle[0]), float(middle[1]))
+    center = (float(middle[0]), float(middle[1]))
     if min(outer) >= _MIN_UPRIGHT_RATIO * max(outer):
         reach = radius * (outer[0] + outer[1]) / 2
         chord, face = 2 * reach * np.sin(step / 2), reach * np.cos(step / 2)
         wall = max(face - radius * (inner[0] + inner[1]) / 2 * np.cos(step / 2), 0.05 * reach)
         corners = np.array(
-            [[hub[0] + face - wall, hub[1] - chord / 2, low[2]], [hub[0] + face, hub[1] + chord / 2, high[2]]]
+            [
+                [center[0] + face - wall, center[1] - chord / 2, low[2]],
+                [center[0] + face, center[1] + chord / 2, high[2]],
+            ]
         )
-        one = CollisionPart(CollisionShapeType.BOX, corners, rotation_center=hub)
+        one = CollisionPart(CollisionShapeType.BOX, corners, rotation_center=center)
     else:
         angle = np.array([-step / 2, 0.0, step / 2])
         circle = np.stack([np.cos(angle), np.sin(angle)], axis=1) * radius
@@ -368,7 +362,7 @@ def ring_parts(
         for level, outer_share, inner_share in zip((low[2], high[2]), outer, inner, strict=True):
             row = np.concatenate([circle * outer_share, circle[[0, 2]] * inner_share]) + middle
             rows.append(np.column_stack([row, np.full(len(row), level)]))
-        one = CollisionPart(CollisionShapeType.HULL, np.concatenate(rows), rotation_center=hub)
+        one = CollisionPart(CollisionShapeType.HULL, np.concatenate(rows), rotation_center=center)
     parts = [one._replace(turn_rad=number * step) for number in range(pieces)]
     if np.isclose(half[0], half[1], rtol=1e-9):
         return parts
@@ -377,7 +371,7 @@ def ring_parts(
 
 
 def covering_rectangles(cuts: tuple[Array, Array], kept: NDArray[np.bool_]) -> Iterator[tuple[Array, Array]]:
-    """The kept cells of a plate as few rectangles, each by its two corners."""
+    """Yields rectangles that cover the kept cells of a plate, each as its two corners."""
     left = kept.copy()
     while left.any():
         row, column = (int(index) for index in np.argwhere(left)[0])
@@ -396,7 +390,7 @@ def _vector(row: Array) -> Vector:
 
 _BEVEL_M = 0.004
 _SEGMENTS_BY_RADIUS = ((0.03, 32), (0.012, 20), (0.0, 12))
-"""How many corners a circle has from which radius on [m]."""
+"""Smallest radius [m] and number of points of circles."""
 _EPSILON_M = 1e-9
 _EXACT = 1e-12
 
@@ -413,11 +407,11 @@ Profile = Sequence[tuple[float, float]]
 
 
 class TemplateDoesNotFit(Exception):
-    """The size leaves no room for what the shape consists of."""
+    """The size is too small for the parts of the shape."""
 
 
 class LocalSupportSurface:
-    """A level place in the drawing's frame."""
+    """A support surface in the template frame."""
 
     def __init__(self, low: Array, high: Array, level: float, clearance: float | None, *, is_inside: bool) -> None:
         self.low, self.high = low, high
@@ -425,16 +419,20 @@ class LocalSupportSurface:
 
 
 class _Part(NamedTuple):
-    """One surface of a draft, whose triangles are made only where somebody looks at them."""
+    """A visual part whose mesh is created on demand."""
 
     low: Array
-    """The lower corner of the box round its points [m]."""
+    """Lower corner of its bounds [m]."""
     high: Array
+    """Upper corner of its bounds [m]."""
     make: Callable[[], TriangleMesh]
 
 
 class GeometryBuilder:
-    """What has been drawn so far."""
+    """Collects the visual parts, collision parts and support surfaces of a shape, in the template frame.
+
+    Parts with a volume below rounding are ignored.
+    """
 
     def __init__(self, size: Vector, turn: AxisPermutation) -> None:
         self.size = np.array(size)
@@ -447,11 +445,11 @@ class GeometryBuilder:
         self._boxes: dict[tuple[str, int], list[tuple[Array, Array, float]]] = {}
         self._parts: dict[tuple[str, bool], list[_Part]] = {}
         self._stretch: tuple[Array, Array] | None = None
-        """By what all surfaces are scaled and then moved in the end."""
+        """Scale and translation of all meshes, which fit them to the size."""
 
     @property
     def is_empty(self) -> bool:
-        """Whether there is nothing to be seen, or nothing to be touched."""
+        """Whether there are no visual parts or no collision parts."""
         return not (self.collision_parts and (self._boxes or self._parts))
 
     @property
@@ -460,10 +458,10 @@ class GeometryBuilder:
         return float(self.size.min())
 
     def add_note(self, text: str) -> None:
-        """Something that whoever asked for the shape should know."""
+        """Adds a remark to the reason of the geometry."""
         self.notes.append(text)
 
-    # -- parts -------------------------------------------------------------------------------------------------------
+    # -- parts ---------------------------------------------------------------------------------------------------------
 
     def add_box(
         self,
@@ -475,7 +473,7 @@ class GeometryBuilder:
         rounded: bool = False,
         collides: bool = True,
     ) -> None:
-        """A box between two corners, its edges bevelled, or rounded where it is soft; nothing if it has no volume."""
+        """Adds a box between two corners, with beveled or rounded edges; `collides` adds a collision box as well."""
         lower, upper = np.asarray(low, dtype=np.float64), np.asarray(high, dtype=np.float64)
         extents = upper - lower
         if extents.min() <= _EPSILON_M:
@@ -497,17 +495,17 @@ class GeometryBuilder:
         closed: bool = False,
         segments: int | None = None,
     ) -> None:
-        """Something turned round an axis, in a box; it is seen only.
+        """Adds a surface of revolution that fills a box; visual only.
 
         Args:
-            role: its surface's.
-            profile: radius and height from 0 to 1, as shares of the box across and along the axis.
-            low: the box.
-            high: its other corner.
-            along: where the profile's heights grow to.
-            bevel: how much of sharp edges is taken off [m].
+            role: the material role.
+            profile: radius and height from 0 to 1, as fractions of the box across and along the axis.
+            low: lower corner of the box [m].
+            high: upper corner of the box [m].
+            along: direction of increasing height.
+            bevel: largest bevel of sharp edges [m].
             closed: whether the profile is a loop that does not touch the axis.
-            around: corners of a circle; the smaller, the fewer, unless told.
+            segments: points per circle; by default it depends on the radius.
         """
         lower, upper = np.asarray(low, dtype=np.float64), np.asarray(high, dtype=np.float64)
         if (upper - lower).min() <= _EPSILON_M:
@@ -519,19 +517,19 @@ class GeometryBuilder:
         corners = segments or next(corners for least, corners in _SEGMENTS_BY_RADIUS if radius >= least)
         middle, across = (lower + upper) / 2, extents[:2] / (2 * radius)
 
-        def turned() -> TriangleMesh:
+        def make() -> TriangleMesh:
             profile = shares * (radius, length)
             mesh = lathe(profile, bevel=bevel, segments=corners, closed=closed)  # type: ignore[arg-type]
             mesh = scaled(mesh, np.array([*across, 1.0]), np.array([0.0, 0.0, -length / 2]))
             normals = None if mesh.normals is None else turn.to_body(mesh.normals)
             return TriangleMesh(turn.to_body(mesh.points) + middle, mesh.faces, normals)
 
-        # A circle has corners on both axes, so the surface fills the box of its outermost radius and its heights.
+        # Circles have points on both axes, so the bounds follow from the largest radius and the heights.
         widest, heights = float(shares[:, 0].max()), shares[:, 1]
         reach = [*(extents[:2] / 2 * widest), (float(heights.max()) - 0.5) * length]
         depth = [*(extents[:2] / -2 * widest), (float(heights.min()) - 0.5) * length]
         ends = turn.to_body(np.array([depth, reach])) + middle
-        self._add(role, _Part(ends.min(axis=0), ends.max(axis=0), turned), smooth=True)
+        self._add(role, _Part(ends.min(axis=0), ends.max(axis=0), make), smooth=True)
 
     def add_cylinder(
         self,
@@ -543,19 +541,19 @@ class GeometryBuilder:
         bevel: float = _BEVEL_M,
         segments: int | None = None,
     ) -> None:
-        """A cylinder that fills a box; it is seen only."""
+        """Adds a cylinder that fills a box; visual only."""
         profile = ((0, 0), (1, 0), (1, 1), (0, 1))
         self.add_lathe(role, profile, low, high, along=along, bevel=bevel, segments=segments)
 
     def add_tube(self, role: str, path: Sequence[Corner], radius: float, *, segments: int = 12) -> None:
-        """A round bar along a path; it is seen only."""
+        """Adds a round bar along a path; visual only."""
         if radius > _EPSILON_M:
             self.add_mesh(
                 role, sweep(np.array([np.asarray(spot, dtype=np.float64) for spot in path]), radius, segments=segments)
             )
 
     def add_loft(self, role: str, rings: Array) -> None:
-        """A skin over rings of points; it is seen only."""
+        """Adds the surface through rings of points; visual only."""
         points = rings.reshape(-1, 3)
         self._add(role, _Part(points.min(axis=0), points.max(axis=0), partial(loft, rings)), smooth=True)
 
@@ -571,15 +569,15 @@ class GeometryBuilder:
         collides: bool = True,
         min_strip_width: float = 0.0,
     ) -> list[tuple[Array, Array]]:
-        """A box with holes along its thin axis (0, 1, 2), where gaps take up half of its thickness or more.
+        """Adds a box with holes along its thin axis (0, 1, 2), where cutouts take up at least half of its thickness.
 
-        What is left of it is given back as boxes, each by its two corners; strips between holes that are narrower than
-        `least` are left out.
+        Returns the remaining boxes, each as its two corners; strips between holes that are narrower than
+        `min_strip_width` are omitted.
         """
         lower, upper = np.asarray(low, dtype=np.float64), np.asarray(high, dtype=np.float64)
         if (upper - lower).min() <= _EPSILON_M:
             return []
-        holes = [hole for gap in cutouts if (hole := self._hole_of(gap, lower, upper, thin_axis)) is not None]
+        holes = [hole for cutout in cutouts if (hole := self._hole_of(cutout, lower, upper, thin_axis)) is not None]
         if not holes:
             self.add_box(role, lower, upper, rounding=rounding, collides=collides)
             return [(lower, upper)]
@@ -604,30 +602,30 @@ class GeometryBuilder:
         collides: bool = True,
         collision_bottom: float | None = None,
     ) -> list[tuple[Array, Array]]:
-        """A plate of cells, some of which may be missing; it gives back the boxes that it consists of.
+        """Adds a plate of cells, some of which may be missing; returns the boxes of which it consists.
 
         Args:
-            role: its surface's.
-            cuts: where it is divided along the two axes after the thin one [m].
-            kept: which of its cells are there.
-            thickness: where it begins and ends along the thin axis [m].
-            thin: that axis.
-            solid: whether it can be touched.
-            down_to: how far down what can be touched goes, if farther than what is seen [m].
+            role: the material role.
+            cuts: coordinates that divide it into cells along the two axes after the thin one [m].
+            kept: which of the cells are present.
+            thickness: its start and end along the thin axis [m].
+            thin_axis: the thin axis (0, 1, 2).
+            collides: whether to add collision boxes.
+            collision_bottom: start of the collision boxes along the thin axis, if different [m].
         """
         axes = [(thin_axis + 1) % 3, (thin_axis + 2) % 3, thin_axis]
 
-        def standing() -> TriangleMesh:
-            lying = panel_with_cutouts(cuts, kept, thickness)
-            return TriangleMesh(lying.points[:, np.argsort(axes)], lying.faces, None)
+        def make() -> TriangleMesh:
+            panel = panel_with_cutouts(cuts, kept, thickness)
+            return TriangleMesh(panel.points[:, np.argsort(axes)], panel.faces, None)
 
         if kept.any():
             lower, upper = np.empty(3), np.empty(3)
-            for axis, cut, there in zip(axes, cuts, (kept.any(axis=1), kept.any(axis=0)), strict=False):
-                cells_there = np.flatnonzero(there)
-                lower[axis], upper[axis] = cut[cells_there[0]], cut[cells_there[-1] + 1]
+            for axis, cut, is_present in zip(axes, cuts, (kept.any(axis=1), kept.any(axis=0)), strict=False):
+                present = np.flatnonzero(is_present)
+                lower[axis], upper[axis] = cut[present[0]], cut[present[-1] + 1]
             lower[thin_axis], upper[thin_axis] = min(thickness), max(thickness)
-            self._add(role, _Part(lower, upper, standing), smooth=False)
+            self._add(role, _Part(lower, upper, make), smooth=False)
         start = thickness[0] if collision_bottom is None else collision_bottom
         parts = []
         for first, last in covering_rectangles(cuts, kept):
@@ -639,7 +637,7 @@ class GeometryBuilder:
         return parts
 
     def add_frustum(self, role: str, below: tuple[Corner, Corner], above: tuple[Corner, Corner]) -> None:
-        """A block between two level rectangles, each by two corners of one height."""
+        """Adds a frustum between two horizontal rectangles, each given by two corners."""
         rings = []
         for first, last in (below, above):
             (x0, y0, z), (x1, y1, _) = first, last
@@ -647,50 +645,50 @@ class GeometryBuilder:
         self.add_hexahedron(role, np.array(rings, dtype=np.float64))
 
     def add_hexahedron(self, role: str, corners: Array, *, collides: bool = True) -> None:
-        """A convex block of six flat sides: four corners, and the four above them, each counterclockwise from above."""
+        """Adds a convex hexahedron: four lower and four upper corners, each counterclockwise seen from above."""
         self.add_mesh(role, TriangleMesh(corners, _BLOCK_FACES, None))
         if collides:
             self.add_collision_hull(corners)
 
     def add_mesh(self, role: str, mesh: TriangleMesh) -> None:
-        """Any other closed surface; it is seen only."""
+        """Adds a closed mesh; visual only."""
         part = _Part(mesh.points.min(axis=0), mesh.points.max(axis=0), lambda: mesh)
         self._add(role, part, smooth=mesh.normals is not None)
 
     def _add(self, role: str, part: _Part, *, smooth: bool) -> None:
         self._parts.setdefault((role, smooth), []).append(part)
 
-    # -- what can be touched -----------------------------------------------------------------------------------------
+    # -- collision parts -----------------------------------------------------------------------------------------------
 
     def add_collision_box(self, low: Corner, high: Corner) -> None:
-        """A box that is not seen."""
+        """Adds a collision box."""
         self.collision_parts.append(CollisionPart(CollisionShapeType.BOX, np.array([low, high], dtype=np.float64)))
 
     def add_collision_cylinder(self, low: Corner, high: Corner, *, along: BodySide = BodySide.TOP) -> None:
-        """A cylinder that fills a box and is not seen."""
+        """Adds a collision cylinder that fills a box."""
         self.collision_parts.append(
             CollisionPart(CollisionShapeType.CYLINDER, np.array([low, high], dtype=np.float64), axis=along.axis)
         )
 
     def add_collision_sphere(self, low: Corner, high: Corner) -> None:
-        """An ellipsoid that fills a box and is not seen."""
+        """Adds a collision ellipsoid that fills a box."""
         self.collision_parts.append(CollisionPart(CollisionShapeType.SPHERE, np.array([low, high], dtype=np.float64)))
 
     def add_collision_hull(self, points: Sequence[Corner] | Array) -> None:
-        """A convex body round points that is not seen."""
+        """Adds the convex hull of points as a collision part."""
         self.collision_parts.append(CollisionPart(CollisionShapeType.HULL, np.asarray(points, dtype=np.float64)))
 
     def add_collision_ring(
         self, low: Corner, high: Corner, *, outer: tuple[float, float], inner: tuple[float, float], pieces: int = 8
     ) -> None:
-        """The wall of an upright round vessel, in pieces.
+        """Adds the wall of an upright round vessel as convex parts.
 
         Args:
-            low: of the box that it stands in.
-            high: its other corner.
-            outer: radii outside at the bottom and at the top, as shares of the box.
-            inner: those inside.
-            pieces: how many.
+            low: lower corner of the bounds [m].
+            high: upper corner of the bounds [m].
+            outer: outer radii at the bottom and at the top, as fractions of the bounds.
+            inner: inner radii at the bottom and at the top.
+            pieces: the number of parts.
         """
         lower, upper = np.asarray(low, dtype=np.float64), np.asarray(high, dtype=np.float64)
         self.collision_parts += ring_parts(lower, upper, outer, inner, pieces)
@@ -698,16 +696,16 @@ class GeometryBuilder:
     def add_support_surface(
         self, low: Corner, high: Corner, level: float, *, clearance: float | None = None, is_inside: bool = False
     ) -> None:
-        """Something can be put on a level rectangle between two corners (x, y)."""
+        """Adds a horizontal support surface between two corners (x, y), at a height [m]."""
         lower = np.maximum(np.asarray(low, dtype=np.float64)[:2], self.low[:2])
         upper = np.minimum(np.asarray(high, dtype=np.float64)[:2], self.high[:2])
         if (upper - lower).min() > _EPSILON_M and (clearance is None or clearance > _EPSILON_M):
             self.support_surfaces.append(LocalSupportSurface(lower, upper, level, clearance, is_inside=is_inside))
 
-    # -- the end -----------------------------------------------------------------------------------------------------
+    # -- the result ----------------------------------------------------------------------------------------------------
 
     def fit_to_size(self) -> float:
-        """Stretches all that was drawn to the size; by how much at most, as a share."""
+        """Scales all parts to fit the size; returns the largest relative change."""
         parts = [part for parts in self._parts.values() for part in parts]
         blocks = [block for blocks in self._boxes.values() for block in blocks]
         low = np.min([*(part.low for part in parts), *(block[0] for block in blocks)], axis=0)
@@ -718,28 +716,28 @@ class GeometryBuilder:
         shift = self.low - low * scale
         self._stretch = (scale, shift)
         self.collision_parts = [part.scaled(scale, shift).clipped(self.low, self.high) for part in self.collision_parts]
-        for spot in self.support_surfaces:
-            spot.low, spot.high = spot.low * scale[:2] + shift[:2], spot.high * scale[:2] + shift[:2]
-            spot.level = float(spot.level * scale[2] + shift[2])
-            spot.clearance = None if spot.clearance is None else float(spot.clearance * scale[2])
-            spot.low, spot.high = np.maximum(spot.low, self.low[:2]), np.minimum(spot.high, self.high[:2])
+        for surface in self.support_surfaces:
+            surface.low, surface.high = surface.low * scale[:2] + shift[:2], surface.high * scale[:2] + shift[:2]
+            surface.level = float(surface.level * scale[2] + shift[2])
+            surface.clearance = None if surface.clearance is None else float(surface.clearance * scale[2])
+            surface.low, surface.high = np.maximum(surface.low, self.low[:2]), np.minimum(surface.high, self.high[:2])
         if self.light is not None:
             self.light = self.light * scale + shift
         return float(np.abs(scale - 1.0).max())
 
     def merged_meshes(self) -> dict[tuple[str, bool], TriangleMesh]:
-        """One a role, and one more for its parts whose faces have their own normals."""
+        """Returns one mesh per role and shading: smooth (with vertex normals) or flat."""
         found = {key: [part.make() for part in parts] for key, parts in self._parts.items()}
         for (role, steps), parts in self._boxes.items():
             low, high, rounding = (np.array(column) for column in zip(*parts, strict=True))
             found.setdefault((role, True), []).append(boxes(low, high, rounding, steps=steps))
-        whole = {key: joined(meshes) for key, meshes in sorted(found.items())}
+        merged = {key: joined(meshes) for key, meshes in sorted(found.items())}
         if self._stretch is None:
-            return whole
-        return {key: scaled(mesh, *self._stretch) for key, mesh in whole.items()}
+            return merged
+        return {key: scaled(mesh, *self._stretch) for key, mesh in merged.items()}
 
     def _hole_of(self, cutout: Cutout, low: Array, high: Array, thin_axis: int) -> Hole | None:
-        """Where a gap is in a plate, across it; None where it takes up less than half of its thickness."""
+        """Returns the hole of a cutout in a plate; None if it takes up less than half of the thickness."""
         start, end = self.turn.template_cutout(cutout)
         if min(end[thin_axis], high[thin_axis]) - max(start[thin_axis], low[thin_axis]) < 0.5 * (
             high[thin_axis] - low[thin_axis]
@@ -753,18 +751,18 @@ class GeometryBuilder:
 Length = Annotated[float, msgspec.Meta(ge=0.0, le=1000.0)]
 """[m]."""
 Thickness = Annotated[float, msgspec.Meta(ge=1e-4, le=1000.0)]
-"""[m]; of what cannot be left out."""
+"""[m], at least 0.1 mm."""
 Fraction = Annotated[float, msgspec.Meta(ge=0.0, le=1.0)]
 PositiveFraction = Annotated[float, msgspec.Meta(ge=0.05, le=1.0)]
-"""A share of what cannot be left out."""
+"""A fraction of at least 0.05."""
 Count = Annotated[int, msgspec.Meta(ge=0, le=64)]
 
 MaterialRoles = Mapping[str, PbrMaterial | str]
-"""The surfaces that a shape has: each with what it is unless somebody says, or the role whose surface it shares."""
+"""The material roles of a shape: each with its default material, or with the role whose material it shares."""
 
 
 class ShapeTemplate(FrozenStruct, frozen=True, kw_only=True):
-    """What all kinds of shape are."""
+    """Base class of shape templates; its fields are the parameters of the shape."""
 
     roles: ClassVar[MaterialRoles] = MappingProxyType({"body": finishes.PLAIN})
 
@@ -777,17 +775,21 @@ class ShapeTemplate(FrozenStruct, frozen=True, kw_only=True):
         return cls.name or cls.__name__.lower()
 
     def build(self, builder: GeometryBuilder) -> None:
-        """Draws the shape in the draft's size; raises `TemplateDoesNotFit` where that leaves no room for it."""
+        """Adds the parts of the shape to a builder.
+
+        Raises:
+            TemplateDoesNotFit: the size is too small.
+        """
         self._build(builder)
 
     def _build(self, builder: GeometryBuilder) -> None:
-        raise NotImplementedError(f"{type(self).__name__} has to say how it is drawn")
+        raise NotImplementedError(f"{type(self).__name__} must implement _build")
 
     def material_of(self, role: str, materials: Mapping[str, PbrMaterial]) -> PbrMaterial:
-        """What a role's surface is, by what was given."""
+        """Returns the material of a role: the given one, otherwise the default."""
         while role not in materials:
-            told = self.roles[role]
-            if isinstance(told, PbrMaterial):
-                return told
-            role = told
+            default = self.roles[role]
+            if isinstance(default, PbrMaterial):
+                return default
+            role = default
         return materials[role]

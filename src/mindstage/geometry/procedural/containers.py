@@ -1,7 +1,4 @@
-"""Containers: boxes, baskets and basins that are open to the top.
-
-Racks: what is made of wire.
-"""
+"""Containers: crates, baskets, sinks, bins and racks that are open at the top."""
 
 from __future__ import annotations
 
@@ -18,22 +15,20 @@ __all__ = ["Basket", "Bin", "Crate", "Sink", "WireRack", "floor_thickness"]
 
 
 def floor_thickness(builder: GeometryBuilder, default: float, level: float | None) -> float:
-    """How thick a floor is whose top is at a level, if it can be."""
+    """Returns the thickness of a floor with its top at a level, if that is inside the shape, otherwise the default."""
     if level is None or not builder.low[2] + 1e-4 <= level < builder.high[2]:
         return default
     return level - float(builder.low[2])
 
 
 def _add_walls(builder: GeometryBuilder, role: str, wall: float, floor: float, level: float | None) -> None:
-    """Four walls and a floor, and the place in them."""
+    """Adds four walls, a floor, and the support surface on it."""
     low, high = builder.low, builder.high
     wall = min(wall, 0.15 * float(builder.size[:2].min()))
     floor = floor_thickness(builder, min(floor, 0.25 * float(builder.size[2])), level)
     level = low[2] + floor
     builder.add_box(role, [*(low[:2] + wall), low[2]], [*(high[:2] - wall), level], rounding=0.0, collides=False)
-    builder.add_collision_box(
-        low, [*high[:2], level]
-    )  # it stands on its floor alone: walls beside it would only add contacts
+    builder.add_collision_box(low, [*high[:2], level])  # only the floor touches the ground: walls would add contacts
     for sign in (-1, 1):
         edge = sorted((sign * high[0], sign * (high[0] - wall)))
         builder.add_box(role, [edge[0], low[1], low[2]], [edge[1], high[1], high[2]], rounding=0.003, collides=False)
@@ -49,27 +44,27 @@ def _add_walls(builder: GeometryBuilder, role: str, wall: float, floor: float, l
 
 
 class Crate(ShapeTemplate, frozen=True, kw_only=True):
-    """A box that is open to the top: a crate, a tray, a box for storage."""
+    """A box that is open at the top: a crate, a tray, a storage box."""
 
     name = "tub"
     wall: Thickness = 0.008
     floor: Thickness = 0.008
     level: float | None = None
-    """Where things stand in it, upwards from the middle [m]; else on its floor."""
+    """Height at which contents stand, from the center [m]; None for the floor."""
 
     def _build(self, builder: GeometryBuilder) -> None:
         _add_walls(builder, "body", self.wall, self.floor, self.level)
 
 
 class Basket(ShapeTemplate, frozen=True, kw_only=True):
-    """A woven basket, open to the top."""
+    """A woven basket that is open at the top."""
 
     roles: ClassVar[MaterialRoles] = MappingProxyType({"body": finishes.WICKER, "rim": "body"})
     wall: Thickness = 0.012
     band: Thickness = 0.025
-    """How high a woven band is [m]."""
+    """Height of a woven band [m]."""
     level: float | None = None
-    """Where things stand in it, upwards from the middle [m]; else on its floor."""
+    """Height at which contents stand, from the center [m]; None for the floor."""
 
     def _build(self, builder: GeometryBuilder) -> None:
         low, high, size = builder.low, builder.high, builder.size
@@ -104,18 +99,18 @@ class Basket(ShapeTemplate, frozen=True, kw_only=True):
 
 
 class Sink(ShapeTemplate, frozen=True, kw_only=True):
-    """A sink to be let into a worktop: a rim, one basin or two, perhaps a side to drain dishes on."""
+    """A sink for insertion into a countertop: a rim, one or more basins, optionally a drainer."""
 
     roles: ClassVar[MaterialRoles] = MappingProxyType(
         {"body": finishes.STEEL, "inside": "body", "drain": finishes.IRON}
     )
     basins: Count = 1
     drainer: bool = False
-    """To the left of the basins."""
+    """Whether there is a drainer, to the left of the basins."""
     rim: Thickness = 0.04
     wall: Thickness = 0.004
     level: float | None = None
-    """Where things stand in it, upwards from the middle [m]; else on its floor."""
+    """Height at which contents stand, from the center [m]; None for the floor."""
 
     def _build(self, builder: GeometryBuilder) -> None:
         low, high, size = builder.low, builder.high, builder.size
@@ -128,7 +123,7 @@ class Sink(ShapeTemplate, frozen=True, kw_only=True):
             (float(low[1]) + rim + pitch * n, float(low[1]) + rim + pitch * (n + 1) - rim * (n < count - 1))
             for n in range(count)
         ]
-        back = float(low[0]) + min(1.6 * rim, 0.25 * float(size[0]))  # where the tap stands
+        back = float(low[0]) + min(1.6 * rim, 0.25 * float(size[0]))  # room for the tap
         front = float(high[0]) - rim
         x_cuts = np.array([low[0], back, front, high[0]])
         y_cuts = np.array([low[1], *(edge for span in spans for edge in span), high[1]])
@@ -170,7 +165,7 @@ class Sink(ShapeTemplate, frozen=True, kw_only=True):
 
 
 class Bin(ShapeTemplate, frozen=True, kw_only=True):
-    """A bin: round or square, with a lid or open."""
+    """A bin: round or square, open or with a lid."""
 
     roles: ClassVar[MaterialRoles] = MappingProxyType(
         {"body": finishes.STEEL, "lid": finishes.DARK_PLASTIC, "inside": "body"}
@@ -179,7 +174,7 @@ class Bin(ShapeTemplate, frozen=True, kw_only=True):
     lid: bool = True
     wall: Thickness = 0.006
     level: float | None = None
-    """Where things stand in it, upwards from the middle [m]; else on its floor."""
+    """Height at which contents stand, from the center [m]; None for the floor."""
 
     def _build(self, builder: GeometryBuilder) -> None:
         low, high, size = builder.low, builder.high, builder.size
@@ -226,18 +221,18 @@ class Bin(ShapeTemplate, frozen=True, kw_only=True):
 
 
 class WireRack(ShapeTemplate, frozen=True, kw_only=True):
-    """A rack of wires: a grid where it is flat, else a basket."""
+    """A wire rack: a grid if it is flat, otherwise a basket."""
 
     name = "rack"
     roles: ClassVar[MaterialRoles] = MappingProxyType({"body": finishes.CHROME})
     wire: Thickness = 0.005
-    """How thick [m]."""
+    """Thickness of a wire [m]."""
     mesh: Thickness = 0.045
-    """From wire to wire [m]."""
+    """Distance between wires [m]."""
     tines: bool = False
-    """Whether rows of pins hold plates upright in it."""
+    """Whether rows of tines hold plates upright."""
     level: float | None = None
-    """Where things stand in it, upwards from the middle [m]; else on its floor."""
+    """Height at which contents stand, from the center [m]; None for the floor."""
 
     def _build(self, builder: GeometryBuilder) -> None:
         low, high, size = builder.low, builder.high, builder.size
@@ -273,7 +268,7 @@ class WireRack(ShapeTemplate, frozen=True, kw_only=True):
                 builder.add_box("body", low, high, rounding=0.35 * wire, collides=False)
 
     def _add_fence(self, builder: GeometryBuilder, axis: int, sign: int, wire: float) -> None:
-        """One side: a rail on top, one half way up, and uprights."""
+        """Adds one side: three horizontal rails, and vertical wires."""
         low, high = builder.low.copy(), builder.high.copy()
         low[axis], high[axis] = sorted((sign * builder.high[axis], sign * (builder.high[axis] - wire)))
         builder.add_collision_box(low, high)

@@ -1,7 +1,4 @@
-"""Furniture: shapes that things and people rest on.
-
-Storage: furniture that one opens and reaches into.
-"""
+"""Furniture: cabinets, drawers, tables, shelves, seats and beds."""
 
 from __future__ import annotations
 
@@ -32,31 +29,31 @@ __all__ = ["Bed", "Cabinet", "Chair", "Countertop", "Drawer", "Shelf", "Sofa", "
 
 _LINING_M = 0.001
 _MIN_WALL_M = 1e-5
-"""A wall that is thinner is none."""
+"""Thinner walls are omitted."""
 _MIN_ROOM_M = 0.004
 _MIN_SHELF_SPACING_M = 0.05
-"""Between two shelves."""
+"""Smallest distance between two shelves."""
 
 
 class Cabinet(ShapeTemplate, frozen=True, kw_only=True):
-    """A case that is open to the front, with shelves: a cupboard, a fridge, an oven."""
+    """A cabinet that is open at the front, with shelves: a cupboard, a fridge, an oven."""
 
     name = "case"
     roles: ClassVar[MaterialRoles] = MappingProxyType(
         {"body": finishes.LACQUER, "top": "body", "inside": "body", "shelf": "inside"}
     )
     wall: Thickness = 0.016
-    """How thick its boards are [m], at most a fifth of the size."""
+    """Thickness of the boards [m], at most a fifth of the size."""
     walls: tuple[tuple[BodySide, Length], ...] = ()
-    """Other thicknesses for some sides of the body; 0 leaves that side open."""
+    """Thickness of individual sides of the body [m]; 0 leaves a side open."""
     shelves: Count = 0
-    """How many, evenly spread."""
+    """Number of evenly spaced shelves."""
     levels: tuple[float, ...] | None = None
-    """Instead of that: where things stand, upwards from the middle [m]. The lowest may be the floor's."""
+    """Heights at which contents stand, from the center [m], instead of `shelves`; the lowest may be the floor."""
     shelf: Thickness = 0.012
-    """How thick a shelf is [m]."""
+    """Thickness of a shelf [m]."""
     free: tuple[Cutout, ...] = ()
-    """What boards must leave open."""
+    """Openings in the boards."""
 
     def _build(self, builder: GeometryBuilder) -> None:
         thick = {side: min(self.wall, 0.2 * float(builder.size[side.axis])) for side in BodySide}
@@ -84,7 +81,7 @@ class Cabinet(ShapeTemplate, frozen=True, kw_only=True):
     def _add_boards(
         self, builder: GeometryBuilder, thickness: dict[BodySide, float]
     ) -> dict[BodySide, list[tuple[Array, Array]]]:
-        """Bottom and top go all the way, the others stand between them; what each consists of."""
+        """Adds the boards, of which bottom and top extend over the full size; returns their boxes."""
         boards = {}
         low, high = builder.low.copy(), builder.high.copy()
         for side in (BodySide.BOTTOM, BodySide.TOP, BodySide.LEFT, BodySide.RIGHT, BodySide.BACK, BodySide.FRONT):
@@ -102,7 +99,7 @@ class Cabinet(ShapeTemplate, frozen=True, kw_only=True):
     def _add_board(
         self, builder: GeometryBuilder, side: BodySide, low: Array, high: Array
     ) -> list[tuple[Array, Array]]:
-        """A board between two corners, of which the innermost part is the lining."""
+        """Adds a board between two corners, with a lining on its inner side; returns its boxes."""
         axis = side.axis
         outer_low, outer_high, lining_low, lining_high = low.copy(), high.copy(), low.copy(), high.copy()
         lining = min(_LINING_M, float(high[axis] - low[axis]) / 4)
@@ -110,7 +107,7 @@ class Cabinet(ShapeTemplate, frozen=True, kw_only=True):
             outer_low[axis] = lining_high[axis] = low[axis] + lining
         else:
             outer_high[axis] = lining_low[axis] = high[axis] - lining
-        for other in {0, 1, 2} - {axis}:  # it ends before the bevels of the board begin
+        for other in {0, 1, 2} - {axis}:  # it ends before the bevels of the board
             lining_low[other], lining_high[other] = low[other] + 2 * lining, high[other] - 2 * lining
         role = "top" if side is BodySide.TOP else "body"
         parts = builder.add_plate(
@@ -130,7 +127,7 @@ class Cabinet(ShapeTemplate, frozen=True, kw_only=True):
         return [float(low[2]) + room * (number + 1) / (count + 1) for number in range(count)]
 
     def _add_shelves(self, builder: GeometryBuilder, low: Array, high: Array, levels: list[float]) -> float:
-        """Draws them, and says how much room there is below the lowest one."""
+        """Adds the shelves; returns the free height below the lowest one [m]."""
         shelf = min(self.shelf, 0.2 * float(high[2] - low[2]))
         front = float(high[0]) - min(0.01, 0.1 * float(high[0] - low[0]))
         kept = [float(low[2])]
@@ -146,22 +143,22 @@ class Cabinet(ShapeTemplate, frozen=True, kw_only=True):
 
 
 class Drawer(ShapeTemplate, frozen=True, kw_only=True):
-    """A box that is open to the top, with a panel in front; a tall one carries trays."""
+    """A drawer: a box that is open at the top, with a front panel; a tall one has several trays."""
 
     roles: ClassVar[MaterialRoles] = MappingProxyType(
         {"body": finishes.OAK, "front": finishes.LACQUER, "inside": "body"}
     )
     wall: Thickness = 0.012
-    """How thick its sides are [m]."""
+    """Thickness of the sides [m]."""
     panel: Thickness = 0.018
-    """How thick its front is [m]."""
+    """Thickness of the front panel [m]."""
     floor: Thickness = 0.008
     gap: Length = 0.006
-    """Between its sides and the edges of its front [m], where rails and neighbors are."""
+    """Distance between the sides and the edges of the front panel [m], the room for slides and neighbors."""
     level: float | None = None
-    """Where things stand in it, upwards from the middle [m]; else on its floor."""
+    """Height at which contents stand, from the center [m]; None for the floor."""
     trays: Count | None = None
-    """How many, one above the other; None decides by the height."""
+    """Number of trays, from bottom to top; None derives it from the height."""
 
     def _build(self, builder: GeometryBuilder) -> None:
         depth, width, height = builder.size.tolist()
@@ -211,47 +208,51 @@ class Drawer(ShapeTemplate, frozen=True, kw_only=True):
 
 
 def _extended_cutouts(cutouts: tuple[Cutout, ...], builder: GeometryBuilder) -> tuple[Cutout, ...]:
-    """Gaps made to go all the way from top to bottom."""
+    """Returns the cutouts, extended through the whole height."""
     reach = np.abs(builder.turn.vector_to_body((0.0, 0.0, float(builder.size[2]))))
     return tuple(
         msgspec.structs.replace(
-            gap, low=tuple((np.array(gap.low) - reach).tolist()), high=tuple((np.array(gap.high) + reach).tolist())
+            cutout,
+            low=tuple((np.array(cutout.low) - reach).tolist()),
+            high=tuple((np.array(cutout.high) + reach).tolist()),
         )
-        for gap in cutouts
+        for cutout in cutouts
     )
 
 
 class Countertop(ShapeTemplate, frozen=True, kw_only=True):
-    """A worktop, on a closed block with a plinth where it is high; with cut-outs for what is let into it."""
+    """A countertop, on a closed block with a plinth if it is high; with cutouts for inserted bodies."""
 
     name = "counter"
     roles: ClassVar[MaterialRoles] = MappingProxyType(
         {"body": finishes.STONE, "front": finishes.LACQUER, "plinth": finishes.IRON}
     )
     top: Thickness = 0.04
-    """How thick the worktop is [m]."""
+    """Thickness of the countertop [m]."""
     overhang: Length = 0.02
-    """How far it stands out of the block in front [m]."""
+    """Overhang at the front [m]."""
     plinth: Length = 0.1
-    """How high [m]."""
+    """Height of the plinth [m]."""
     free: tuple[Cutout, ...] = ()
-    """Cut-outs; they go all the way down."""
+    """Cutouts, through the whole height."""
 
     def _build(self, builder: GeometryBuilder) -> None:
         low, high, size = builder.low, builder.high, builder.size
-        gaps = _extended_cutouts(self.free, builder)
+        cutouts = _extended_cutouts(self.free, builder)
         if size[2] < 3 * self.top:
-            self._add_top(builder, float(low[2]), gaps)
+            self._add_top(builder, float(low[2]), cutouts)
             return
         under = float(high[2]) - self.top
         plinth = min(self.plinth, 0.2 * float(size[2]))
         over = min(self.overhang, 0.1 * float(size[0]))
         recess = over + min(0.05, 0.1 * float(size[0]))
-        self._add_top(builder, under, gaps)
+        self._add_top(builder, under, cutouts)
         builder.add_plate(
-            "front", [low[0], low[1], low[2] + plinth], [high[0] - over, high[1], under], gaps, thin_axis=2
+            "front", [low[0], low[1], low[2] + plinth], [high[0] - over, high[1], under], cutouts, thin_axis=2
         )
-        builder.add_plate("plinth", low, [high[0] - recess, high[1], low[2] + plinth], gaps, thin_axis=2, rounding=0.0)
+        builder.add_plate(
+            "plinth", low, [high[0] - recess, high[1], low[2] + plinth], cutouts, thin_axis=2, rounding=0.0
+        )
 
     @staticmethod
     def _add_top(builder: GeometryBuilder, under: float, cutouts: tuple[Cutout, ...]) -> None:
@@ -262,17 +263,17 @@ class Countertop(ShapeTemplate, frozen=True, kw_only=True):
 
 
 class TableShape(ShapeTemplate, frozen=True, kw_only=True):
-    """A table: a top, legs, an apron between them; only the top where there is no height for legs."""
+    """A table: a top, legs, and an apron; only the top if it is too low for legs."""
 
     name = "table"
     roles: ClassVar[MaterialRoles] = MappingProxyType({"body": finishes.OAK, "top": "body", "legs": "body"})
     top: Thickness = 0.03
     legs: Count = 4
-    """One is a column with a foot; none leaves the top alone."""
+    """Number of legs: 0, 1 (a column with a foot), otherwise four."""
     leg: Thickness = 0.06
-    """How thick [m]."""
+    """Thickness of a leg [m]."""
     inset: Length = 0.03
-    """From the edge of the top to the legs [m]."""
+    """Distance of the legs from the edge of the top [m]."""
     apron: Length = 0.07
     round: bool = False
 
@@ -283,7 +284,7 @@ class TableShape(ShapeTemplate, frozen=True, kw_only=True):
         )
         legs = self.legs
         if legs and size[2] < 4 * self.top:
-            builder.add_note("too low for legs: the top alone")
+            builder.add_note("too low for legs: only the top")
             legs = 0
         under = float(high[2]) - self.top if legs else float(low[2])
         if self.round:
@@ -328,21 +329,21 @@ class TableShape(ShapeTemplate, frozen=True, kw_only=True):
 def _add_posts(
     builder: GeometryBuilder, role: str, start: Array, end: Array, thickness: float, heights: tuple[float, float]
 ) -> None:
-    """Four legs in the corners of a rectangle."""
+    """Adds four legs at the corners of a rectangle."""
     for x in (float(start[0]), float(end[0]) - thickness):
         for y in (float(start[1]), float(end[1]) - thickness):
             builder.add_box(role, [x, y, heights[0]], [x + thickness, y + thickness, heights[1]], rounding=0.005)
 
 
 class Shelf(ShapeTemplate, frozen=True, kw_only=True):
-    """A board on a wall, on brackets where it has the height for them, or a whole set of shelves where it is tall."""
+    """A board on a wall, on brackets if it is high enough; a shelving unit if it is tall."""
 
     roles: ClassVar[MaterialRoles] = MappingProxyType(
         {"body": finishes.OAK, "metal": finishes.IRON, "top": "body", "inside": "body", "shelf": "body"}
     )
     board: Thickness = 0.03
     apart: Thickness = 0.34
-    """From one shelf to the next [m], where it is tall."""
+    """Distance between the shelves of a tall unit [m]."""
 
     def _build(self, builder: GeometryBuilder) -> None:
         low, high, size = builder.low, builder.high, builder.size
@@ -366,11 +367,11 @@ class Shelf(ShapeTemplate, frozen=True, kw_only=True):
 
 
 class Chair(ShapeTemplate, frozen=True, kw_only=True):
-    """A chair, or a stool where it has no back; who sits on it looks to the front."""
+    """A chair, or a stool without a backrest; it faces the front."""
 
     roles: ClassVar[MaterialRoles] = MappingProxyType({"body": finishes.OAK, "seat": "body", "legs": "body"})
     seat: Length = 0.45
-    """How high one sits [m]; at most 0.6 of a chair that has a back."""
+    """Height of the seat [m]; at most 0.6 of the height of a chair with a backrest."""
     back: bool = True
     arms: bool = False
     leg: Thickness = 0.036
@@ -435,7 +436,7 @@ class Bed(ShapeTemplate, frozen=True, kw_only=True):
     )
     mattress: Thickness = 0.18
     people: Count = 1
-    """How many pillows."""
+    """Number of pillows."""
 
     def _build(self, builder: GeometryBuilder) -> None:
         low, high, size = builder.low, builder.high, builder.size
@@ -479,7 +480,7 @@ class Bed(ShapeTemplate, frozen=True, kw_only=True):
 
 
 class Sofa(ShapeTemplate, frozen=True, kw_only=True):
-    """A sofa or an armchair; who sits on it looks to the front."""
+    """A sofa or an armchair; it faces the front."""
 
     roles: ClassVar[MaterialRoles] = MappingProxyType(
         {"body": finishes.LINEN, "cushions": "body", "legs": finishes.OAK}

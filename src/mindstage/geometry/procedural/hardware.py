@@ -1,4 +1,4 @@
-"""Fittings: what hands pull, turn and press, and what is let into worktops."""
+"""Hardware: handles, knobs, levers, taps and hobs."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class Handle(ShapeTemplate, frozen=True, kw_only=True):
     roles: ClassVar[MaterialRoles] = MappingProxyType({"body": finishes.STEEL, "standoff": "body"})
     standoffs: Count = 2
     bar: Thickness = 0.014
-    """How thick the bar is from front to back [m], at most half of the depth."""
+    """Thickness of the bar from front to back [m], at most half of the depth."""
 
     def _build(self, builder: GeometryBuilder) -> None:
         low, high, size = builder.low, builder.high, builder.size
@@ -49,11 +49,11 @@ class Handle(ShapeTemplate, frozen=True, kw_only=True):
 
 
 class Knob(ShapeTemplate, frozen=True, kw_only=True):
-    """A knob that is turned or pulled; its back is at the door."""
+    """A knob for turning or pulling; its back is at the door."""
 
     roles: ClassVar[MaterialRoles] = MappingProxyType({"body": finishes.IRON, "mark": finishes.CREAM})
     mark: bool = True
-    """Whether a line shows how far it is turned."""
+    """Whether a line marks its position."""
 
     def _build(self, builder: GeometryBuilder) -> None:
         low, high, size = builder.low, builder.high, builder.size
@@ -75,12 +75,12 @@ class Knob(ShapeTemplate, frozen=True, kw_only=True):
 
 
 class DoorLever(ShapeTemplate, frozen=True, kw_only=True):
-    """A lever on a rosette, as on doors; its back is at the door."""
+    """A door lever on a rosette; its back is at the door."""
 
     name = "lever"
     roles: ClassVar[MaterialRoles] = MappingProxyType({"body": finishes.STEEL})
     towards: BodySide = BodySide.LEFT
-    """Where the lever points to from its rosette, in the frame of the shape: +y or -y, +z or -z."""
+    """Direction of the lever from its rosette, in the template frame: +y, -y, +z or -z."""
 
     def _build(self, builder: GeometryBuilder) -> None:
         low, high, size = builder.low, builder.high, builder.size
@@ -112,7 +112,7 @@ class DoorLever(ShapeTemplate, frozen=True, kw_only=True):
 
 
 class Tap(ShapeTemplate, frozen=True, kw_only=True):
-    """A tap: it stands and bows to the front, or comes out of the wall at its back where it is low."""
+    """A tap: upright with an arch to the front, or mounted on the wall at its back if it is low."""
 
     roles: ClassVar[MaterialRoles] = MappingProxyType({"body": finishes.CHROME, "lever": "body"})
     lever: bool = True
@@ -193,7 +193,7 @@ class Tap(ShapeTemplate, frozen=True, kw_only=True):
 
 
 class Hob(ShapeTemplate, frozen=True, kw_only=True):
-    """A hob: a plate of glass or steel with places to cook on, its controls at the front."""
+    """A hob: a plate with cooking zones, and controls at the front."""
 
     roles: ClassVar[MaterialRoles] = MappingProxyType(
         {"body": finishes.BLACK_GLASS, "plates": finishes.IRON, "controls": finishes.STEEL}

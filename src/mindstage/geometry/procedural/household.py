@@ -1,4 +1,4 @@
-"""Things: books, cloth, plants, and those who live here."""
+"""Household: books, textiles, plants and people."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ __all__ = ["Book", "Cushion", "PaperRoll", "Person", "Plant", "Towel"]
 
 
 class Book(ShapeTemplate, frozen=True, kw_only=True):
-    """A book, closed: its spine is to the front, or to the left where it is thin from front to back."""
+    """A closed book: its spine is at the front, or at the left if its thin axis is from front to back."""
 
     roles: ClassVar[MaterialRoles] = MappingProxyType({"body": finishes.RED, "pages": finishes.PAPER})
     cover: Thickness = 0.003
@@ -52,11 +52,11 @@ class Book(ShapeTemplate, frozen=True, kw_only=True):
 
 
 class Cushion(ShapeTemplate, frozen=True, kw_only=True):
-    """Something soft without corners: a cushion, a sponge, a loaf, a bar of soap."""
+    """A soft rounded box: a cushion, a sponge, a loaf, a bar of soap."""
 
     roles: ClassVar[MaterialRoles] = MappingProxyType({"body": finishes.LINEN})
     roundness: Fraction = 0.7
-    """From a box (0) to a pebble (1)."""
+    """From a box (0) to an ellipsoid-like pebble (1)."""
 
     def _build(self, builder: GeometryBuilder) -> None:
         radius = 0.5 * builder.min_extent * max(self.roundness, 0.02)
@@ -64,7 +64,7 @@ class Cushion(ShapeTemplate, frozen=True, kw_only=True):
 
 
 class Towel(ShapeTemplate, frozen=True, kw_only=True):
-    """Folded cloth: a stack of soft layers."""
+    """A folded cloth: a stack of soft layers."""
 
     roles: ClassVar[MaterialRoles] = MappingProxyType({"body": finishes.LINEN, "stripe": finishes.PICTURE})
     layers: Count = 3
@@ -91,12 +91,12 @@ class Towel(ShapeTemplate, frozen=True, kw_only=True):
 
 
 class PaperRoll(ShapeTemplate, frozen=True, kw_only=True):
-    """A roll of paper, upright, hollow in the middle."""
+    """An upright roll of paper with a hollow core."""
 
     name = "roll"
     roles: ClassVar[MaterialRoles] = MappingProxyType({"body": finishes.PAPER, "core": finishes.WICKER})
     core: PositiveFraction = 0.3
-    """How wide the core is, as a share."""
+    """Width of the core, as a fraction of the width."""
 
     def _build(self, builder: GeometryBuilder) -> None:
         low, high = builder.low, builder.high
@@ -111,13 +111,13 @@ class PaperRoll(ShapeTemplate, frozen=True, kw_only=True):
 
 
 class Plant(ShapeTemplate, frozen=True, kw_only=True):
-    """A plant in a pot, or in none."""
+    """A plant, in a pot or without one."""
 
     roles: ClassVar[MaterialRoles] = MappingProxyType(
         {"body": finishes.TERRACOTTA, "leaves": finishes.LEAF, "soil": finishes.SOIL, "flowers": finishes.RED}
     )
     pot: Fraction = 0.4
-    """How much of the height it takes."""
+    """Height of the pot, as a fraction of the height."""
     flowers: bool = False
 
     def _build(self, builder: GeometryBuilder) -> None:
@@ -134,7 +134,7 @@ class Plant(ShapeTemplate, frozen=True, kw_only=True):
         self._add_leaves(builder, rim - 0.06 * float(size[2]))
 
     def _add_leaves(self, builder: GeometryBuilder, root: float) -> None:
-        """Three whorls of leaves: the lower, the farther out; each bows over its own tip."""
+        """Adds three whorls of curved leaves; lower ones reach farther out."""
         high = builder.high
         tall = float(high[2]) - root
         for whorl, (count, out, up) in enumerate(((8, 1.0, 0.55), (7, 0.75, 0.85), (5, 0.4, 1.0))):
@@ -160,7 +160,7 @@ class Plant(ShapeTemplate, frozen=True, kw_only=True):
 
 
 class Person(ShapeTemplate, frozen=True, kw_only=True):
-    """Somebody who stands: legs, a trunk, arms and a head; who it is looks to the front."""
+    """A standing person: legs, a trunk, arms and a head; it faces the front."""
 
     name = "figure"
     roles: ClassVar[MaterialRoles] = MappingProxyType(

@@ -1,4 +1,4 @@
-"""Lights: lamps of all kinds, each with the place where it gives light."""
+"""Lamps: lamps of all styles, each with the position of its light source."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ __all__ = ["Lamp"]
 
 _BALL_PROFILE = tuple((float(np.cos(a)), (float(np.sin(a)) + 1) / 2) for a in np.linspace(-np.pi / 2, np.pi / 2, 11))
 _SHADE_PROFILE = ((1.0, 0.0), (0.55, 1.0), (0.5, 1.0), (0.95, 0.0))
-"""A loop that does not touch the axis: what a shade is cut through."""
+"""The cross-section of a shade: a loop that does not touch the axis."""
 
 
 class Lamp(ShapeTemplate, frozen=True, kw_only=True):
-    """A lamp, by how it is put up."""
+    """A lamp, by its mounting."""
 
     roles: ClassVar[MaterialRoles] = MappingProxyType(
         {"body": finishes.STEEL, "shade": finishes.LINEN, "bulb": finishes.GLOWING}
@@ -41,7 +41,7 @@ class Lamp(ShapeTemplate, frozen=True, kw_only=True):
                 self._build_tube(builder)
 
     def _build_ceiling(self, builder: GeometryBuilder) -> None:
-        """A base at the ceiling with a glowing cover below: round where it is as deep as wide, else long."""
+        """Adds a base at the ceiling with a luminous cover: round if depth and width are similar, otherwise a box."""
         low, high, size = builder.low, builder.high, builder.size
         seam = float(high[2] - 0.35 * size[2])
         builder.light = np.array([0.0, 0.0, low[2] + 0.1 * size[2]])
@@ -123,7 +123,7 @@ class Lamp(ShapeTemplate, frozen=True, kw_only=True):
         builder.add_collision_cylinder(low, [*high[:2], wax])
 
     def _build_tube(self, builder: GeometryBuilder) -> None:
-        """A tube between two caps, or a torch with its glass at the front end, along the longest extent."""
+        """Adds a tube between two caps, or a torch with its glass at one end, along the longest extent."""
         low, high, size = builder.low, builder.high, builder.size
         axis = int(np.argmax(size))
         along = BodySide.from_axis(axis, 1)
@@ -148,7 +148,7 @@ class Lamp(ShapeTemplate, frozen=True, kw_only=True):
 
 
 def _add_collision_cone(builder: GeometryBuilder, bottom: float, top: float) -> None:
-    """The hull of a shade."""
+    """Adds the hull of a shade as a collision part."""
     angle = np.arange(12) * (np.pi / 6)
     ring = np.stack([np.cos(angle), np.sin(angle)], axis=1).round(15) * builder.size[:2] / 2
     builder.add_collision_hull(

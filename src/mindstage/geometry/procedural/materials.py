@@ -1,4 +1,4 @@
-"""Finishes: the surfaces that parts of shapes have unless somebody knows better."""
+"""Default materials of the roles of shapes."""
 
 from __future__ import annotations
 

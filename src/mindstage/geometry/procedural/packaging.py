@@ -1,4 +1,4 @@
-"""Packages: what food and other goods are kept and sold in."""
+"""Packaging: bottles, jars, cans, cartons and bags."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ from mindstage.geometry.procedural.builder import (
 __all__ = ["Bag", "Bottle", "Can", "Carton", "Jar"]
 
 _LABEL_INSET = 0.985
-"""How wide a bottle is under its label, as a share."""
+"""Width of a bottle under its label, as a fraction of the width."""
 
 
 class Bottle(ShapeTemplate, frozen=True, kw_only=True):
-    """A bottle: a body, shoulders, a neck and a cap; what is in it shows where it is clear."""
+    """A bottle: a body, shoulders, a neck and a cap; its contents are visible if it is transparent."""
 
     roles: ClassVar[MaterialRoles] = MappingProxyType(
         {"body": finishes.CLEAR_GLASS, "contents": finishes.CLEAR_GLASS, "label": finishes.LABEL, "cap": finishes.IRON}
     )
     shoulder: PositiveFraction = 0.6
-    """Where the body ends, as a share of the height."""
+    """Height of the shoulder, as a fraction of the height."""
     neck: PositiveFraction = 0.36
-    """How wide the neck is, as a share of the body."""
+    """Width of the neck, as a fraction of the width."""
     label: bool = True
     cap: bool = True
 
@@ -86,13 +86,13 @@ class Bottle(ShapeTemplate, frozen=True, kw_only=True):
 
 
 class Jar(ShapeTemplate, frozen=True, kw_only=True):
-    """A jar of glass with a lid; what is in it shows."""
+    """A glass jar with a lid and visible contents."""
 
     roles: ClassVar[MaterialRoles] = MappingProxyType(
         {"body": finishes.CLEAR_GLASS, "contents": finishes.FOOD, "lid": finishes.STEEL, "label": finishes.LABEL}
     )
     lid: PositiveFraction = 0.14
-    """How high, as a share of the height."""
+    """Height of the lid, as a fraction of the height."""
     label: bool = True
     filled: Fraction = 0.85
 
@@ -121,7 +121,7 @@ class Jar(ShapeTemplate, frozen=True, kw_only=True):
 
 
 class Can(ShapeTemplate, frozen=True, kw_only=True):
-    """A can with a paper label, or a tin."""
+    """A can, with or without a paper label."""
 
     roles: ClassVar[MaterialRoles] = MappingProxyType({"body": finishes.STEEL, "label": finishes.RED})
     label: bool = True
@@ -159,7 +159,7 @@ class Can(ShapeTemplate, frozen=True, kw_only=True):
 
 
 class Carton(ShapeTemplate, frozen=True, kw_only=True):
-    """A box of cardboard with a printed front; with a gable and a cap, as milk comes in."""
+    """A cardboard box with a printed front; with a gable and a cap for milk."""
 
     roles: ClassVar[MaterialRoles] = MappingProxyType(
         {"body": finishes.PAPER, "label": finishes.PICTURE, "cap": finishes.RED}
@@ -200,7 +200,7 @@ class Carton(ShapeTemplate, frozen=True, kw_only=True):
 
 
 class Bag(ShapeTemplate, frozen=True, kw_only=True):
-    """A bag of paper or plastic: full below, folded or pinched at the top."""
+    """A bag of paper or plastic, folded at the top."""
 
     roles: ClassVar[MaterialRoles] = MappingProxyType({"body": finishes.PAPER, "label": finishes.PICTURE})
     label: bool = True

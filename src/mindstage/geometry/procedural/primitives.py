@@ -1,4 +1,4 @@
-"""Plain shapes: what has no parts."""
+"""Primitives: boxes, panels, spheres, cylinders and table legs."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ __all__ = ["BoxShape", "Cylinder", "Panel", "Sphere", "TableLeg"]
 
 
 class BoxShape(ShapeTemplate, frozen=True, kw_only=True):
-    """A box with bevelled edges."""
+    """A box with beveled edges."""
 
     name = "box"
     rounding: Length = 0.006
-    """How much of its edges is taken off [m]."""
+    """Bevel of the edges [m]."""
 
     def _build(self, builder: GeometryBuilder) -> None:
         builder.add_box("body", builder.low, builder.high, rounding=self.rounding)
@@ -27,11 +27,11 @@ class BoxShape(ShapeTemplate, frozen=True, kw_only=True):
 
 
 class Panel(ShapeTemplate, frozen=True, kw_only=True):
-    """A board, upright or lying, with a groove round its middle where it has a frame."""
+    """A board in any orientation, optionally with a raised frame."""
 
     roles: ClassVar[MaterialRoles] = MappingProxyType({"body": finishes.LACQUER, "frame": "body"})
     frame: Length = 0.0
-    """How wide [m]; 0 is a plain board."""
+    """Width of the frame [m]; 0 is a plain board."""
     rounding: Length = 0.003
 
     def _build(self, builder: GeometryBuilder) -> None:
@@ -51,7 +51,7 @@ class Panel(ShapeTemplate, frozen=True, kw_only=True):
         for axis, other in (across, across[::-1]):
             for sign in (-1, 1):
                 low, high = builder.low.copy(), builder.high.copy()
-                if axis == across[0]:  # these stand between the other two
+                if axis == across[0]:  # these are between the other two
                     low[other], high[other] = low[other] + frame, high[other] - frame
                 low[axis] = builder.high[axis] - frame if sign > 0 else low[axis]
                 high[axis] = builder.low[axis] + frame if sign < 0 else high[axis]
@@ -59,7 +59,7 @@ class Panel(ShapeTemplate, frozen=True, kw_only=True):
 
 
 class Sphere(ShapeTemplate, frozen=True, kw_only=True):
-    """A ball, or an ellipsoid; a fruit where it has a stem."""
+    """A sphere or an ellipsoid; with a stem, a fruit."""
 
     name = "ball"
     roles: ClassVar[MaterialRoles] = MappingProxyType({"body": finishes.FOOD, "stem": finishes.SOIL})
@@ -83,10 +83,10 @@ class Sphere(ShapeTemplate, frozen=True, kw_only=True):
 
 
 class Cylinder(ShapeTemplate, frozen=True, kw_only=True):
-    """A cylinder along one axis of the drawing, upright unless told otherwise."""
+    """A cylinder along an axis of the template frame, by default upright."""
 
     along: BodySide = BodySide.TOP
-    """In the frame of the shape: +z is where its top is, +x its front."""
+    """Direction of the axis in the template frame: +z is the top, +x the front."""
 
     def _build(self, builder: GeometryBuilder) -> None:
         builder.add_cylinder("body", builder.low, builder.high, along=self.along)
@@ -96,12 +96,12 @@ class Cylinder(ShapeTemplate, frozen=True, kw_only=True):
 
 
 class TableLeg(ShapeTemplate, frozen=True, kw_only=True):
-    """A leg of a table: a post that tapers towards the ground."""
+    """A table leg: a post that tapers towards the ground."""
 
     name = "leg"
     roles: ClassVar[MaterialRoles] = MappingProxyType({"body": finishes.OAK})
     taper: Annotated[float, msgspec.Meta(ge=0.0, le=0.9)] = 0.3
-    """How much thinner it is at the ground, as a share."""
+    """Reduction of the width at the ground, as a fraction."""
     round: bool = False
 
     def _build(self, builder: GeometryBuilder) -> None:

@@ -1,7 +1,4 @@
-"""Vessels: round things that hold food and drink, hollow for hands and physics alike.
-
-Utensils: what one eats, stirs and cuts with; each lies with its working end to the front.
-"""
+"""Tableware: plates, bowls, cups, pots and cutlery; vessels are hollow for physics too."""
 
 from __future__ import annotations
 
@@ -31,7 +28,7 @@ _SEGMENTS = 16
 
 
 class Cutlery(ShapeTemplate, frozen=True, kw_only=True):
-    """A fork, a knife, a spoon, or another tool with a handle."""
+    """A fork, a knife, a spoon, or another utensil; its working end is at the front."""
 
     roles: ClassVar[MaterialRoles] = MappingProxyType({"body": finishes.STEEL, "handle": "body"})
     tool: Literal["fork", "knife", "spoon", "ladle", "spatula", "whisk", "brush", "opener"] = "spoon"
@@ -55,7 +52,7 @@ class Cutlery(ShapeTemplate, frozen=True, kw_only=True):
                 self._build_opener(builder)
 
     def _add_handle(self, builder: GeometryBuilder, until: float, *, wide: float = 0.55, flat: float = 0.3) -> None:
-        """From the back to a share of the length, narrower towards the working end, in a gentle bow."""
+        """Adds a handle from the back to a fraction of the length, narrower towards the working end."""
         stations = (
             (0.0, 0.75 * wide, 0.55),
             (0.04, wide, 0.5),
@@ -184,7 +181,7 @@ class Cutlery(ShapeTemplate, frozen=True, kw_only=True):
         )
 
     def _build_opener(self, builder: GeometryBuilder) -> None:
-        """Two grips side by side, a head with a wing to turn."""
+        """Adds two parallel grips, and a head with a wing."""
         low, high, size = builder.low, builder.high, builder.size
         thick = 0.3 * float(size[2])
         z = float(low[2]) + thick
@@ -216,7 +213,7 @@ class Cutlery(ShapeTemplate, frozen=True, kw_only=True):
 
 
 def _ring(builder: GeometryBuilder, share: float, wide: float, tall: float, height: float) -> Array:
-    """An ellipse across the length: extents as shares of the size, its middle at a share of the height."""
+    """Returns an ellipse across the length; all arguments are fractions of the size."""
     angle = np.arange(_SEGMENTS) * (2 * np.pi / _SEGMENTS)
     y = np.cos(angle) * wide * builder.size[1] / 2
     tall = min(tall, 2 * height, 2 * (1 - height))
@@ -225,7 +222,7 @@ def _ring(builder: GeometryBuilder, share: float, wide: float, tall: float, heig
 
 
 def _bowl_ring(builder: GeometryBuilder, share: float, wide: float, deep: float) -> Array:
-    """A crescent across the length: the lower half of an ellipse, and a hollow in it."""
+    """Returns a crescent across the length: the lower half of an ellipse with a hollow."""
     low, size = builder.low, builder.size
     lower = np.linspace(np.pi, 2 * np.pi, _SEGMENTS // 2 + 1)
     upper = lower[::-1][1:-1]
@@ -239,11 +236,11 @@ def _bowl_ring(builder: GeometryBuilder, share: float, wide: float, deep: float)
 
 _MIN_ROOM_M = 0.002
 _MIN_HANDLE_FRACTION = 0.05
-"""A handle that stands out less is none."""
+"""Smaller handles are omitted."""
 
 
 class _RoundVessel:
-    """The round body of a vessel while it is made: where it stands, and how thick its wall is."""
+    """The round body of a vessel: its bounds, wall and floor thickness."""
 
     def __init__(self, low: Array, high: Array, wall: float, floor: float, level: float | None = None) -> None:
         self.low, self.high = low, high
@@ -253,20 +250,20 @@ class _RoundVessel:
         self.floor = min(floor, 0.3 * float(extents[2]))
         rise = None if level is None else float(np.clip(level, low[2], high[2]) - low[2])
         self.filled_to = None
-        """Where something stands that stands too high for its floor."""
+        """Height of contents that stand too high for the floor [m]: the vessel is solid up to there."""
         if rise is not None and rise >= 1e-4:
             if rise < 0.4 * float(extents[2]):
                 self.floor = rise
             else:
                 self.filled_to = float(low[2]) + rise
         self.inner_fraction = 1.0 - self.wall / self.radius
-        """The inside's radius as a share of the outside's."""
+        """Inner radius as a fraction of the outer radius."""
         self.floor_fraction = self.floor / float(extents[2])
         if min(self.radius, float(extents[2]) - self.floor) < _MIN_ROOM_M:
             raise TemplateDoesNotFit("too small for its walls")
 
     def profile(self, outer: Profile) -> list[tuple[float, float]]:
-        """The outside as given from the foot to the rim, and the inside that goes with it."""
+        """Returns the closed profile for an outer profile from the foot to the rim."""
         less = 1.0 - self.inner_fraction
         inner = [
             (max(r - less, 0.02), max(z, self.floor_fraction)) for r, z in reversed(outer) if z > self.floor_fraction
@@ -277,7 +274,7 @@ class _RoundVessel:
     def add_collision_shapes(
         self, builder: GeometryBuilder, foot: float, *, pieces: int = 8, with_surface: bool = True
     ) -> None:
-        """The floor and the ring round it; the foot's radius is a share of the rim's."""
+        """Adds the floor and the wall; `foot` is the radius of the foot as a fraction of the rim."""
         less = 1.0 - self.inner_fraction
         middle, half = ((self.low + self.high) / 2)[:2], ((self.high - self.low) / 2)[:2]
         level = float(self.low[2]) + self.floor
@@ -299,7 +296,7 @@ class _RoundVessel:
             builder.add_support_surface(middle - reach, middle + reach, level, clearance=height, is_inside=True)
 
     def _add_filled(self, builder: GeometryBuilder, foot: float) -> None:
-        """No hollow: up to where something stands on it."""
+        """Adds a solid vessel up to the height of its contents."""
         level = self.filled_to or float(self.high[2])
         middle, half = ((self.low + self.high) / 2)[:2], ((self.high - self.low) / 2)[:2]
         share = foot + (1.0 - foot) * (level - float(self.low[2])) / float(self.high[2] - self.low[2])
@@ -315,14 +312,14 @@ class _RoundVessel:
 
 
 class DinnerPlate(ShapeTemplate, frozen=True, kw_only=True):
-    """A plate."""
+    """A plate with a rim."""
 
     name = "plate"
     roles: ClassVar[MaterialRoles] = MappingProxyType({"body": finishes.CERAMIC})
     rim: Fraction = 0.3
-    """How much of its radius the rim is."""
+    """Width of the rim, as a fraction of the radius."""
     level: float | None = None
-    """Where things stand on it, upwards from the middle [m]; else on its ground."""
+    """Height at which contents stand, from the center [m]; None for the well."""
 
     def _build(self, builder: GeometryBuilder) -> None:
         low, high, size = builder.low, builder.high, builder.size
@@ -355,14 +352,14 @@ class DinnerPlate(ShapeTemplate, frozen=True, kw_only=True):
 
 
 class Bowl(ShapeTemplate, frozen=True, kw_only=True):
-    """A bowl, a dish, a colander, a basin: wider at the rim than at the foot."""
+    """A bowl, dish, colander or basin: wider at the rim than at the foot."""
 
     roles: ClassVar[MaterialRoles] = MappingProxyType({"body": finishes.CERAMIC})
     wall: Thickness = 0.005
     foot: PositiveFraction = 0.5
-    """The radius of the foot as a share of the rim's."""
+    """Radius of the foot, as a fraction of the rim."""
     level: float | None = None
-    """Where things stand in it, upwards from the middle [m]; else on its floor."""
+    """Height at which contents stand, from the center [m]; None for the floor."""
 
     def _build(self, builder: GeometryBuilder) -> None:
         body = _RoundVessel(builder.low, builder.high, self.wall, 1.6 * self.wall, self.level)
@@ -377,14 +374,14 @@ class Bowl(ShapeTemplate, frozen=True, kw_only=True):
 
 
 class Mug(ShapeTemplate, frozen=True, kw_only=True):
-    """A mug or a cup: its handle points to the side where it has room, else to a corner."""
+    """A mug or a cup; its handle points along the longer extent, otherwise to a corner."""
 
     roles: ClassVar[MaterialRoles] = MappingProxyType({"body": finishes.CERAMIC, "handle": "body"})
     wall: Thickness = 0.004
     foot: PositiveFraction = 0.94
-    """The radius of the foot as a share of the rim's."""
+    """Radius of the foot, as a fraction of the rim."""
     handle: Fraction = 0.42
-    """How far its handle stands out, as a share of its width; 0 is a beaker."""
+    """Depth of the handle, as a fraction of the diameter; 0 is a beaker."""
 
     def _build(self, builder: GeometryBuilder) -> None:
         low, high, size = builder.low, builder.high, builder.size
@@ -408,7 +405,7 @@ class Mug(ShapeTemplate, frozen=True, kw_only=True):
             self._add_handle(builder, start, end, turn)
 
     def _add_handle(self, builder: GeometryBuilder, start: Array, end: Array, turn: float) -> None:
-        """A loop from below the rim to above the foot, in the plane of the axis."""
+        """Adds a loop from below the rim to above the foot, in a vertical plane."""
         middle, tall = (start + end) / 2, float(end[2] - start[2])
         way = np.array([np.cos(turn), -np.sin(turn), 0.0])
         inner = float(min(end[0] - start[0], end[1] - start[1])) / 2
@@ -435,9 +432,9 @@ class Mug(ShapeTemplate, frozen=True, kw_only=True):
 
 
 def _handle_split(depth: float, width: float, share: float) -> tuple[tuple[float, float], float]:
-    """The extents of a round body with a handle of a share of its width in a rectangle, and where the handle points.
+    """Returns the extents of a round body with a handle in a rectangle, and the direction of the handle [rad].
 
-    A square leaves no room beside a body that is as wide as it, but in its corner: the body moves to the opposite one.
+    In a square, the handle points to a corner, and the body is at the opposite corner.
     """
     if share < _MIN_HANDLE_FRACTION:
         return (depth, width), 0.0
@@ -448,7 +445,7 @@ def _handle_split(depth: float, width: float, share: float) -> tuple[tuple[float
         ), 0.0
     if width >= depth * (1 + 0.8 * share):
         return (depth, min(depth, width / (1 + share))), np.pi / 2
-    # Body and handle's tip touch the sides: (depth - d/2)^2 + (width - d/2)^2 = ((1/2 + share) d)^2 for the diameter d.
+    # Body and handle touch the sides: (depth - d/2)^2 + (width - d/2)^2 = ((1/2 + share) d)^2 for the diameter d.
     a = 0.5 - (0.5 + share) ** 2
     b = -(depth + width)
     c = depth**2 + width**2
@@ -459,7 +456,7 @@ def _handle_split(depth: float, width: float, share: float) -> tuple[tuple[float
 
 
 class DrinkingGlass(ShapeTemplate, frozen=True, kw_only=True):
-    """A drinking glass; on a stem, it is a wine glass."""
+    """A drinking glass; with a stem, a wine glass."""
 
     name = "glass"
     roles: ClassVar[MaterialRoles] = MappingProxyType({"body": finishes.CLEAR_GLASS})
@@ -490,13 +487,13 @@ class DrinkingGlass(ShapeTemplate, frozen=True, kw_only=True):
 
 
 class Pot(ShapeTemplate, frozen=True, kw_only=True):
-    """A pot with two lugs, along its longer side or at opposite corners."""
+    """A pot with two lugs, along its longer extent or at opposite corners."""
 
     roles: ClassVar[MaterialRoles] = MappingProxyType({"body": finishes.STEEL, "handle": finishes.IRON})
     wall: Thickness = 0.003
     lugs: bool = True
     level: float | None = None
-    """Where things stand in it, upwards from the middle [m]; else on its floor."""
+    """Height at which contents stand, from the center [m]; None for the floor."""
 
     def _build(self, builder: GeometryBuilder) -> None:
         low, high, size = builder.low, builder.high, builder.size
@@ -549,13 +546,13 @@ class Pot(ShapeTemplate, frozen=True, kw_only=True):
 
 
 class Pan(ShapeTemplate, frozen=True, kw_only=True):
-    """A pan or saucepan: its handle lies along the longer side, or it has none."""
+    """A pan or saucepan, with a handle along its longer extent if there is room."""
 
     roles: ClassVar[MaterialRoles] = MappingProxyType({"body": finishes.IRON, "handle": finishes.DARK_PLASTIC})
     wall: Thickness = 0.003
     foot: PositiveFraction = 0.82
     level: float | None = None
-    """Where things stand in it, upwards from the middle [m]; else on its floor."""
+    """Height at which contents stand, from the center [m]; None for the floor."""
 
     def _build(self, builder: GeometryBuilder) -> None:
         low, high, size = builder.low, builder.high, builder.size
@@ -564,8 +561,7 @@ class Pan(ShapeTemplate, frozen=True, kw_only=True):
         start, end = low.copy(), high.copy()
         handle = long > 1.25 * wide
         if handle:
-            start[axis] = low[axis] + long - wide  # the handle points away from the front, as one holds it
-            start[axis], end[axis] = high[axis] - wide, high[axis]
+            start[axis], end[axis] = high[axis] - wide, high[axis]  # the handle points to the back
         else:
             builder.add_note("no room for its handle")
         body = _RoundVessel(start, end, self.wall, 1.5 * self.wall, self.level)

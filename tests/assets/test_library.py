@@ -1,0 +1,400 @@
+"""Geometry from mesh files of others: found, scaled to the body's size, and safe to import."""
+
+import json
+import os
+import struct
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import trimesh
+from PIL import Image
+
+from mindstage.assets import MeshLibrary
+from mindstage.assets.mesh_import import import_meshes
+from mindstage.engines.collision_shapes import compile_geometry
+from mindstage.scene import Body, BodyGeometry, BodyId, CollisionShapeType, GeometrySource, Iri, Pose, Vector
+
+MUG = (0.08, 0.1, 0.12)
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    made = tmp_path / "assets"
+    made.mkdir()
+    return made
+
+
+@pytest.fixture
+def cache(tmp_path: Path) -> Path:
+    made = tmp_path / "cache"
+    made.mkdir()
+    return made
+
+
+def body(mesh: str | None = None, size: Vector | None = MUG, cls: str = "Mug") -> Body:
+    iri = Iri("http://example.org/kitchen#Thing")
+    return Body(
+        id=BodyId("Thing"), iri=iri, cls=Iri(f"http://example.org/home#{cls}"), pose=Pose(), mesh=mesh, size=size
+    )
+
+
+def block(extents: Vector = MUG, at: Vector = (0.0, 0.0, 0.0)) -> trimesh.Trimesh:
+    made = trimesh.creation.box(extents)
+    made.apply_translation(at)
+    return made
+
+
+def geometry_for(folder: Path, cache: Path, of: Body, **more: object) -> tuple[BodyGeometry | None, str]:
+    found = MeshLibrary([folder], cache=cache, **more).geometry_for([of])  # type: ignore[arg-type]
+    return found.geometry.get(of.id), " | ".join(found.notes)
+
+
+def extents(geometry: BodyGeometry) -> np.ndarray:
+    points = np.concatenate([visual.points for visual in geometry.visuals])
+    return np.ptp(points, axis=0)
+
+
+def center(geometry: BodyGeometry) -> np.ndarray:
+    points = np.concatenate([visual.points for visual in geometry.visuals])
+    return (points.min(axis=0) + points.max(axis=0)) / 2
+
+
+# -- finding files -----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("file", "mesh_name", "by"),
+    [
+        ("things/cups/mug.stl", "package://home_meshes/things/cups/mug.stl", "path"),
+        ("Things/Cups/MUG.STL", "package://home_meshes/things/cups/mug.stl", "path"),
+        ("elsewhere/mug.stl", "package://home_meshes/things/cups/mug.dae", "name"),
+        ("SM_BlueMug.stl", "BlueMug", "name"),
+        ("bluemug.stl", "/Game/Kitchen/SM_BlueMug.SM_BlueMug".rpartition(".")[0], "name"),
+        ("deep/below/sm_mug.stl", None, "class"),
+        ("mug.stl", "NoSuchThing", "class"),
+    ],
+)
+def test_a_mesh_is_found_by_its_path_then_its_name_then_its_class(
+    folder: Path, cache: Path, file: str, mesh_name: str | None, by: str
+) -> None:
+    path = folder / file
+    path.parent.mkdir(parents=True, exist_ok=True)
+    block().export(path, file_type="stl")
+    geometry, notes = geometry_for(folder, cache, body(mesh_name))
+    assert geometry is not None
+    assert geometry.source is GeometrySource.MESH
+    assert geometry.reason == f"the mesh {path.name}, found by its {by}"
+    assert not notes
+
+
+def test_a_file_resolved_by_the_map_takes_precedence(folder: Path, cache: Path, tmp_path: Path) -> None:
+    block().export(folder / "mug.stl")
+    neighbor = tmp_path / "beside.stl"
+    block().export(neighbor)
+    geometry, _ = geometry_for(
+        folder, cache, body("beside.stl"), find_file=lambda name: neighbor if name == "beside.stl" else None
+    )
+    assert geometry is not None
+    assert "beside.stl" in geometry.reason
+
+
+def test_the_format_with_the_best_materials_takes_precedence(folder: Path, cache: Path) -> None:
+    for suffix in (".stl", ".obj", ".glb"):
+        block().export(folder / f"mug{suffix}")
+    geometry, _ = geometry_for(folder, cache, body())
+    assert geometry is not None
+    assert "mug.glb" in geometry.reason
+
+
+def test_a_body_without_a_file_has_no_geometry(folder: Path, cache: Path) -> None:
+    assert geometry_for(folder, cache, body("Cup", cls="Cup")) == (None, "")
+
+
+# -- size and position ------------------------------------------------------------------------------------------------
+
+
+def test_a_mesh_that_fits_is_not_changed(folder: Path, cache: Path) -> None:
+    block().export(folder / "mug.stl")
+    geometry, notes = geometry_for(folder, cache, body())
+    assert geometry is not None
+    assert extents(geometry) == pytest.approx(MUG, abs=1e-7)
+    assert not notes
+
+
+def test_a_mesh_is_scaled_and_centered_to_the_size_and_this_is_reported(folder: Path, cache: Path) -> None:
+    block((8.0, 10.0, 12.0), at=(30.0, 0.0, 6.0)).export(folder / "mug.stl")
+    geometry, notes = geometry_for(folder, cache, body())
+    assert geometry is not None
+    assert extents(geometry) == pytest.approx(MUG, abs=1e-6)
+    assert center(geometry) == pytest.approx((0.0, 0.0, 0.0), abs=1e-6)
+    assert "Thing: the mesh mug.stl is scaled by 0.01 to the map's size" in notes
+    assert "is moved" in notes
+    (shape,) = geometry.collision_shapes
+    assert shape.type is CollisionShapeType.HULL
+    assert shape.size == pytest.approx(MUG, abs=1e-6)
+
+
+def test_without_a_size_a_mesh_keeps_its_origin(folder: Path, cache: Path) -> None:
+    block(at=(0.0, 0.0, 0.06)).export(folder / "mug.stl")
+    geometry, notes = geometry_for(folder, cache, body(size=None))
+    assert geometry is not None
+    assert center(geometry) == pytest.approx((0.0, 0.0, 0.06), abs=1e-6)
+    assert not notes
+
+
+def test_a_file_without_an_up_axis_is_rotated_only_if_that_fits(folder: Path, cache: Path) -> None:
+    block((0.08, 0.12, 0.1)).export(folder / "mug.obj")
+    geometry, notes = geometry_for(folder, cache, body())
+    assert geometry is not None
+    assert extents(geometry) == pytest.approx(MUG, abs=1e-6)
+    assert "is rotated from y up to z up" in notes
+    assert "scaled" not in notes
+
+
+def test_gltf_has_y_up_and_z_forward(folder: Path, cache: Path) -> None:
+    """An arrow along glTF's z with a fin along y is imported along x, with its fin along z."""
+    block((0.1, 0.12, 0.08)).export(folder / "mug.glb")
+    geometry, notes = geometry_for(folder, cache, body())
+    assert geometry is not None
+    assert extents(geometry) == pytest.approx(MUG, abs=1e-6)
+    assert not notes
+
+
+def test_collada_states_its_up_axis(folder: Path, cache: Path) -> None:
+    text = COLLADA.replace("UP", "Z_UP")
+    (folder / "mug.dae").write_text(text)
+    geometry, notes = geometry_for(folder, cache, body(size=(1.0, 2.0, 3.0)))
+    assert geometry is not None, notes
+    assert extents(geometry) == pytest.approx((1.0, 2.0, 3.0))
+    (folder / "mug.dae").write_text(COLLADA.replace("UP", "Y_UP"))
+    geometry, notes = geometry_for(folder, cache, body(size=(3.0, 1.0, 2.0)))
+    assert geometry is not None, notes
+    assert extents(geometry) == pytest.approx((3.0, 1.0, 2.0))
+    assert "scaled" not in notes
+
+
+# -- visual meshes ----------------------------------------------------------------------------------------------------
+
+
+def test_colors_and_textures_are_imported(folder: Path, cache: Path) -> None:
+    checkers = np.zeros((8, 8, 3), dtype=np.uint8)
+    checkers[::2, ::2] = (250, 120, 10)
+    uv = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]] * 2)
+    material = trimesh.visual.material.PBRMaterial(
+        baseColorTexture=Image.fromarray(checkers), metallicFactor=0.25, roughnessFactor=0.5
+    )
+    textured = block()
+    textured.visual = trimesh.visual.TextureVisuals(uv=uv, material=material)
+    textured.export(folder / "mug.glb")
+    geometry, _ = geometry_for(folder, cache, body(size=None))
+    assert geometry is not None
+    (visual,) = geometry.visuals
+    assert visual.image is not None
+    assert visual.uv is not None
+    assert visual.image.shape == (8, 8, 4)
+    assert tuple(visual.image[0, 0]) == (250, 120, 10, 255)
+    assert (visual.material.metalness, visual.material.roughness) == (0.25, 0.5)
+
+
+def test_faces_of_several_colors_become_several_visual_meshes(folder: Path, cache: Path) -> None:
+    (folder / "mug.mtl").write_text("newmtl red\nKd 1 0 0\nnewmtl blue\nKd 0 0 1\nd 0.5\n")
+    corners = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\n"
+    (folder / "mug.obj").write_text(
+        f"mtllib mug.mtl\n{corners}usemtl red\nf 1 3 2\nf 1 2 4\nusemtl blue\nf 1 4 3\nf 2 3 4\n"
+    )
+    geometry, _ = geometry_for(folder, cache, body(size=None))
+    assert geometry is not None
+    assert sorted((visual.material.color, len(visual.faces)) for visual in geometry.visuals) == [
+        ((0.0, 0.0, 1.0), 2),
+        ((1.0, 0.0, 0.0), 2),
+    ]
+
+
+# -- collision shapes --------------------------------------------------------------------------------------------------
+
+
+def test_an_open_box_is_decomposed_into_convex_parts_with_space_inside(folder: Path, cache: Path) -> None:
+    pytest.importorskip("coacd")
+    tray = trimesh.util.concatenate([
+        block((0.4, 0.4, 0.02), at=(0.0, 0.0, -0.09)),
+        block((0.02, 0.4, 0.2), at=(0.19, 0.0, 0.0)),
+        block((0.02, 0.4, 0.2), at=(-0.19, 0.0, 0.0)),
+        block((0.36, 0.02, 0.2), at=(0.0, 0.19, 0.0)),
+        block((0.36, 0.02, 0.2), at=(0.0, -0.19, 0.0)),
+    ])  # fmt: skip
+    tray.export(folder / "tray.stl")
+    geometry, _ = geometry_for(folder, cache, body(size=(0.4, 0.4, 0.2), cls="Tray"))
+    assert geometry is not None
+    assert 4 < len(geometry.collision_shapes) <= 24
+    inside = [
+        all(abs(center) < half for center, half in zip(shape.pose.position, np.array(shape.size) / 2, strict=True))
+        for shape in geometry.collision_shapes
+    ]
+    assert not any(inside), "a part fills the space inside the tray"
+    corners = np.array(
+        [np.add(point, shape.pose.position) for shape in geometry.collision_shapes for point in shape.points]
+    )
+    assert np.abs(corners).max(axis=0) == pytest.approx((0.2, 0.2, 0.1)), "no part protrudes from the tray"
+
+
+def test_a_hull_has_the_extents_of_its_mesh(folder: Path, cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("mindstage.assets.mesh_import._can_decompose", lambda: False)
+    ball = trimesh.creation.icosphere(subdivisions=4, radius=0.05)
+    ball.export(folder / "ball.stl")
+    geometry, _ = geometry_for(folder, cache, body(size=(0.1, 0.1, 0.1), cls="Ball"))
+    assert geometry is not None
+    (shape,) = geometry.collision_shapes
+    assert shape.size == pytest.approx((0.1, 0.1, 0.1), rel=0.01)
+    assert 100 < len(shape.points) < 600
+
+
+def test_the_hull_of_a_tilted_cylinder_has_the_volume_of_the_cylinder(
+    folder: Path, cache: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """STL files have single precision, so the corners of a cap are not exactly in one plane."""
+    monkeypatch.setattr("mindstage.assets.mesh_import._can_decompose", lambda: False)
+    tilted = trimesh.creation.cylinder(radius=0.03, height=0.2, sections=32)
+    tilted.apply_transform(trimesh.transformations.rotation_matrix(0.7, (0.3, 0.9, 0.2), (1.0, 2.0, 3.0)))
+    tilted.export(folder / "mug.stl")
+    geometry, _ = geometry_for(folder, cache, body(size=None))
+    assert geometry is not None
+    assert compile_geometry(geometry.collision_shapes).volume == pytest.approx(tilted.volume, rel=1e-3)
+
+
+# -- cache -------------------------------------------------------------------------------------------------------------
+
+
+def test_an_imported_file_is_loaded_from_the_cache(folder: Path, cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    block().export(folder / "mug.stl")
+    first, _ = geometry_for(folder, cache, body())
+
+    def no_process(*_: object, **__: object) -> None:
+        raise AssertionError("a process was started")
+
+    monkeypatch.setattr("mindstage.assets.mesh_import.subprocess", SimpleNamespace(Popen=no_process))
+    again, _ = geometry_for(folder, cache, body())
+    assert first is not None
+    assert again is not None
+    assert first.key == again.key
+    assert np.array_equal(first.visuals[0].points, again.visuals[0].points)
+
+
+def test_a_changed_file_is_imported_again(folder: Path, cache: Path) -> None:
+    block().export(folder / "mug.stl")
+    first, _ = geometry_for(folder, cache, body(size=None))
+    block((0.2, 0.2, 0.2)).export(folder / "mug.stl")
+    again, _ = geometry_for(folder, cache, body(size=None))
+    assert first is not None
+    assert again is not None
+    assert first.key != again.key
+    assert extents(again) == pytest.approx((0.2, 0.2, 0.2), abs=1e-6)
+
+
+def test_a_corrupt_cache_file_is_replaced(folder: Path, cache: Path) -> None:
+    block().export(folder / "mug.stl")
+    geometry_for(folder, cache, body())
+    for cached in cache.iterdir():
+        cached.write_bytes(b"PK\x03\x04 but no more than that")
+    geometry, notes = geometry_for(folder, cache, body())
+    assert geometry is not None
+    assert not notes
+
+
+# -- corrupt and malicious files ---------------------------------------------------------------------------------------
+
+
+def stl_of_nothing() -> bytes:
+    return b"\0" * 80 + struct.pack("<I", 0)
+
+
+def stl_that_promises_much() -> bytes:
+    return b"\0" * 80 + struct.pack("<I", 4_000_000_000)
+
+
+def stl_of_no_numbers() -> bytes:
+    return b"\0" * 80 + struct.pack("<I", 1) + struct.pack("<12f", *[float("nan")] * 12) + b"\0\0"
+
+
+def gltf_that_reads_elsewhere() -> bytes:
+    document = {
+        "asset": {"version": "2.0"},
+        "buffers": [{"uri": "../../../../../../etc/passwd", "byteLength": 36}],
+        "bufferViews": [{"buffer": 0, "byteLength": 36}],
+        "accessors": [{"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3"}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}],
+        "nodes": [{"mesh": 0}],
+        "scenes": [{"nodes": [0]}],
+        "scene": 0,
+    }
+    return json.dumps(document).encode()
+
+
+def collada_that_explodes() -> bytes:
+    entities = "".join(f'<!ENTITY e{n} "{f"&e{n - 1};" * 12}">' for n in range(1, 12))
+    return f'<?xml version="1.0"?><!DOCTYPE x [<!ENTITY e0 "boom">{entities}]><COLLADA>&e11;</COLLADA>'.encode()
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("mug.stl", stl_of_nothing()),
+        ("mug.stl", stl_that_promises_much()),
+        ("mug.stl", stl_of_no_numbers()),
+        ("mug.stl", b"solid but nothing of it"),
+        ("mug.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 99\n"),
+        ("mug.obj", b"v 0 0 0\nv 0 0 0\nv 0 0 0\nf 1 2 3\n"),
+        ("mug.obj", os.urandom(4096)),
+        ("mug.glb", b"glTF" + struct.pack("<II", 2, 2**31)),
+        ("mug.gltf", gltf_that_reads_elsewhere()),
+        ("mug.gltf", b"[" * 100_000),
+        ("mug.dae", collada_that_explodes()),
+        ("mug.dae", b"<COLLADA/>"),
+    ],
+)
+def test_a_corrupt_or_malicious_file_is_rejected_by_name(folder: Path, cache: Path, name: str, content: bytes) -> None:
+    (folder / name).write_bytes(content)
+    block().export(folder / "cup.stl")
+    cup = body(cls="Cup")
+    found = MeshLibrary([folder], cache=cache).geometry_for([body(), Body(**{**fields(cup), "id": BodyId("Cup")})])
+    assert set(found.geometry) == {"Cup"}, "other files are not affected"
+    (note,) = found.notes
+    assert str(folder / name) in note
+    assert "is left out: " in note
+
+
+def test_a_file_that_crashes_the_worker_affects_no_other_file(
+    folder: Path, cache: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A reader that hangs: a pipe instead of a file is rejected at once, and a slow import after its timeout."""
+    os.mkfifo(folder / "mug.stl")
+    block().export(folder / "cup.stl")
+    with (folder / "cup.stl").open("rb") as file:
+        assert file.read(1)
+    imported, rejected = import_meshes([folder / "cup.stl"], folder=cache, timeout_s=0.0)
+    assert not imported
+    assert "longer than 0 s" in rejected[folder / "cup.stl"]
+    assert import_meshes([folder / "cup.stl"], folder=cache)[1] == rejected, "the rejection is cached"
+
+
+def fields(of: Body) -> dict[str, object]:
+    return {name: getattr(of, name) for name in of.__struct_fields__}
+
+
+COLLADA = """<?xml version="1.0" encoding="utf-8"?>
+<COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1">
+ <asset><unit name="meter" meter="1"/><up_axis>UP</up_axis></asset>
+ <library_geometries><geometry id="g"><mesh>
+  <source id="p"><float_array id="a" count="12">0 0 0 1 0 0 0 2 0 0 0 3</float_array>
+   <technique_common><accessor source="#a" count="4" stride="3">
+    <param name="X" type="float"/><param name="Y" type="float"/><param name="Z" type="float"/>
+   </accessor></technique_common></source>
+  <vertices id="v"><input semantic="POSITION" source="#p"/></vertices>
+  <triangles count="4"><input semantic="VERTEX" source="#v" offset="0"/><p>0 2 1 0 1 3 0 3 2 1 2 3</p></triangles>
+ </mesh></geometry></library_geometries>
+ <library_visual_scenes><visual_scene id="s"><node id="n"><instance_geometry url="#g"/></node></visual_scene>
+ </library_visual_scenes>
+ <scene><instance_visual_scene url="#s"/></scene>
+</COLLADA>
+"""

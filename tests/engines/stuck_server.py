@@ -1,0 +1,34 @@
+"""A Mindstage server in its own process, which tests can kill: `python -m tests.engines.stuck_server [PORT] [--stuck]`.
+
+It prints its address. With `--stuck`, its engine prints "spawning" at the first spawn and never returns.
+"""
+
+from __future__ import annotations
+
+import sys
+import threading
+
+from mindstage.engines import NullEngine, SpawnReport
+from mindstage.scene import NO_GEOMETRY, GeometryMap, World
+from tests.engines.served_simulation import ServedSimulation
+
+
+class StuckEngine(NullEngine):
+    """An engine whose `spawn` never returns."""
+
+    def spawn(self, world: World, *, geometry: GeometryMap = NO_GEOMETRY) -> SpawnReport:
+        print("spawning", flush=True)
+        threading.Event().wait()
+        return super().spawn(world, geometry=geometry)
+
+
+def main() -> None:
+    stuck = "--stuck" in sys.argv
+    ports = [int(each) for each in sys.argv[1:] if each.isdigit()]
+    with ServedSimulation(StuckEngine if stuck else NullEngine, port=ports[0] if ports else 0) as served:
+        print(served.address, flush=True)
+        sys.stdin.read()  # until the parent process has closed it
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,281 @@
+"""Forms fit the place: fronts where things are pulled, shelves where things stand, holes where sinks are let in."""
+
+from __future__ import annotations
+
+from math import cos, pi, sin
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from msgspec.structs import replace
+
+from mindstage.geometry import BodySide
+from mindstage.geometry.fit import fit_geometry
+from mindstage.geometry.fit_context import SceneContext
+from mindstage.geometry.orientation import OrientationSolver
+from mindstage.knowledge import KnowledgeBase
+from mindstage.scene import BodyId, LinearLimits, Quaternion, Vector
+from mindstage.scene.transforms import quat_conjugate, quat_rotate
+from tests.geometry.fit_scenes import (
+    QUARTERS,
+    box_of,
+    fit,
+    has_clearance,
+    make_body,
+    open_sides,
+    panel_side,
+    slide_joint,
+    world,
+)
+
+
+@pytest.fixture(scope="module")
+def household() -> KnowledgeBase:
+    return KnowledgeBase()
+
+
+# -- drawers -----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("handle", "front"),
+    [
+        ((0.32, 0.0, 0.0), BodySide.FRONT),
+        ((-0.32, 0.0, 0.0), BodySide.BACK),
+        ((0.0, 0.27, 0.0), BodySide.LEFT),
+        ((0.0, -0.27, 0.0), BodySide.RIGHT),
+    ],
+)
+def test_the_front_of_a_drawer_is_where_its_handle_is(household: KnowledgeBase, handle: Vector, front: BodySide) -> None:
+    size = (0.6, 0.5, 0.2)
+    bodies = (
+        make_body("drawer", "Drawer", (0, 0, 0), size, is_free=True),
+        make_body("handle", "Handle", handle, (0.04, 0.04, 0.02)),
+    )
+    fitted = fit_geometry(world(bodies, attached=[("drawer", "handle")]), household)
+    form = fitted.geometry[BodyId("drawer")]
+    assert panel_side(form, size) is front
+    assert form.reason.endswith("its front is where its handle is")
+    assert fitted.notes == ()
+
+
+def test_the_front_of_a_drawer_is_in_its_only_opening_direction(household: KnowledgeBase) -> None:
+    size = (0.5, 0.5, 0.2)
+    bodies = (
+        make_body("cupboard", "Cupboard", (0, 0, 0), (0.6, 0.6, 0.3)),
+        make_body("drawer", "Drawer", (0, 0, 0), size, is_free=True),
+    )
+    for middle, front in ((0.2, BodySide.FRONT), (-0.2, BodySide.BACK)):
+        forms = fit_geometry(world(bodies, [slide_joint("cupboard", "drawer", middle=middle)]), household).geometry
+        assert panel_side(forms[BodyId("drawer")], size) is front
+
+
+def test_parent_and_child_of_a_slide_joint_may_be_swapped(household: KnowledgeBase) -> None:
+    size = (0.5, 0.5, 0.2)
+    bodies = (
+        make_body("cupboard", "Cupboard", (0, 0, 0), (0.6, 0.6, 0.3)),
+        make_body("drawer", "Drawer", (0, 0, 0), size, is_free=True),
+    )
+    # The middle is that of the child, which here is the cupboard: seen from it the drawer goes the other way.
+    joint = slide_joint("drawer", "cupboard", middle=0.2)
+    assert panel_side(fit_geometry(world(bodies, [joint]), household).geometry[BodyId("drawer")], size) is BodySide.BACK
+
+
+@pytest.mark.parametrize("turn", QUARTERS)
+def test_a_drawer_in_a_cupboard_faces_outwards_along_its_slide(
+    household: KnowledgeBase, turn: Quaternion
+) -> None:
+    size = (0.5, 0.4, 0.2)
+    out = quat_rotate(np.array(turn), (0.08, 0.0, 0.0)).tolist()
+    bodies = (
+        make_body("cupboard", "Cupboard", (0, 0, 0), (0.6, 0.6, 0.3), turn=turn),
+        make_body("drawer", "Drawer", (out[0], out[1], 0.0), size, is_free=True, turn=turn),
+    )
+    forms = fit_geometry(world(bodies, [slide_joint("cupboard", "drawer", turn=turn)]), household).geometry
+    assert panel_side(forms[BodyId("drawer")], size) is BodySide.FRONT
+    assert open_sides(forms[BodyId("cupboard")], (0.6, 0.6, 0.3)) == {BodySide.FRONT}
+
+
+def test_the_floor_of_a_drawer_is_right_below_its_contents(household: KnowledgeBase) -> None:
+    spoon = make_body("spoon", "Teaspoon", (0.0, 0.0, -0.05), (0.14, 0.03, 0.02), is_free=True)
+    form = fit(household, make_body("drawer", "Drawer", (0, 0, 0), (0.5, 0.5, 0.2)), spoon).geometry[BodyId("drawer")]
+    (place,) = form.support_surfaces
+    assert place.is_inside
+    assert place.center[2] == pytest.approx(-0.06, abs=1e-9)
+
+
+# -- cupboards and their like ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("side", [BodySide.FRONT, BodySide.BACK, BodySide.LEFT, BodySide.RIGHT])
+@pytest.mark.parametrize("turn", QUARTERS[:2])
+def test_a_cupboard_is_open_where_its_door_is(household: KnowledgeBase, side: BodySide, turn: Quaternion) -> None:
+    size = (0.6, 0.5, 0.8)
+    at = [0.0, 0.0, 0.0]
+    at[side.axis] = side.sign * (size[side.axis] / 2 + 0.012)
+    extent = [0.58, 0.48, 0.78]
+    extent[side.axis] = 0.02
+    spot = quat_rotate(np.array(turn), at).tolist()
+    bodies = (
+        make_body("cupboard", "Cupboard", (0, 0, 0), size, turn=turn),
+        make_body(
+            "door", "Door", (spot[0], spot[1], spot[2]), (extent[0], extent[1], extent[2]), is_free=True, turn=turn
+        ),
+    )
+    joint = replace(slide_joint("cupboard", "door"), linear=LinearLimits())
+    for joints in ([joint], []):  # told to be held by it, or just standing before it
+        fitted = fit_geometry(world(bodies, joints), household)
+        assert open_sides(fitted.geometry[BodyId("cupboard")], size) == {side}
+        assert fitted.notes == ()
+
+
+def test_a_chest_is_open_at_the_top_where_its_lid_is(household: KnowledgeBase) -> None:
+    bodies = (
+        make_body("freezer", "Refrigerator-Freezer", (0, 0, 0), (0.6, 0.9, 0.8)),
+        make_body("lid", "Door", (0, 0, 0.415), (0.58, 0.88, 0.03), is_free=True),
+    )
+    joint = replace(slide_joint("freezer", "lid"), linear=LinearLimits())
+    forms = fit_geometry(world(bodies, [joint]), household).geometry
+    assert open_sides(forms[BodyId("freezer")], (0.6, 0.9, 0.8)) == {BodySide.TOP}
+
+
+def test_shelves_are_at_the_heights_of_contents(household: KnowledgeBase) -> None:
+    milk = make_body("milk", "CowsMilk", (0.0, 0.1, 0.2), (0.07, 0.07, 0.2), is_free=True)
+    cheese = make_body("cheese", "Cheese", (0.0, -0.1, -0.3), (0.1, 0.1, 0.06), is_free=True)
+    on_top = make_body(
+        "butter", "Butter", (0.0, -0.1, -0.25), (0.08, 0.08, 0.04), is_free=True
+    )  # it stands on the cheese
+    fridge = make_body("fridge", "Refrigerator", (0, 0, 0), (0.6, 0.6, 1.4))
+    form = fit(household, fridge, milk, cheese, on_top).geometry[BodyId("fridge")]
+    inside = sorted(round(place.center[2], 6) for place in form.support_surfaces if place.is_inside)
+    assert inside[1:] == [-0.33, 0.1]
+    for each in (milk, cheese, on_top):
+        assert has_clearance(form, each.pose.position)
+
+
+def test_an_empty_fridge_has_the_number_of_shelves_in_its_rule(household: KnowledgeBase) -> None:
+    form = fit(household, make_body("fridge", "Refrigerator", (0, 0, 0), (0.6, 0.6, 1.4))).geometry[BodyId("fridge")]
+    assert sum(place.is_inside for place in form.support_surfaces) == 1 + 3  # its floor and three
+
+
+def test_walls_are_thinner_next_to_close_contents(household: KnowledgeBase) -> None:
+    box = make_body("box", "CardboardBox", (0.0, 0.148, 0.0), (0.2, 0.2, 0.2), is_free=True)
+    form = fit(household, make_body("cupboard", "Cupboard", (0, 0, 0), (0.5, 0.5, 0.5)), box).geometry[
+        BodyId("cupboard")
+    ]
+    for corner in ((-0.0999, 0.2479, -0.0999), (0.0999, 0.2479, 0.0999)):
+        assert has_clearance(form, corner)
+
+
+def test_a_lying_cupboard_has_horizontal_shelves(household: KnowledgeBase) -> None:
+    turned: Quaternion = (cos(pi / 4), sin(pi / 4), 0.0, 0.0)  # about x: its y looks up
+    cupboard = make_body("cupboard", "Cupboard", (0, 0, 0), (0.5, 0.8, 0.5), turn=turned)
+    can = make_body("can", "DrinkingCan", (0, 0, 0.06), (0.07, 0.07, 0.12), is_free=True)
+    form = fit(household, cupboard, can).geometry[BodyId("cupboard")]
+    places = [place for place in form.support_surfaces if place.is_inside]
+    assert {place.normal for place in places} == {(0.0, 1.0, 0.0)}
+    assert min(abs(place.center[1]) for place in places) < 1e-9
+
+
+# -- openings ----------------------------------------------------------------------------------------------------------
+
+
+def test_a_counter_has_a_cutout_for_its_sink(household: KnowledgeBase) -> None:
+    counter = make_body("counter", "CounterTop", (0, 0, 0), (0.6, 2.0, 0.04))
+    sink = make_body("sink", "Sink", (0.0, 0.5, -0.08), (0.4, 0.5, 0.2))
+    form = fit(household, counter, sink).geometry[BodyId("counter")]
+    assert has_clearance(form, (0.0, 0.5, 0.0), clearance=0.18)
+    assert not has_clearance(form, (0.0, -0.5, 0.0))
+
+
+def test_a_wall_has_openings_for_its_windows(household: KnowledgeBase) -> None:
+    wall = make_body("wall", "WallOfAConstruction", (0, 0, 1.25), (0.1, 4.0, 2.5))
+    window = make_body("window", "Window", (0.0, 1.0, 1.4), (0.06, 1.2, 1.0))
+    form = fit(household, wall, window).geometry[BodyId("wall")]
+    assert has_clearance(form, (0.0, 1.0, 0.15), clearance=0.45)
+    assert not has_clearance(form, (0.0, -1.0, 0.15))
+
+
+def test_the_shell_of_a_room_is_hollow_with_openings_for_intersecting_bodies(
+    household: KnowledgeBase,
+) -> None:
+    walls = make_body("walls", "WallOfAConstruction", (0, 0, 1.25), (5.0, 4.0, 2.5))
+    cupboard = make_body("cupboard", "Cupboard", (2.4, 0.0, 0.5), (0.6, 0.6, 1.0))
+    fitted = fit(household, walls, cupboard)
+    form = fitted.geometry[BodyId("walls")]
+    assert form.shape_name == "shell"
+    assert has_clearance(form, (0.0, 0.0, 0.0), clearance=1.5)
+    assert has_clearance(form, (2.45, 0.0, -0.75), clearance=0.2)
+    assert not has_clearance(form, (2.45, 1.5, 0.0))
+
+
+# -- fronts of the rest ------------------------------------------------------------------------------------------------
+
+
+class Placed(NamedTuple):
+    """Something, and where the front of it must be, in the world."""
+
+    cls: str
+    at: Vector
+    size: Vector
+    looks: Vector
+
+
+@pytest.mark.parametrize(
+    "placed",
+    [
+        Placed("Chair-PieceOfFurniture", (1.0, 0.0, 0.45), (0.45, 0.45, 0.9), (-1, 0, 0)),
+        Placed("Chair-PieceOfFurniture", (0.0, 1.0, 0.45), (0.45, 0.45, 0.9), (0, -1, 0)),
+        Placed("Sofa-PieceOfFurniture", (0.0, -2.4, 0.4), (2.0, 0.9, 0.8), (0, 1, 0)),
+        Placed("Refrigerator", (-2.6, -1.0, 0.9), (0.6, 0.6, 1.8), (1, 0, 0)),
+        Placed("Poster", (-2.9, 0.3, 1.5), (0.01, 0.7, 0.5), (1, 0, 0)),
+        Placed("Tap-PlumbingFixture", (-2.5, 1.0, 1.1), (0.2, 0.05, 0.2), (1, 0, 0)),
+    ],
+    ids=lambda placed: placed.cls,
+)
+@pytest.mark.parametrize("turn", QUARTERS[:2])
+def test_furniture_faces_the_side_from_which_it_is_used(household: KnowledgeBase, placed: Placed, turn: Quaternion) -> None:
+    away = quat_conjugate(turn)
+    x, y, _ = quat_rotate(away, placed.size).tolist()
+    bodies = (
+        make_body("it", placed.cls, placed.at, (abs(x), abs(y), placed.size[2]), turn=turn),
+        make_body("table", "Table-PieceOfFurniture", (0, 0, 0.375), (0.9, 0.9, 0.75)),
+        make_body("sink", "Sink", (-2.0, 1.0, 0.8), (0.5, 0.6, 0.2)),
+        make_body("west", "WallOfAConstruction", (-2.96, 0.0, 1.25), (0.1, 6.0, 2.5)),
+        make_body("south", "WallOfAConstruction", (0.0, -2.9, 1.25), (6.0, 0.1, 2.5)),
+    )
+    described = world(bodies)
+    setting = SceneContext(described, {body.cls: household.shape_rule(body.cls) for body in bodies})
+    around, _ = setting.neighborhoods(np.ones(len(bodies), dtype=bool))
+    facing = OrientationSolver(setting, around).orientation_of(0)
+    assert quat_rotate(np.array(turn), facing.front.vector) == pytest.approx(placed.looks)
+    assert not facing.is_guess
+
+
+def test_a_handle_faces_away_from_its_body(household: KnowledgeBase) -> None:
+    door = make_body("door", "Door", (0, 0, 0), (0.02, 0.6, 0.8))
+    for sign in (1, -1):
+        handle = make_body("handle", "Handle", (sign * 0.03, 0.2, 0.0), (0.04, 0.02, 0.3))
+        for holds in ([("door", "handle")], []):
+            form = fit_geometry(world([door, handle], attached=holds), household).geometry[BodyId("handle")]
+            bar = max((box_of(solid) for solid in form.collision_shapes), key=lambda box: float(box[1][2] - box[0][2]))
+            assert np.sign((bar[0] + bar[1])[0]) == sign
+
+
+def test_an_unknown_front_is_guessed_with_a_note(household: KnowledgeBase) -> None:
+    fitted = fit(
+        household,
+        make_body("cupboard", "Cupboard", (0, 0, 0), (0.4, 0.8, 0.8)),
+        make_body("mat", "FloorMat", (3, 0, 0), (1, 1, 0.01)),
+    )
+    assert open_sides(fitted.geometry[BodyId("cupboard")], (0.4, 0.8, 0.8)) == {BodySide.FRONT}
+    (note,) = fitted.notes
+    assert note.ids == ("cupboard",)
+    assert "with an unknown front" in note.text
+
+
+def test_a_table_with_separate_leg_bodies_is_only_its_top(household: KnowledgeBase) -> None:
+    top = make_body("table", "KitchenTable", (0, 0, 0.73), (0.8, 1.4, 0.04))
+    leg = make_body("leg", "TableLeg", (0.3, 0.6, 0.355), (0.06, 0.06, 0.71))
+    forms = fit_geometry(world([top, leg], attached=[("table", "leg")]), household).geometry
+    assert (forms[BodyId("table")].shape_name, forms[BodyId("leg")].shape_name) == ("counter", "leg")
