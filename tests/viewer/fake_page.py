@@ -18,11 +18,11 @@ class FakePage:
         self.session: Any = SimpleNamespace(key="fake", state={})
 
     def ask(self, method: str, **arguments: object) -> Any:
-        """Sends a request; an error response is raised as a `RequestFailed`."""
+        """Sends a request; an error response is raised as a `RequestFailedError`."""
         request = _Request(id=1, method=method, arguments=msgspec.Raw(msgspec.json.encode(arguments)))
         reply = msgspec.json.decode(self._channel._run_handler(self.session, request))
         if "error" in reply:
-            raise RequestFailed(f"{reply['error']['type']}: {reply['error']['message']}")
+            raise RequestFailedError(f"{reply['error']['type']}: {reply['error']['message']}")
         return reply["result"]
 
     def latest_value(self, topic: str) -> Any:
@@ -31,5 +31,5 @@ class FakePage:
         return None if text is None else msgspec.json.decode(text)["value"]
 
 
-class RequestFailed(Exception):
+class RequestFailedError(Exception):
     """The server responded with an error."""

@@ -13,10 +13,10 @@ from websockets.sync.client import ClientConnection, connect
 
 from tests.viewer.waiting import TIMEOUT_S, wait_until
 
-__all__ = ["PageClient", "RequestFailed", "connect_page_client"]
+__all__ = ["PageClient", "RequestFailedError", "connect_page_client"]
 
 
-class RequestFailed(Exception):
+class RequestFailedError(Exception):
     """The server responded with an error."""
 
     def __init__(self, type: str, text: str) -> None:
@@ -41,7 +41,7 @@ class PageClient:
         wait_until(lambda: self.receive() and number in self._replies, f"{method!r} is answered")
         reply = self._replies.pop(number)
         if "error" in reply:
-            raise RequestFailed(reply["error"]["type"], reply["error"]["message"])
+            raise RequestFailedError(reply["error"]["type"], reply["error"]["message"])
         return reply["result"]
 
     def receive(self) -> bool:

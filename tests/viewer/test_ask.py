@@ -15,7 +15,7 @@ from mindstage.knowledge.queries import list_questions
 from mindstage.prolog import is_installed, solve_query
 from mindstage.viewer.ask import AskHandler
 from mindstage.viewer.server import RpcChannel
-from tests.viewer.fake_page import FakePage, RequestFailed
+from tests.viewer.fake_page import FakePage, RequestFailedError
 
 needs_prolog = pytest.mark.skipif(not is_installed() and not os.environ.get("CI"), reason="Prolog is not installed")
 
@@ -95,7 +95,7 @@ def test_prefixed_names_are_completed(page: FakePage) -> None:
 def test_the_number_of_completions_is_limited(page: FakePage) -> None:
     assert len(page.ask("ask.complete", prefix="", kind="CLASS", limit=3)) == 3
     assert len(page.ask("ask.complete", prefix="", kind="CLASS", limit=100_000)) == 50
-    with pytest.raises(RequestFailed, match="not a kind of entity; the kinds are CLASS"):
+    with pytest.raises(RequestFailedError, match="not a kind of entity; the kinds are CLASS"):
         page.ask("ask.complete", prefix="x", kind="SECRET")
 
 
@@ -116,13 +116,13 @@ def test_empty_arguments_are_unbound(page: FakePage) -> None:
 
 
 def test_an_unknown_name_is_an_error_with_suggestions(page: FakePage) -> None:
-    with pytest.raises(RequestFailed, match=r"NameUnknown: .*CowsMilkk.*CowsMilk"):
+    with pytest.raises(RequestFailedError, match=r"NameUnknown: .*CowsMilkk.*CowsMilk"):
         page.ask("ask", question="storage_place", args={"item": "CowsMilkk"})
-    with pytest.raises(RequestFailed, match="QuestionUnknown"):
+    with pytest.raises(RequestFailedError, match="QuestionUnknown"):
         page.ask("ask", question="storage_plase")
-    with pytest.raises(RequestFailed, match=r"ArgumentRefused: .*has no argument 'thing'"):
+    with pytest.raises(RequestFailedError, match=r"ArgumentRefused: .*has no argument 'thing'"):
         page.ask("ask", question="storage_place", args={"thing": "x"})
-    with pytest.raises(RequestFailed, match="no question has such an argument"):
+    with pytest.raises(RequestFailedError, match="no question has such an argument"):
         page.ask("ask", question="storage_place", args={"self": "x"})
 
 
@@ -139,15 +139,15 @@ def test_only_recent_answers_are_kept(page: FakePage) -> None:
     for _ in range(8):
         last = page.ask("ask", question="maps")
     assert page.ask("ask.explain", key=last["key"], row=0)
-    with pytest.raises(RequestFailed, match="not kept any more; ask again"):
+    with pytest.raises(RequestFailedError, match="not kept any more; ask again"):
         page.ask("ask.explain", key=first["key"], row=0)
-    with pytest.raises(RequestFailed, match="row 99 does not exist"):
+    with pytest.raises(RequestFailedError, match="row 99 does not exist"):
         page.ask("ask.explain", key=last["key"], row=99)
 
 
 def test_sessions_cannot_use_the_answers_of_one_another(page: FakePage, channel: RpcChannel) -> None:
     table = page.ask("ask", question="maps")
-    with pytest.raises(RequestFailed, match="ask again"):
+    with pytest.raises(RequestFailedError, match="ask again"):
         FakePage(channel).ask("ask.highlight", key=table["key"], color="blue")
 
 
@@ -189,7 +189,7 @@ def test_answers_without_a_body_are_reported_with_the_reason(page: FakePage) -> 
     shown = page.ask("ask.highlight", key=table["key"], color="blue")
     assert shown["highlighted"] == []
     assert "class" in shown["not_highlighted"][0]["reason"]
-    with pytest.raises(RequestFailed, match="ColourUnknown"):
+    with pytest.raises(RequestFailedError, match="ColourUnknown"):
         page.ask("ask.highlight", key=table["key"], color="bluue")
 
 
@@ -217,7 +217,7 @@ def test_a_query_is_answered_as_a_table_whose_rows_are_bodies(page: FakePage, si
     ],
 )
 def test_a_query_cannot_write_or_contact_other_servers(page: FakePage, query: str) -> None:
-    with pytest.raises(RequestFailed, match="QueryRefused"):
+    with pytest.raises(RequestFailedError, match="QueryRefused"):
         page.ask("ask.sparql", query=query)
 
 
@@ -226,7 +226,7 @@ def test_a_query_does_not_read_files(page: FakePage) -> None:
         "ask.sparql", query='SELECT * FROM <file:///etc/passwd> { ?s ?p ?o FILTER(CONTAINS(?o, "root:")) }'
     )
     assert found["total"] == 0
-    with pytest.raises(RequestFailed, match="more than 20000 characters"):
+    with pytest.raises(RequestFailedError, match="more than 20000 characters"):
         page.ask("ask.sparql", query="#" * 20_001)
 
 
@@ -249,7 +249,7 @@ def test_a_prolog_query_is_answered_as_a_table_of_its_variables(page: FakePage, 
 @needs_prolog
 def test_a_prolog_query_cannot_call_other_predicates(page: FakePage, tmp_path: Path) -> None:
     mark = tmp_path / "mark"
-    with pytest.raises(RequestFailed, match=r"GoalRefused: .*shell/1 cannot be asked here, only questions"):
+    with pytest.raises(RequestFailedError, match=r"GoalRefused: .*shell/1 cannot be asked here, only questions"):
         page.ask("ask.prolog", line=f"storage_place(X, Y), shell('touch {mark}')")
     assert not mark.exists()
 
@@ -276,9 +276,9 @@ def test_a_missing_fact_can_be_asserted_and_retracted(page: FakePage) -> None:
 
 
 def test_an_assertion_about_an_unknown_name_is_refused(page: FakePage) -> None:
-    with pytest.raises(RequestFailed, match="NameUnknown"):
+    with pytest.raises(RequestFailedError, match="NameUnknown"):
         page.ask("ask.tell", subject="Nonsense", property="subClassOf", value="Mug")
-    with pytest.raises(RequestFailed, match="RequestRefused"):
+    with pytest.raises(RequestFailedError, match="RequestRefused"):
         page.ask("ask.tell", subject="Mug")
 
 
@@ -294,10 +294,10 @@ def test_a_question_has_a_timeout_and_other_requests_are_answered(
     try:
         for _ in range(4):
             with pytest.raises(
-                RequestFailed, match=r"QuestionTimedOut: the question 'maps' was not answered within 0.2 s"
+                RequestFailedError, match=r"QuestionTimedOut: the question 'maps' was not answered within 0.2 s"
             ):
                 page.ask("ask", question="maps")
-        with pytest.raises(RequestFailed, match=r"TooManyQuestions: .*4 other questions are being answered"):
+        with pytest.raises(RequestFailedError, match=r"TooManyQuestions: .*4 other questions are being answered"):
             page.ask("ask", question="maps")
         assert page.ask("ask.questions")
         assert simulation.ping() < 10.0

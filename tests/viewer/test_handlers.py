@@ -15,7 +15,7 @@ from mindstage.knowledge import bundled_kitchen, write_map
 from mindstage.scene import BodyId, Mobility, Pose, World, diff
 from mindstage.viewer import Viewer
 from tests.kitchenette import KNOWROB, kitchenette
-from tests.viewer.page_client import PageClient, RequestFailed, connect_page_client
+from tests.viewer.page_client import PageClient, RequestFailedError, connect_page_client
 from tests.viewer.waiting import wait_until
 
 MUG, DRAWER = BodyId("Mug"), BodyId("Drawer")
@@ -123,7 +123,7 @@ def test_invalid_requests_are_refused_and_change_nothing(
     physics_simulation: Simulation, client: PageClient, what: str, arguments: dict[str, Any]
 ) -> None:
     before = physics_simulation.snapshot()
-    with pytest.raises(RequestFailed) as refused:
+    with pytest.raises(RequestFailedError) as refused:
         client.ask(what, **arguments)
     assert refused.value.type != "Defect", str(refused.value)
     assert physics_simulation.snapshot() == before
@@ -339,7 +339,7 @@ def test_invalid_maps_are_refused_and_change_nothing(
     physics_simulation: Simulation, client: PageClient, name: str, text: str
 ) -> None:
     before, knowledge = physics_simulation.snapshot(), physics_simulation.knowledge
-    with pytest.raises(RequestFailed) as refused:
+    with pytest.raises(RequestFailedError) as refused:
         client.ask("load", name=name, text=text)
     assert refused.value.type != "Defect", str(refused.value)
     assert "root:" not in str(refused.value)
@@ -366,7 +366,7 @@ def test_uploaded_maps_must_not_refer_to_meshes_by_absolute_paths(
 ) -> None:
     before = physics_simulation.snapshot()
     world = _with_mesh(before, "file:///home/somebody/face.stl")
-    with pytest.raises(RequestFailed, match=r"ArgumentRefused.*mesh of 'Mug'"):
+    with pytest.raises(RequestFailedError, match=r"ArgumentRefused.*mesh of 'Mug'"):
         client.ask("load", name="map.owl", text=write_map(world))
     assert physics_simulation.snapshot() == before
     loaded = client.ask("load", name="map.owl", text=write_map(_with_mesh(before, "package://kitchen/mug.stl")))

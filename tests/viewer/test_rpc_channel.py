@@ -12,7 +12,7 @@ import pytest
 
 from mindstage.errors import BodyNotFoundError
 from mindstage.viewer.server import ClientSession, RpcChannel, RpcLimits, address, serve, shut_down
-from tests.viewer.page_client import PageClient, RequestFailed, connect_page_client
+from tests.viewer.page_client import PageClient, RequestFailedError, connect_page_client
 from tests.viewer.waiting import TIMEOUT_S, wait_until
 
 
@@ -48,7 +48,7 @@ def test_a_mindstage_error_is_an_error_response(channel: RpcChannel, client: Pag
         raise BodyNotFoundError("Cupp", known=["Cup"])
 
     channel.register("look", Nothing, refuse)
-    with pytest.raises(RequestFailed, match="BodyUnknown: no body 'Cupp'; near: 'Cup'"):
+    with pytest.raises(RequestFailedError, match="BodyUnknown: no body 'Cupp'; near: 'Cup'"):
         client.ask("look")
 
 
@@ -59,7 +59,7 @@ def test_an_unexpected_exception_is_sent_to_the_page_and_logged(
         raise KeyError("oops")
 
     channel.register("fail", Nothing, fail)
-    with caplog.at_level(logging.ERROR), pytest.raises(RequestFailed, match="Defect: KeyError: 'oops'"):
+    with caplog.at_level(logging.ERROR), pytest.raises(RequestFailedError, match="Defect: KeyError: 'oops'"):
         client.ask("fail")
     assert [record.exc_info is not None for record in caplog.records] == [True]
 

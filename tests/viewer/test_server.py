@@ -19,7 +19,7 @@ from mindstage.errors import AuthenticationError, ViewerUnavailableError
 from mindstage.viewer import server as sockets
 from mindstage.viewer.http import page_files
 from mindstage.viewer.server import ClientSession, RpcChannel, RpcLimits, address, serve, session_key_of, shut_down
-from tests.viewer.page_client import RequestFailed, connect_page_client
+from tests.viewer.page_client import RequestFailedError, connect_page_client
 from tests.viewer.waiting import TIMEOUT_S, wait_until
 
 KEY = "0123456789abcdef"
@@ -154,11 +154,11 @@ def test_the_token_is_exchanged_for_a_cookie(channel: RpcChannel) -> None:
 def test_a_request_is_answered_and_an_invalid_one_refused_with_the_reason(server: viser.ViserServer) -> None:
     with connect_page_client(address(server)) as client:
         assert client.ask("echo", text="grüß \N{SNOWMAN}") == "grüß ☃"
-        with pytest.raises(RequestFailed, match=r"RequestRefused: 'echo' .*`\$\.text`"):
+        with pytest.raises(RequestFailedError, match=r"RequestRefused: 'echo' .*`\$\.text`"):
             client.ask("echo", text=5)
-        with pytest.raises(RequestFailed, match="unknown field `more`"):
+        with pytest.raises(RequestFailedError, match="unknown field `more`"):
             client.ask("echo", text="", more=1)
-        with pytest.raises(RequestFailed, match="there is no such method; near: 'echo'"):
+        with pytest.raises(RequestFailedError, match="there is no such method; near: 'echo'"):
             client.ask("ecko")
 
 

@@ -22,7 +22,7 @@ from mindstage.geometry.procedural.builder import (
     GeometryBuilder,
     LocalSupportSurface,
     ShapeTemplate,
-    TemplateDoesNotFit,
+    TemplateFitError,
     turn_between,
 )
 from mindstage.geometry.procedural.primitives import BoxShape
@@ -197,8 +197,8 @@ def _build_or_box(
     try:
         template.build(builder)
         if builder.is_empty:
-            raise TemplateDoesNotFit("it has no parts")
-    except TemplateDoesNotFit as reason:
+            raise TemplateFitError("it has no parts")
+    except TemplateFitError as reason:
         builder = GeometryBuilder(turn.template_size(size), turn)
         builder.add_note(f"{reason}, so a plain box")
         template = BoxShape()

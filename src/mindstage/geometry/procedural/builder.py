@@ -44,7 +44,7 @@ __all__ = [
     "MaterialRoles",
     "PositiveFraction",
     "ShapeTemplate",
-    "TemplateDoesNotFit",
+    "TemplateFitError",
     "Thickness",
     "covering_rectangles",
     "grid_cells",
@@ -406,7 +406,7 @@ Corner = Sequence[float] | Array
 Profile = Sequence[tuple[float, float]]
 
 
-class TemplateDoesNotFit(Exception):
+class TemplateFitError(Exception):
     """The size is too small for the parts of the shape."""
 
 
@@ -778,7 +778,7 @@ class ShapeTemplate(FrozenStruct, frozen=True, kw_only=True):
         """Adds the parts of the shape to a builder.
 
         Raises:
-            TemplateDoesNotFit: the size is too small.
+            TemplateFitError: the size is too small.
         """
         self._build(builder)
 

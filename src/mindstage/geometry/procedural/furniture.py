@@ -19,7 +19,7 @@ from mindstage.geometry.procedural.builder import (
     Length,
     MaterialRoles,
     ShapeTemplate,
-    TemplateDoesNotFit,
+    TemplateFitError,
     Thickness,
 )
 from mindstage.scene.transforms import Array
@@ -68,7 +68,7 @@ class Cabinet(ShapeTemplate, frozen=True, kw_only=True):
         low = builder.low + np.array([thick[BodySide.BACK], thick[BodySide.RIGHT], thick[BodySide.BOTTOM]])
         high = builder.high - [thick[BodySide.FRONT], thick[BodySide.LEFT], thick[BodySide.TOP]]
         if (high - low).min() < _MIN_ROOM_M:
-            raise TemplateDoesNotFit("too small for its walls")
+            raise TemplateFitError("too small for its walls")
         boards = self._add_boards(builder, thick)
         levels = levels if self.levels is not None else self._even_levels(builder, low, high)
         room = self._add_shelves(builder, low, high, levels)
@@ -171,7 +171,7 @@ class Drawer(ShapeTemplate, frozen=True, kw_only=True):
             floor = self.level
             start[2] = max(float(low[2]), min(float(start[2]), floor - min(self.floor, height / 6)))
         if min(end[0] - start[0], end[1] - start[1]) - 2 * wall < _MIN_ROOM_M or end[2] - floor < _MIN_ROOM_M:
-            raise TemplateDoesNotFit("too small for its walls")
+            raise TemplateFitError("too small for its walls")
         builder.add_box("front", [high[0] - panel, low[1], low[2]], high, rounding=0.003)
         trays = self.trays if self.trays is not None else int(height / 0.45) if height > 2 * width else 1
         step = (float(end[2]) - floor) / max(trays, 1)

@@ -16,7 +16,7 @@ from mindstage.geometry.procedural.builder import (
     PositiveFraction,
     Profile,
     ShapeTemplate,
-    TemplateDoesNotFit,
+    TemplateFitError,
     Thickness,
 )
 from mindstage.scene.transforms import Array
@@ -260,7 +260,7 @@ class _RoundVessel:
         """Inner radius as a fraction of the outer radius."""
         self.floor_fraction = self.floor / float(extents[2])
         if min(self.radius, float(extents[2]) - self.floor) < _MIN_ROOM_M:
-            raise TemplateDoesNotFit("too small for its walls")
+            raise TemplateFitError("too small for its walls")
 
     def profile(self, outer: Profile) -> list[tuple[float, float]]:
         """Returns the closed profile for an outer profile from the foot to the rim."""
