@@ -34,7 +34,7 @@ _MAX_HULL_DIRECTIONS = 512
 _FROM_Y_UP = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 
 
-class MeshRejectedError(Exception):
+class MeshImportError(Exception):
     """A mesh file that cannot be used, with the reason."""
 
 
@@ -46,7 +46,7 @@ def main() -> int:
         reason = ""
         try:
             _import_mesh(Path(request["path"]), Path(request["out"]), decompose=request["pieces"])
-        except MeshRejectedError as error:
+        except MeshImportError as error:
             reason = str(error)
         except MemoryError:
             reason = "importing it needs too much memory"
@@ -59,17 +59,17 @@ def main() -> int:
 def _import_mesh(path: Path, out: Path, *, decompose: bool) -> None:
     """Imports one file and writes its content as arrays."""
     if not path.is_file():
-        raise MeshRejectedError("it is not a file")
+        raise MeshImportError("it is not a file")
     if path.stat().st_size > _MAX_FILE_BYTES:
-        raise MeshRejectedError(f"it has more than {_MAX_FILE_BYTES // 1024**2} MB")
+        raise MeshImportError(f"it has more than {_MAX_FILE_BYTES // 1024**2} MB")
     visuals = list(_load_visuals(path))
     if not visuals:
-        raise MeshRejectedError("it has no triangles")
+        raise MeshImportError("it has no triangles")
     if sum(len(visual["faces"]) for visual in visuals) > _MAX_FACES:
-        raise MeshRejectedError(f"it has more than {_MAX_FACES:,} triangles")
+        raise MeshImportError(f"it has more than {_MAX_FACES:,} triangles")
     points = np.concatenate([visual["points"] for visual in visuals])
     if not np.ptp(points, axis=0).max() > 0.0:
-        raise MeshRejectedError("all of its points coincide")
+        raise MeshImportError("all of its points coincide")
     arrays: dict[str, Any] = {}
     for number, visual in enumerate(visuals):
         arrays |= {f"{name}_{number}": value for name, value in visual.items() if value is not None}
@@ -96,9 +96,9 @@ def _load_visuals(path: Path) -> Iterator[dict[str, Any]]:
         points = np.asarray(mesh.vertices, dtype=np.float64) @ linear.T + translation
         faces = np.asarray(mesh.faces, dtype=np.int64)
         if not np.isfinite(points).all():
-            raise MeshRejectedError("it has numbers that are not finite")
+            raise MeshImportError("it has numbers that are not finite")
         if faces.min() < 0 or faces.max() >= len(points):
-            raise MeshRejectedError("it has triangles with invalid vertex indices")
+            raise MeshImportError("it has triangles with invalid vertex indices")
         if np.linalg.det(linear) < 0.0:
             faces = faces[:, ::-1]
         normals = _normals(mesh, linear)

@@ -235,9 +235,10 @@ class KnowledgeBase:
     def ask(self, question: Question[Any] | str, **args: object) -> Answers[Any]:
         """All answers to a question.
 
-        >>> from mindstage.knowledge import KnowledgeBase
-        >>> [row.place for row in KnowledgeBase().ask("storage_place", item="CowsMilk")]
-        ['http://knowrob.org/kb/knowrob.owl#Refrigerator']
+        Examples:
+            >>> from mindstage.knowledge import KnowledgeBase
+            >>> [row.place for row in KnowledgeBase().ask("storage_place", item="CowsMilk")]
+            ['http://knowrob.org/kb/knowrob.owl#Refrigerator']
 
         Args:
             question: its name, or the question itself, which types the rows.

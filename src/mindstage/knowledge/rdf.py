@@ -43,6 +43,7 @@ __all__ = [
     "merge_graphs",
     "namespace_of",
     "part_name",
+    "read_named_graph",
     "remove_forbidden_characters",
     "xml_local_name",
 ]
@@ -290,6 +291,11 @@ def graph_from_quads(quads: Iterable[ox.Quad], used_labels: set[str]) -> Graph:
                 facts[:] = dict.fromkeys(facts)
     used_labels.update(labels.assigned.values())
     return graph
+
+
+def read_named_graph(source: QuadSource, name: Iri) -> Graph:
+    """The statements of a named graph of a store."""
+    return graph_from_quads(source.quads_for_pattern(None, None, None, ox.NamedNode(name)), set())
 
 
 def merge_graphs(graphs: Sequence[Graph]) -> Graph:

@@ -13,7 +13,6 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 
 import msgspec
-import pyoxigraph as ox
 
 from mindstage.errors import (
     BodyNotFoundError,
@@ -24,7 +23,7 @@ from mindstage.errors import (
 )
 from mindstage.knowledge.knowledge_base import KnowledgeBase
 from mindstage.knowledge.names import EntityType
-from mindstage.knowledge.rdf import Graph, graph_from_quads, local_name
+from mindstage.knowledge.rdf import Graph, local_name, read_named_graph
 from mindstage.knowledge.vocabulary import LABEL, OWL, RDF, RDFS, TYPE, ms
 from mindstage.scene import Body, BodyId, FactValue, Iri, IriRef, Literal, PropertyAssertion, Vector
 from mindstage.simulation.placement import PlacementResult
@@ -71,8 +70,7 @@ def load_items(path: Path, knowledge: KnowledgeBase) -> tuple[PlacementItem, ...
         SourceParseError: the file cannot be read, has no items, or an item has an invalid property.
     """
     knowledge.load((), ontologies=path)
-    source = ox.NamedNode(path.resolve().as_uri())
-    graph = graph_from_quads(knowledge.store.quads_for_pattern(None, None, None, source), set())
+    graph = read_named_graph(knowledge.store, Iri(path.resolve().as_uri()))
     items = tuple(_items(path, graph))
     if not items:
         raise SourceParseError(str(path), cause="there are no items in it; give each one a class (:mug a ms:Mug .)")

@@ -18,7 +18,7 @@ import pyoxigraph as ox
 from mindstage.errors import SourceParseError
 from mindstage.knowledge.io.xml import (
     DEPTH_LIMIT,
-    UnsafeXmlEntityError,
+    UnsafeXmlError,
     expand_safe_entities,
     find_xml_error,
     first_tag,
@@ -26,7 +26,7 @@ from mindstage.knowledge.io.xml import (
     is_complete,
     is_too_deep,
 )
-from mindstage.knowledge.io.xml_repair import XmlNotRepairableError, XmlRepair, repair_xml
+from mindstage.knowledge.io.xml_repair import XmlRepair, XmlRepairError, repair_xml
 from mindstage.knowledge.rdf import Finding, ObjectNode, QuadSource, Severity
 from mindstage.knowledge.rdf_mapping.properties import SIZE
 from mindstage.knowledge.vocabulary import DESCRIBED_IN_MAP, IMPORTS, ON_PROPERTY, RDF, SEMANTIC_MAP, TYPE
@@ -226,7 +226,7 @@ def _format(path: Path, data: bytes) -> ox.RdfFormat:
 def _make_safe(path: Path, data: bytes) -> bytes:
     try:
         return expand_safe_entities(data)
-    except UnsafeXmlEntityError as error:
+    except UnsafeXmlError as error:
         raise SourceParseError(str(path), cause=str(error), line=error.line) from error
 
 
@@ -250,7 +250,7 @@ def _repair(file: SourceFile) -> SourceFile:
     path = str(file.path)
     try:
         text, repairs = repair_xml(file.data.decode("utf-8", "surrogatepass"))
-    except XmlNotRepairableError as error:
+    except XmlRepairError as error:
         # The strict parser's first error may be one that can be repaired.
         first = None if error.is_truncated else find_xml_error(file.data)
         cause, line = first or (error.cause, error.line)

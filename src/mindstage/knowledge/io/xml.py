@@ -12,7 +12,7 @@ __all__ = [
     "DEPTH_LIMIT",
     "ENTITY_LIMIT",
     "EXPANSION_LIMIT",
-    "UnsafeXmlEntityError",
+    "UnsafeXmlError",
     "expand_safe_entities",
     "find_xml_error",
     "first_tag",
@@ -36,7 +36,7 @@ _ENTITY_USE = re.compile(rb"&([^\s&;#]+);")
 _FIRST_TAG = re.compile(rb"<([^\W\d][^\s/<>]*)")
 
 
-class UnsafeXmlEntityError(ValueError):
+class UnsafeXmlError(ValueError):
     """An entity that is external or expands to too much."""
 
     def __init__(self, cause: str, line: int | None = None) -> None:
@@ -48,7 +48,7 @@ def expand_safe_entities(data: bytes) -> bytes:
     """Checks the entities of a document, and quotes their values as the RDF parser requires.
 
     Raises:
-        UnsafeXmlEntityError: an entity refers to another file, or the entities expand to too much.
+        UnsafeXmlError: an entity refers to another file, or the entities expand to too much.
     """
     if b"<!ENTITY" not in data and b"<!entity" not in data:
         return data
@@ -59,17 +59,17 @@ def expand_safe_entities(data: bytes) -> bytes:
         shown = name.decode("utf-8", "replace")
         if quoted is None:
             cause = f"the entity {shown!r} refers to another file; external entities are never fetched"
-            raise UnsafeXmlEntityError(cause, _line_of(data, entity))
+            raise UnsafeXmlError(cause, _line_of(data, entity))
         length = len(quoted) - 2 + sum(lengths.get(used, 0) for used in _ENTITY_USE.findall(quoted))
         lengths[name] = max(length, lengths.get(name, 0))  # of two declarations, the parser may use either
         if length > ENTITY_LIMIT:
             cause = f"the entity {shown!r} would expand to {length:,} bytes; {ENTITY_LIMIT:,} are allowed"
-            raise UnsafeXmlEntityError(cause, _line_of(data, entity))
+            raise UnsafeXmlError(cause, _line_of(data, entity))
         needs_quotes = needs_quotes or quoted.startswith(b"'")
     if max(lengths.values(), default=0) > MAX_SAFE_ENTITY:
         grown = sum(length * data.count(b"&" + name + b";") for name, length in lengths.items())
         if grown > max(EXPANSION_LIMIT, 100 * len(data)):
-            raise UnsafeXmlEntityError(f"its entities would expand to {grown:,} bytes")
+            raise UnsafeXmlError(f"its entities would expand to {grown:,} bytes")
     return _ENTITY.sub(_double_quoted, data) if needs_quotes else data
 
 

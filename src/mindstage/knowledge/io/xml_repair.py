@@ -22,8 +22,8 @@ __all__ = [
     "ContentModel",
     "OpenElement",
     "StartTag",
-    "XmlNotRepairableError",
     "XmlRepair",
+    "XmlRepairError",
     "find_tag_end",
     "parse_start_tag",
     "repair_xml",
@@ -176,7 +176,7 @@ class XmlRepair(NamedTuple):
     action: str
 
 
-class XmlNotRepairableError(Exception):
+class XmlRepairError(Exception):
     """The file cannot be repaired."""
 
     def __init__(self, line: int, cause: str, *, is_truncated: bool = False) -> None:
@@ -190,7 +190,7 @@ def repair_xml(text: str) -> tuple[str, list[XmlRepair]]:
     """Makes a text well-formed XML, keeping its line breaks, and returns it with the changes.
 
     Raises:
-        XmlNotRepairableError: it is truncated, or not a single document.
+        XmlRepairError: it is truncated, or not a single document.
     """
     repairer = _XmlRepairer(text)
     repairer.run()
@@ -221,9 +221,9 @@ class _XmlRepairer:
         while self.position < len(self.text):
             self._step()
         if self.root_end is None:
-            raise XmlNotRepairableError(self._line(), "it is not XML")
+            raise XmlRepairError(self._line(), "it is not XML")
         if self.open_elements:
-            raise XmlNotRepairableError(self._line(), "the file ends before its root element does", is_truncated=True)
+            raise XmlRepairError(self._line(), "the file ends before its root element does", is_truncated=True)
         for prefix, line in self.undeclared_prefixes.items():
             namespace = self._namespace(prefix)
             self.output[self.root_end] = (
@@ -257,7 +257,7 @@ class _XmlRepairer:
     def _copy_until(self, end: str) -> None:
         found = self.text.find(end, self.position)
         if found < 0:
-            raise XmlNotRepairableError(
+            raise XmlRepairError(
                 self._line(), f"a {self.text[self.position : self.position + 4]} has no {end}", is_truncated=True
             )
         self._emit(self.text[self.position : found + len(end)], to=found + len(end))
@@ -266,9 +266,7 @@ class _XmlRepairer:
         if self.open_elements:
             self._copy_until("]]>")
         else:
-            raise XmlNotRepairableError(
-                self._line(), "it is not well-formed XML: there is text outside of its root element"
-            )
+            raise XmlRepairError(self._line(), "it is not well-formed XML: there is text outside of its root element")
 
     def _instruction(self) -> None:
         declares = re.match(r"<\?xml\s", self.text[self.position : self.position + 6])
@@ -292,7 +290,7 @@ class _XmlRepairer:
         if not self.open_elements:
             if not blank:
                 where = "after its root element" if self.root_end is not None else "before its root element"
-                raise XmlNotRepairableError(self._line(), f"it is not well-formed XML: there is text {where}")
+                raise XmlRepairError(self._line(), f"it is not well-formed XML: there is text {where}")
         elif not blank and not self.open_elements[-1].allows_text():
             self._warn(
                 f"the text {_shortened(text)} is not allowed in <{self.open_elements[-1].name}>", "it is ignored"
@@ -308,7 +306,7 @@ class _XmlRepairer:
     def _doctype(self) -> None:
         bracket, close = self.text.find("[", self.position), self.text.find(">", self.position)
         if close < 0 or (0 <= bracket < close and not _DOCTYPE_END.search(self.text, bracket)):
-            raise XmlNotRepairableError(self._line(), "it is not well-formed XML: its DOCTYPE has no end")
+            raise XmlRepairError(self._line(), "it is not well-formed XML: its DOCTYPE has no end")
         if not 0 <= bracket < close:
             self._emit(self.text[self.position : close + 1], to=close + 1)
             return
@@ -342,7 +340,7 @@ class _XmlRepairer:
     def _end_tag(self) -> None:
         stop = find_tag_end(self.text, self.position)
         if stop is None:
-            raise XmlNotRepairableError(self._line(), "the file ends within a tag", is_truncated=True)
+            raise XmlRepairError(self._line(), "the file ends within a tag", is_truncated=True)
         if self.text[stop - 1] != ">":
             self._warn("an end tag has no >", "it is read nevertheless")
         name = self.text[self.position + 2 : stop].rstrip(">").strip()
@@ -360,10 +358,10 @@ class _XmlRepairer:
 
     def _start_tag(self) -> None:
         if self.root_end is not None and not self.open_elements:
-            raise XmlNotRepairableError(self._line(), "it is not well-formed XML: junk after document element")
+            raise XmlRepairError(self._line(), "it is not well-formed XML: junk after document element")
         tag = parse_start_tag(self.text, self.position)
         if tag.is_truncated:
-            raise XmlNotRepairableError(self._line(), "the file ends within a tag", is_truncated=True)
+            raise XmlRepairError(self._line(), "the file ends within a tag", is_truncated=True)
         for problem in tag.issues:
             self._warn(f"<{tag.name}>: {problem}", "it is read nevertheless")
         self._close_full_property(tag.name)
