@@ -171,31 +171,36 @@ def _print_finding_counts(findings: Sequence[Finding]) -> None:
         print_table("Findings", ("severity", "about", "count"), rows)
 
 
+_ConvertedFile = Annotated[
+    Path,
+    typer.Argument(
+        metavar="OUT",
+        help="The file to write. The suffix determines the format: .owl or .rdf (RDF/XML), .ttl (Turtle), .mjcf or "
+        ".xml (MuJoCo), .glb (glTF), .tscn (Godot scene; Godot must be installed).",
+        show_default=False,
+    ),
+]
+_FileDialectOption = Annotated[
+    FileDialect | None,
+    typer.Option(
+        "--dialect",
+        help="The vocabulary of a map: that of the source, that of the map it was converted from, SemLog (2019), "
+        "or SOMA (KnowRob 2).",
+        show_default="same",
+    ),
+]
+_FileFormatOption = Annotated[
+    FileFormat | None,
+    typer.Option("--format", help="The format, regardless of the suffix of OUT.", show_default=False),
+]
+
+
 def convert(
     source: MapArgument,
-    out: Annotated[
-        Path,
-        typer.Argument(
-            metavar="OUT",
-            help="The file to write. The suffix determines the format: .owl or .rdf (RDF/XML), .ttl (Turtle), .mjcf or "
-            ".xml (MuJoCo), .glb (glTF), .tscn (Godot scene; Godot must be installed).",
-            show_default=False,
-        ),
-    ],
+    out: _ConvertedFile,
     *,
-    dialect: Annotated[
-        FileDialect | None,
-        typer.Option(
-            "--dialect",
-            help="The vocabulary of a map: that of the source, that of the map it was converted from, SemLog (2019), "
-            "or SOMA (KnowRob 2).",
-            show_default="same",
-        ),
-    ] = None,
-    format: Annotated[
-        FileFormat | None,
-        typer.Option("--format", help="The format, regardless of the suffix of OUT.", show_default=False),
-    ] = None,
+    dialect: _FileDialectOption = None,
+    format: _FileFormatOption = None,
     map_name: MapName = None,
     ontologies: Ontologies = None,
     bundled: Bundled = True,
@@ -235,12 +240,15 @@ def convert(
         output = {"map": world.iri, "out": str(out), "bodies": len(world.bodies), "constraints": len(world.joints)}
         output |= {"format": kind.value, "dialect": dialect_written, "notes": list(notes)}
         print_json(output | {"findings": findings_json(findings)} | import_summary(world, knowledge))
-    else:
-        print_findings(findings)
-        for note in notes:
-            warn(note)
-        print_import_summary(world, knowledge)
-        name = kind.value if dialect_written is None else f"{kind.value}, {dialect_written}"
-        counts = f"{len(world.bodies)} bodies, {len(world.joints)} joints"
-        print_line(f"{world.name or world.iri}: {counts} → {out} ({name})")
+        return ExitCode.OK
+    print_findings(findings)
+    for note in notes:
+        warn(note)
+    print_import_summary(world, knowledge)
+    _print_conversion(world, out, kind.value if dialect_written is None else f"{kind.value}, {dialect_written}")
     return ExitCode.OK
+
+
+def _print_conversion(world: World, out: Path, format: str) -> None:
+    counts = f"{len(world.bodies)} bodies, {len(world.joints)} joints"
+    print_line(f"{world.name or world.iri}: {counts} → {out} ({format})")
