@@ -53,7 +53,7 @@ def test_an_unreadable_map_exits_2(content: str, run: Run, tmp_path: Path) -> No
 def test_the_default_output_is_tables(run: Run, write_map: WriteMap) -> None:
     result = run("validate", write_map(mugs={"Mug1": "1.0 2.0 0.0", "Mug2": None}))
     assert result.exit_code == 1
-    for words in ("Conventions of the map", "SemLog maps have it", "Findings", "1 finding", "Extent: 0 x 0 x 0 m"):
+    for words in ("Conventions of the map", "the default of SemLog maps", "Findings", "1 finding", "Extent: 0 x 0 x 0 m"):
         assert words in result.stdout, result.stdout
     assert "No findings." in run("validate", write_map()).stdout
 
@@ -117,7 +117,7 @@ def test_the_extent_and_the_conventions_are_printed(verb: str, run: Run, write_m
     more = ["--no-viewport"] if verb == "spawn" else []
     result = run(verb, write_map(), "--engine", "null", *more, "--units", "mm")
     assert "Extent: 0.002 x 0 x 0 m" in result.stdout
-    assert "the user says so" in result.stdout
+    assert "chosen by the user" in result.stdout
     output = json_output(run(verb, write_map(), "--engine", "null", *more, "--json"))
     assert output["extent"]["height_m"] == 0.0
     assert len(output["assumptions"]) == 3

@@ -192,7 +192,7 @@ def test_a_material_in_the_name_comes_before_that_of_the_kind(teach: Teach) -> N
 
 def test_what_nobody_knows_is_a_box_in_a_quiet_color_of_its_own(household: KnowledgeBase) -> None:
     one, other = rule(household, MY + "Gizmo"), rule(household, MY + "Qwertz")
-    assert (one.shape_type, one.source, one.reason) == ("box", GeometrySource.MAP, "nobody says how it is shaped")
+    assert (one.shape_type, one.source, one.reason) == ("box", GeometrySource.MAP, "no annotation for its shape")
     assert one.default_material.pbr_material.color != other.default_material.pbr_material.color
     assert one.default_material.pbr_material == rule(KnowledgeBase(), MY + "Gizmo").default_material.pbr_material
 
@@ -212,10 +212,10 @@ def test_without_the_bundled_ontology_only_the_user_s_own_words_count(teach: Tea
     ("line", "doubt"),
     [
         ('ms:inColour "greenish"', "inColour cannot be"),
-        ('ms:typicalSize "1 2"', 'typicalSize cannot be "1 2"; it is depth, width and height in metres'),
+        ('ms:typicalSize "1 2"', 'typicalSize cannot be "1 2"; it is depth, width and height in meters'),
         ('ms:givesLight "yes"', 'givesLight cannot be "yes"; it is one of none, point, spot, directional'),
         ("ms:density -3", 'density cannot be "-3"; it is a number from 0'),
-        ('ms:madeOf "wood"', 'madeOf cannot be "wood"; it leads to things that have a name'),
+        ('ms:madeOf "wood"', 'madeOf cannot be "wood"; it is an IRI'),
     ],
 )
 def test_what_cannot_be_is_doubted_aloud_and_the_rest_counts(teach: Teach, line: str, doubt: str) -> None:
@@ -227,7 +227,7 @@ def test_what_cannot_be_is_doubted_aloud_and_the_rest_counts(teach: Teach, line:
 def test_classes_shaped_like_one_another_end_as_boxes_and_it_is_said(teach: Teach) -> None:
     knowledge = teach("my:Hen ms:shapedAs my:Egg . my:Egg ms:shapedAs my:Hen .")
     assert rule(knowledge, MY + "Hen").shape_type == "box"
-    assert "nobody says how" in rule(knowledge, MY + "Hen").reason
+    assert "no annotation for its shape" in rule(knowledge, MY + "Hen").reason
     assert rule(knowledge, MY + "Hen").issues
 
 

@@ -1,4 +1,4 @@
-"""Any world as a map of KnowRob 2: we read the same world again, and those who know only SOMA find their way."""
+"""Writing of any world as a SOMA map: reading gives the same world, and the SOMA statements alone describe it."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from mindstage.scene import AxisMotion, BodyId, Iri, Joint, Pose, PrimitiveShape
 from mindstage.scene.transforms import normalized_pose_array, rotation_matrix
 from tests.kitchenette import kitchenette
 from tests.knowledge.maps import KNOWROB, assert_worlds_equal, knowledge_base_from
-from tests.knowledge.test_anything import mutated_maps, normalized
+from tests.knowledge.test_arbitrary_maps import mutated_maps, normalized
 from tests.worlds import worlds
 
 MS = "http://mindstage.org/ontology#"
@@ -27,7 +27,7 @@ each_format = pytest.mark.parametrize("format", MapFormat)
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Hypothesis writes many files; they may replace one another."""
+    """The folder of files that Hypothesis writes, which may overwrite one another."""
     return tmp_path_factory.mktemp("soma")
 
 
@@ -37,10 +37,10 @@ def through_soma(world: World, folder: Path, format: MapFormat = MapFormat.TURTL
     return knowledge_base_from(path).world(world.iri)
 
 
-def seen_by_others(path: Path, folder: Path) -> World:
-    """What a file tells those who know SOMA, and neither our words nor dialect 1's for places and joints."""
-    said = ox.parse(path=path, format=ox.RdfFormat.TURTLE)
-    known = [quad.triple for quad in said if _is_known(quad)]
+def world_of_soma_statements(path: Path, folder: Path) -> World:
+    """The world of a file's SOMA statements, without those about poses and joints in other vocabularies."""
+    quads = ox.parse(path=path, format=ox.RdfFormat.TURTLE)
+    known = [quad.triple for quad in quads if _is_known(quad)]
     plain = folder / "plain.nt"
     ox.serialize(known, plain, ox.RdfFormat.N_TRIPLES)
     knowledge = knowledge_base_from(plain)
@@ -55,31 +55,31 @@ def _is_known(quad: ox.Quad) -> bool:
 
 @each_format
 @given(world=worlds(wild_tags=True))
-def test_any_world_comes_back(world: World, format: MapFormat, folder: Path) -> None:
+def test_any_world_survives_a_round_trip(world: World, format: MapFormat, folder: Path) -> None:
     assert_worlds_equal(world, through_soma(world, folder, format))
 
 
 @given(world=worlds(labels=True))
-def test_a_world_that_was_read_comes_back_to_the_letter(world: World, folder: Path) -> None:
+def test_a_world_that_was_read_survives_a_round_trip_exactly(world: World, folder: Path) -> None:
     once = through_soma(world, folder)
     assert normalized(through_soma(once, folder)) == normalized(once)
 
 
-@given(said=mutated_maps())
-def test_whatever_a_map_tells_comes_back(said: list[ox.Quad], folder: Path) -> None:
+@given(quads=mutated_maps())
+def test_any_statements_survive_a_round_trip(quads: list[ox.Quad], folder: Path) -> None:
     path = folder / "map.ttl"
-    ox.serialize(said, path, ox.RdfFormat.TURTLE)
+    ox.serialize(quads, path, ox.RdfFormat.TURTLE)
     knowledge = knowledge_base_from(path)
     for map in knowledge.maps():
         world = knowledge.world(map)
         assert normalized(through_soma(world, folder)) == normalized(world)
 
 
-def test_others_find_places_sizes_parts_and_joints(tmp_path: Path) -> None:
+def test_poses_sizes_parts_and_joints_are_written_in_soma(tmp_path: Path) -> None:
     world = knowledge_base_from(bundled_kitchen(), bundled_ontology=True).world()
     path = tmp_path / "soma.ttl"
     save_map(world, path, dialect=MapDialect.SOMA)
-    seen = seen_by_others(path, tmp_path)
+    seen = world_of_soma_statements(path, tmp_path)
     bodies = {body.id: body for body in seen.bodies}
     assert len(bodies) == len(world.bodies)
     for body in world.bodies:
@@ -91,12 +91,12 @@ def test_others_find_places_sizes_parts_and_joints(tmp_path: Path) -> None:
         other = joints[joint.parent, joint.child]
         np.testing.assert_allclose(_axis(other), _axis(joint), atol=1e-9)
         assert _range(other) == pytest.approx(_range(joint))
-        if joint.angular.swing1 is AxisMotion.LIMITED:  # along a slide, any point of the axis is as good
+        if joint.angular.swing1 is AxisMotion.LIMITED:  # the position along a sliding axis is arbitrary
             np.testing.assert_allclose(other.pose.position, joint.pose.position, atol=1e-9)
 
 
 def _free(joint: Joint) -> tuple[int, float, float]:
-    """The one way in which it moves: along or about which axis, how far either way, and from which middle."""
+    """Its only free axis: the index, the limit and the middle."""
     linear, angular = joint.linear, joint.angular
     ways = [
         (linear.x, linear.limit, linear.x_middle),
@@ -119,26 +119,26 @@ def _range(joint: Joint) -> tuple[float, float]:
     return middle - limit, middle + limit
 
 
-def test_a_place_stands_only_where_soma_has_it() -> None:
+def test_a_pose_is_written_only_in_soma() -> None:
     text = write_map(kitchenette(), format=MapFormat.TURTLE, dialect=MapDialect.SOMA)
     bodies = {body.id for body in kitchenette().bodies}
     assert text.count("soma:hasLocalization") == len(bodies)
-    told = ox.parse(text.encode(), ox.RdfFormat.TURTLE)
-    placed = {quad.subject.value.split("#")[1] for quad in told if quad.predicate.value == KNOWROB + "pose"}
+    quads = ox.parse(text.encode(), ox.RdfFormat.TURTLE)
+    placed = {quad.subject.value.split("#")[1] for quad in quads if quad.predicate.value == KNOWROB + "pose"}
     assert placed.isdisjoint(bodies)
 
 
-def test_a_place_that_somebody_has_changed_counts(tmp_path: Path) -> None:
+def test_a_pose_that_was_edited_is_used(tmp_path: Path) -> None:
     world, path = kitchenette(), tmp_path / "map.ttl"
     body = world.bodies[0]
     text = write_map(world, format=MapFormat.TURTLE, dialect=MapDialect.SOMA)
-    told = " ".join(map(repr, body.pose.position))
-    assert text.count(f'"{told}"') >= 1
-    path.write_text(text.replace(f'"{told}"', '"[7.0, 8.5, -9.0]"'), encoding="utf-8")
+    position = " ".join(map(repr, body.pose.position))
+    assert text.count(f'"{position}"') >= 1
+    path.write_text(text.replace(f'"{position}"', '"[7.0, 8.5, -9.0]"'), encoding="utf-8")
     assert knowledge_base_from(path).world().body(body.id).pose == replace(body.pose, position=(7.0, 8.5, -9.0))
 
 
-def test_a_shape_that_somebody_has_changed_is_reported(tmp_path: Path) -> None:
+def test_a_shape_that_was_edited_is_reported(tmp_path: Path) -> None:
     world, path = kitchenette(), tmp_path / "map.ttl"
     body = next(body for body in world.bodies if body.size is not None)
     assert body.size is not None
@@ -149,7 +149,7 @@ def test_a_shape_that_somebody_has_changed_is_reported(tmp_path: Path) -> None:
     assert "99" in "\n".join(finding.problem for finding in knowledge.findings() if finding.individual == body.iri)
 
 
-def test_round_things_have_radii(tmp_path: Path) -> None:
+def test_spheres_and_cylinders_have_radii(tmp_path: Path) -> None:
     ball = replace(
         kitchenette().bodies[0], size=(0.2, 0.2, 0.2), shape=PrimitiveShape(type=PrimitiveType.SPHERE), facts=()
     )
@@ -164,18 +164,18 @@ def test_round_things_have_radii(tmp_path: Path) -> None:
     path = tmp_path / "map.ttl"
     save_map(world, path, dialect=MapDialect.SOMA)
     assert_worlds_equal(world, knowledge_base_from(path).world())
-    seen = {body.iri: body for body in seen_by_others(path, tmp_path).bodies}
+    seen = {body.iri: body for body in world_of_soma_statements(path, tmp_path).bodies}
     for body in (ball, tin):
         assert (seen[body.iri].size, seen[body.iri].shape) == (body.size, body.shape)
 
 
-def test_what_soma_has_no_words_for_is_said(tmp_path: Path) -> None:
+def test_values_that_soma_cannot_express_are_reported(tmp_path: Path) -> None:
     notes = save_map(kitchenette(), tmp_path / "map.owl", dialect=MapDialect.SOMA)
     assert any("tags" in note for note in notes)
     assert save_map(kitchenette(), tmp_path / "map.owl") == ()
 
 
-def test_a_map_of_soma_says_no_place_twice(shared_data: Path, tmp_path: Path) -> None:
+def test_no_pose_is_written_twice(shared_data: Path, tmp_path: Path) -> None:
     knowledge = knowledge_base_from(shared_data / "maps" / "soma-iai-room.owl")
     world, path = knowledge.world(), tmp_path / "map.ttl"
     save_map(world, path, dialect=MapDialect.SOMA)
@@ -185,4 +185,4 @@ def test_a_map_of_soma_says_no_place_twice(shared_data: Path, tmp_path: Path) ->
     save_map(moved, path, dialect=MapDialect.SOMA)
     assert path.read_text(encoding="utf-8").count("soma:hasLocalization") == 49
     assert_worlds_equal(moved, knowledge_base_from(path).world())
-    assert seen_by_others(path, tmp_path).body(world.bodies[0].id).pose == Pose((1.0, 2.0, 3.0))
+    assert world_of_soma_statements(path, tmp_path).body(world.bodies[0].id).pose == Pose((1.0, 2.0, 3.0))

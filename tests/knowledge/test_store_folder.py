@@ -1,4 +1,4 @@
-"""Knowledge in a folder: what was loaded and told is there again, and nothing half-written is ever used."""
+"""Knowledge bases in a folder: everything persists, and an incomplete folder is never used."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def kitchen_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def folder(kitchen_folder: Path, tmp_path: Path) -> Path:
-    """A folder of its own, with the kitchen."""
+    """A folder with the kitchen."""
     return shutil.copytree(kitchen_folder, tmp_path / "kitchen")
 
 
@@ -53,10 +53,10 @@ def reopened(folder: Path) -> KnowledgeBase:
     return KnowledgeBase(store=folder)
 
 
-# -- what comes back ---------------------------------------------------------------------------------------------------
+# -- persistence -------------------------------------------------------------------------------------------------------
 
 
-def test_everything_is_there_again_and_nothing_is_parsed(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_reopened_folder_has_everything_without_parsing(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     fresh = KnowledgeBase()
     fresh.load(bundled_kitchen())
 
@@ -73,7 +73,7 @@ def test_everything_is_there_again_and_nothing_is_parsed(folder: Path, monkeypat
         assert kb.sources() == (bundled_ontology(), bundled_kitchen())
 
 
-def test_findings_are_there_again(tmp_path: Path) -> None:
+def test_a_reopened_folder_has_its_findings(tmp_path: Path) -> None:
     map = tmp_path / "room.ttl"
     map.write_text(room_map(body_turtle("cup"), "<> owl:imports <package://nowhere/x.owl> ."), encoding="utf-8")
     with KnowledgeBase(store=tmp_path / "store") as kb:
@@ -84,7 +84,7 @@ def test_findings_are_there_again(tmp_path: Path) -> None:
         assert kb.findings() == found
 
 
-def test_what_was_told_stays_told_and_what_was_taken_back_stays_away(folder: Path) -> None:
+def test_assertions_and_retractions_persist(folder: Path) -> None:
     with reopened(folder) as kb:
         kb.tell("Cupboard", CONTAINER_FOR, "Robot")
         assert kb.retract("Refrigerator", CONTAINER_FOR, "Perishable")
@@ -96,7 +96,7 @@ def test_what_was_told_stays_told_and_what_was_taken_back_stays_away(folder: Pat
         assert not kb.ask("storage_place", item="Robot")
 
 
-def test_naming_the_sources_again_changes_nothing(folder: Path) -> None:
+def test_loading_the_same_sources_again_changes_nothing(folder: Path) -> None:
     before = (folder / "mindstage.json").read_bytes()
     with reopened(folder) as kb:
         kb.load(bundled_kitchen())
@@ -114,7 +114,7 @@ def test_more_can_be_loaded_later(folder: Path, tmp_path: Path) -> None:
         assert len(kb.world("room").bodies) == 1
 
 
-def test_queries_see_the_folder_and_what_was_just_told(folder: Path) -> None:
+def test_queries_see_the_folder_and_recent_assertions(folder: Path) -> None:
     ask = "ASK { ms:Rack rdfs:subClassOf knowrob:Refrigerator }"
     with reopened(folder) as kb:
         assert kb.sparql("ASK { ?map a knowrob:SemanticEnvironmentMap }").boolean
@@ -122,22 +122,22 @@ def test_queries_see_the_folder_and_what_was_just_told(folder: Path) -> None:
         kb.tell("ms:Rack", "subClassOf", "Refrigerator")
         assert kb.sparql(ask).boolean
     assert sorted(path.name for path in folder.iterdir()) == ["mindstage.json", "texts", "triples"]
-    (folder / "triples-as-asked-7").mkdir()  # as a process leaves it that was killed while it asked
+    (folder / "triples-as-asked-7").mkdir()  # left by a process that was killed during a query
     reopened(folder).close()
     assert not (folder / "triples-as-asked-7").exists()
 
 
-def test_a_folder_keeps_the_ontology_it_was_made_with(small: tuple[Path, Path], folder: Path) -> None:
+def test_a_folder_keeps_the_choice_of_the_bundled_ontology(small: tuple[Path, Path], folder: Path) -> None:
     with reopened(small[0]) as kb:
         assert bundled_ontology() not in kb.sources()
     with pytest.raises(StoreError, match="it was made with the bundled ontology; make another one"):
         KnowledgeBase(store=folder, bundled_ontology=False)
 
 
-def test_the_ontology_of_another_mindstage_is_replaced(folder: Path) -> None:
-    told = json.loads((folder / "mindstage.json").read_text())
-    told["sources"][0]["hash"] = "0" * 64
-    text = json.dumps(told).replace(str(bundled_ontology()), "/elsewhere/household.ttl")
+def test_the_bundled_ontology_of_another_version_is_replaced(folder: Path) -> None:
+    manifest = json.loads((folder / "mindstage.json").read_text())
+    manifest["sources"][0]["hash"] = "0" * 64
+    text = json.dumps(manifest).replace(str(bundled_ontology()), "/elsewhere/household.ttl")
     (folder / "mindstage.json").write_text(text)
     with reopened(folder) as kb:
         assert bundled_ontology() in kb.sources()
@@ -145,10 +145,10 @@ def test_the_ontology_of_another_mindstage_is_replaced(folder: Path) -> None:
         assert [local_name(row.place) for row in kb.ask("storage_place", item="CowsMilk")] == ["Refrigerator"]
 
 
-# -- what has changed since --------------------------------------------------------------------------------------------
+# -- changed sources ---------------------------------------------------------------------------------------------------
 
 
-def test_a_source_that_has_changed_is_read_anew_and_that_is_told(small: tuple[Path, Path]) -> None:
+def test_a_changed_source_is_read_again_and_reported(small: tuple[Path, Path]) -> None:
     folder, map = small
     map.write_text(room_map(body_turtle("cup"), body_turtle("jug")), encoding="utf-8")
     with reopened(folder) as kb:
@@ -162,7 +162,7 @@ def test_a_source_that_has_changed_is_read_anew_and_that_is_told(small: tuple[Pa
         assert len(kb.world().bodies) == 2
 
 
-def test_an_ontology_that_has_changed_is_read_anew_too(small: tuple[Path, Path]) -> None:
+def test_a_changed_ontology_is_read_again(small: tuple[Path, Path]) -> None:
     folder, map = small
     map.with_name("words.ttl").write_text("<e:Other> a <http://www.w3.org/2002/07/owl#Class> .", encoding="utf-8")
     with reopened(folder) as kb:
@@ -171,14 +171,14 @@ def test_an_ontology_that_has_changed_is_read_anew_too(small: tuple[Path, Path])
         assert len(kb.sources()) == 2
 
 
-def test_a_source_that_was_only_touched_has_not_changed(small: tuple[Path, Path]) -> None:
+def test_a_source_with_a_new_time_only_is_unchanged(small: tuple[Path, Path]) -> None:
     folder, map = small
     os.utime(map, (1, 1))
     with reopened(folder) as kb:
         assert not changes(kb)
 
 
-def test_a_source_that_is_gone_is_not_missed(small: tuple[Path, Path]) -> None:
+def test_a_deleted_source_stays_loaded(small: tuple[Path, Path]) -> None:
     folder, map = small
     map.unlink()
     with reopened(folder) as kb:
@@ -186,7 +186,7 @@ def test_a_source_that_is_gone_is_not_missed(small: tuple[Path, Path]) -> None:
         assert not kb.findings()
 
 
-def test_a_source_that_can_no_longer_be_read_stays_as_it_was_and_that_is_told(small: tuple[Path, Path]) -> None:
+def test_an_unreadable_changed_source_stays_as_it_was_and_is_reported(small: tuple[Path, Path]) -> None:
     folder, map = small
     map.write_text("@prefix : <", encoding="utf-8")
     with reopened(folder) as kb:
@@ -196,7 +196,7 @@ def test_a_source_that_can_no_longer_be_read_stays_as_it_was_and_that_is_told(sm
         assert finding.action == "the stored one stays"
 
 
-def test_what_cannot_be_loaded_leaves_the_folder_as_it_was(small: tuple[Path, Path], tmp_path: Path) -> None:
+def test_a_failed_load_leaves_the_folder_unchanged(small: tuple[Path, Path], tmp_path: Path) -> None:
     folder, _ = small
     before = (folder / "mindstage.json").read_bytes()
     (tmp_path / "bad.ttl").write_text("@prefix : <", encoding="utf-8")
@@ -207,10 +207,10 @@ def test_what_cannot_be_loaded_leaves_the_folder_as_it_was(small: tuple[Path, Pa
         assert kb.maps() == (individual("room"),)
 
 
-def test_a_large_source_that_cannot_be_read_leaves_nothing_behind(
+def test_a_failed_bulk_load_leaves_nothing_behind(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("mindstage.knowledge.store._MAX_FORK_SIZE", 0)
+    monkeypatch.setattr("mindstage.knowledge.store._MIN_BULK_SIZE", 0)
     (tmp_path / "bad.ttl").write_text("<e:a> <e:b> <e:c> .\n" * 100 + "<e:a> <", encoding="utf-8")
     (tmp_path / "good.ttl").write_text("<e:d> <e:b> <e:c> .", encoding="utf-8")
     with reopened(folder) as kb:
@@ -220,42 +220,44 @@ def test_a_large_source_that_cannot_be_read_leaves_nothing_behind(
         assert len(kb.sparql("SELECT ?s { ?s <e:b> ?o }").rows) == 1
 
 
-# -- what is no such folder --------------------------------------------------------------------------------------------
+# -- invalid folders ---------------------------------------------------------------------------------------------------
 
 
-def test_a_folder_with_other_files_is_left_alone(tmp_path: Path) -> None:
+def test_a_folder_with_other_files_is_refused(tmp_path: Path) -> None:
     (tmp_path / "mine.txt").write_text("mine")
     with pytest.raises(StoreError, match="there are other files in it; name a new folder"):
         reopened(tmp_path)
     assert [path.name for path in tmp_path.iterdir()] == ["mine.txt"]
 
 
-def test_a_file_is_no_folder(tmp_path: Path) -> None:
+def test_a_file_in_place_of_the_folder_is_refused(tmp_path: Path) -> None:
     (tmp_path / "mine.txt").write_text("mine")
     with pytest.raises(StoreError, match=r"mine\.txt cannot be used: a file is in its place; name a new"):
         reopened(tmp_path / "mine.txt")
 
 
-def test_a_folder_of_a_newer_format_is_left_alone(folder: Path) -> None:
+def test_a_folder_of_a_newer_format_is_refused(folder: Path) -> None:
     (folder / "mindstage.json").write_text('{"format_version": 99, "feelings": []}')
-    with pytest.raises(StoreError, match="it is of format 99, and this version knows 1; use a newer Mindstage"):
+    with pytest.raises(
+        StoreError, match="it has format version 99, and this version of Mindstage reads up to 1; use a newer Mindstage"
+    ):
         reopened(folder)
 
 
 @pytest.mark.parametrize("text", ["", "{", "[]", '{"format_version": 1, "sources": [{"path": 3}]}'])
-def test_a_damaged_list_of_contents_is_named(text: str, folder: Path) -> None:
+def test_a_damaged_manifest_is_reported(text: str, folder: Path) -> None:
     (folder / "mindstage.json").write_text(text)
     with pytest.raises(StoreError, match=r"mindstage\.json: .*; delete the folder and load the sources"):
         reopened(folder)
 
 
-def test_damaged_triples_are_named(folder: Path) -> None:
+def test_damaged_triples_are_reported(folder: Path) -> None:
     (folder / "triples" / "CURRENT").write_text("nonsense")
     with pytest.raises(StoreError, match="cannot be used"):
         reopened(folder)
 
 
-def test_a_text_that_is_gone_is_named_when_it_is_needed(folder: Path) -> None:
+def test_a_missing_text_is_reported_when_it_is_needed(folder: Path) -> None:
     shutil.rmtree(folder / "texts")
     with reopened(folder) as kb:
         assert kb.ask("storage_place", item="CowsMilk")
@@ -263,7 +265,7 @@ def test_a_text_that_is_gone_is_named_when_it_is_needed(folder: Path) -> None:
             kb.world()
 
 
-def test_another_process_that_holds_the_folder_is_named(folder: Path) -> None:
+def test_a_folder_used_by_another_process_is_refused(folder: Path) -> None:
     with reopened(folder):
         script = f"from mindstage.knowledge import KnowledgeBase; KnowledgeBase(store={str(folder)!r})"
         command = [sys.executable, "-c", script]
@@ -272,17 +274,17 @@ def test_another_process_that_holds_the_folder_is_named(folder: Path) -> None:
     reopened(folder).close()
 
 
-def test_a_process_that_dies_while_it_fills_a_folder_leaves_one_that_says_so(folder: Path, tmp_path: Path) -> None:
+def test_a_folder_is_marked_incomplete_if_the_process_dies_while_loading(folder: Path, tmp_path: Path) -> None:
     map = tmp_path / "room.ttl"
     map.write_text(room_map(body_turtle("cup")), encoding="utf-8")
     script = f"""
 import time
 from mindstage.knowledge import KnowledgeBase
-from mindstage.knowledge.stores.localstore import LocalStore
+from mindstage.knowledge.store import OxigraphStore
 def stop(*_, **__):
     print("filling", flush=True)
     time.sleep(600)
-LocalStore.load = stop
+OxigraphStore.load = stop
 KnowledgeBase(store={str(folder)!r}).load({str(map)!r})
 """
     process = subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE, text=True)
@@ -300,7 +302,7 @@ KnowledgeBase(store={str(folder)!r}).load({str(map)!r})
         reopened(folder)
 
 
-def test_a_process_that_dies_after_it_has_told_something_has_told_it(folder: Path) -> None:
+def test_an_assertion_survives_the_death_of_the_process(folder: Path) -> None:
     script = f"""
 import os
 from mindstage.knowledge import KnowledgeBase
@@ -312,7 +314,7 @@ os.kill(os.getpid(), 9)
         assert kb.ask("storage_place", item="Robot")
 
 
-def test_a_folder_that_can_only_be_read_answers_and_takes_nothing(
+def test_a_read_only_folder_answers_but_refuses_changes(
     small: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     folder, map = small
@@ -324,19 +326,19 @@ def test_a_folder_that_can_only_be_read_answers_and_takes_nothing(
         assert changes(kb)[0].action == "the stored one stays: the folder is read-only"
         assert kb.sparql("ASK { ?map a knowrob:SemanticEnvironmentMap }").boolean
         kb.load(map)
-        with pytest.raises(StoreError, match="it can only be read; copy it, and use the copy"):
+        with pytest.raises(StoreError, match="it is read-only; copy it, and use the copy"):
             kb.tell("ms:shed", "type", "Cup")
-        with pytest.raises(StoreError, match="it can only be read"):
+        with pytest.raises(StoreError, match="it is read-only"):
             kb.load(bundled_kitchen())
     assert sorted((path, path.stat().st_mtime_ns) for path in folder.rglob("*")) == before
 
 
-def test_a_knowledge_base_is_kept_in_one_place(tmp_path: Path) -> None:
+def test_a_folder_and_an_endpoint_exclude_each_other(tmp_path: Path) -> None:
     with pytest.raises(InvalidArgumentError, match="it is kept in a folder or at an endpoint, not in both"):
         KnowledgeBase(store=tmp_path / "store", endpoint="http://localhost:7878/query")
 
 
-def test_closing_twice_is_harmless_and_asking_after_is_refused(folder: Path) -> None:
+def test_closing_twice_is_harmless_and_later_questions_are_refused(folder: Path) -> None:
     kb = reopened(folder)
     kb.close()
     kb.close()

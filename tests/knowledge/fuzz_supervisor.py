@@ -1,7 +1,6 @@
-"""Watching from outside: a worker process reads what may be anything, and ends if it takes too long.
+"""Supervision of a worker process that reads untrusted files, with time limits.
 
-A job may have some seconds of the processor, which a slow machine has as well as a fast one, and some minutes on the
-clock, in case it waits for something that never comes.
+Each job has a limit of CPU time, which hardly depends on the machine, and a limit of wall time, in case it blocks.
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ from tests.conftest import ROOT
 __all__ = ["VERBS", "WorkerResult", "WorkerSupervisor"]
 
 CPU_LIMIT_S = 15.0
-"""A hundred times what a large sample takes."""
+"""About a hundred times the CPU time of a large sample."""
 WALL_LIMIT_S = 180.0
 VERBS = ("validate", "validate --json", "analyse", "convert")
 
@@ -29,30 +28,30 @@ _TICKS_PER_SECOND = os.sysconf("SC_CLK_TCK")
 
 
 class WorkerResult(NamedTuple):
-    """What became of one file."""
+    """The result of one job."""
 
     defect: str
-    """Why it must not have ended so; empty where all is well."""
+    """Description of a failure; empty if there is none."""
     error: str = ""
-    """What Mindstage said where it did not take the file."""
+    """The error with which Mindstage refused the file."""
     maps: int = 0
     bodies: int = 0
     findings: Sequence[str] = ()
     exit_code: int = 0
-    """Of a verb about the file."""
+    """Exit code of the CLI command."""
     network_attempts: Sequence[str] = ()
-    """To get outside of the process."""
+    """Attempts to use the network or to start a process."""
     opened_files: Sequence[str] = ()
-    """Files that nothing in a map is a reason to open."""
+    """Protected files that were opened."""
     memory_mb: float = 0.0
-    """The worker's peak so far."""
+    """Peak memory of the worker so far."""
 
 
 class WorkerSupervisor:
-    """One worker at a time; a new one where the last one had to be ended."""
+    """Runs one worker process, which is replaced after a failure."""
 
     def __init__(self, folder: Path) -> None:
-        """Starts nothing yet; the worker writes into the folder."""
+        """Creates the supervisor; the worker starts with the first job and writes into the folder."""
         self._folder = folder
         self._command = [sys.executable, "-m", "tests.knowledge.fuzz_worker", str(folder)]
         self._worker: subprocess.Popen[bytes] | None = None
@@ -66,7 +65,7 @@ class WorkerSupervisor:
     def read(
         self, path: Path, *, robots: Sequence[Path] = (), ontologies: Sequence[Path] = (), verb: str = VERBS[0]
     ) -> WorkerResult:
-        """Has a file read and written, and something typed about it."""
+        """Runs one job: reads and writes a file, and runs a CLI command on it."""
         worker = self._worker = self._worker or self._start()
         assert worker.stdin is not None
         job = {"path": str(path), "robots": list(map(str, robots)), "ontologies": list(map(str, ontologies))}
@@ -76,14 +75,13 @@ class WorkerSupervisor:
         if isinstance(line, str):
             self._kill()
             return WorkerResult(line)
-        told = json.loads(line)
-        defect = told.get("defect", "")
-        if told["tries"]:
-            defect = f"it tried to get outside: {told['tries']}\n{defect}"
-        if told["opened"]:
-            defect = f"it opened what it must not: {told['opened']}\n{defect}"
-        typed = told.pop("typed", 0)
-        return WorkerResult(**(told | {"defect": defect}), exit_code=typed)
+        result = json.loads(line)
+        defect = result.get("defect", "")
+        if result["network_attempts"]:
+            defect = f"it accessed the network or started a process: {result['network_attempts']}\n{defect}"
+        if result["opened_files"]:
+            defect = f"it opened protected files: {result['opened_files']}\n{defect}"
+        return WorkerResult(**(result | {"defect": defect}))
 
     def _start(self) -> subprocess.Popen[bytes]:
         environment = os.environ | {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
@@ -94,7 +92,7 @@ class WorkerSupervisor:
             )
 
     def _wait_for(self, worker: subprocess.Popen[bytes]) -> bytes | str:
-        """The answer, or why there is none."""
+        """Returns the answer, or the reason why there is none."""
         assert worker.stdout is not None
         begin, used = time.monotonic(), _cpu_s(worker.pid)
         while not select.select([worker.stdout], [], [], 0.25)[0]:
@@ -121,9 +119,9 @@ class WorkerSupervisor:
 
 
 def _cpu_s(pid: int) -> float:
-    """How long a process has been at work [s]."""
+    """Returns the CPU time of a process [s]."""
     try:
         fields = Path(f"/proc/{pid}/stat").read_text(encoding="ascii").rpartition(")")[2].split()
     except OSError:
-        return 0.0  # it has just ended, as its pipe will tell
+        return 0.0  # it has just ended
     return (int(fields[11]) + int(fields[12])) / _TICKS_PER_SECOND

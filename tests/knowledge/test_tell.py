@@ -1,4 +1,4 @@
-"""What is told at run time makes the next answer better, and can be taken back."""
+"""Assertions and retractions at run time."""
 
 from __future__ import annotations
 
@@ -27,23 +27,23 @@ def places(kb: KnowledgeBase, item: str) -> list[str]:
     return [local_name(row.place) for row in kb.ask("storage_place", item=item)]
 
 
-def test_a_robot_asks_for_what_is_missing_and_then_knows(kb: KnowledgeBase) -> None:
-    (lack,) = kb.ask("storage_place", item="Robot").missing
-    kb.tell("Cupboard", lack.property, lack.cls)
+def test_asserting_a_missing_statement_gives_an_answer(kb: KnowledgeBase) -> None:
+    (missing,) = kb.ask("storage_place", item="Robot").missing
+    kb.tell("Cupboard", missing.property, missing.cls)
     assert places(kb, "Robot") == ["Cupboard"]
     assert kb.ask("storage_place_in_environment", item="Robot")
-    assert kb.retract("Cupboard", lack.property, lack.cls)
+    assert kb.retract("Cupboard", missing.property, missing.cls)
     assert places(kb, "Robot") == []
 
 
-def test_more_special_knowledge_comes_first_once_it_is_told(kb: KnowledgeBase) -> None:
+def test_an_asserted_more_specific_place_comes_first(kb: KnowledgeBase) -> None:
     assert places(kb, "CowsMilk") == ["Refrigerator"]
     kb.tell("ms:MilkRack", "subClassOf", "Refrigerator")
     kb.tell("MilkRack", CONTAINER_FOR, "CowsMilk")
     assert places(kb, "CowsMilk") == ["MilkRack", "Refrigerator"]
 
 
-def test_bread_gets_a_basket_before_the_fridge_once_somebody_says_so(tmp_path: Path) -> None:
+def test_an_asserted_breadbasket_comes_before_the_fridge(tmp_path: Path) -> None:
     path = tmp_path / "room.ttl"
     perishable = "[ a owl:Restriction ; owl:onProperty k:typePrimaryFunction-containerFor ; owl:someValuesFrom k:Food ]"
     path.write_text(
@@ -68,7 +68,7 @@ def test_bread_gets_a_basket_before_the_fridge_once_somebody_says_so(tmp_path: P
     assert places(kb, "Bread") == ["Fridge"]
 
 
-def test_what_was_told_is_among_the_facts_of_a_thing(kb: KnowledgeBase) -> None:
+def test_assertions_are_among_the_facts_of_an_individual(kb: KnowledgeBase) -> None:
     (before,) = kb.ask("what_is", individual="fridge_door")
     kb.tell("fridge_door", "label", "the cold door")
     (after,) = kb.ask("what_is", individual="fridge_door")
@@ -81,7 +81,7 @@ def test_what_was_told_is_among_the_facts_of_a_thing(kb: KnowledgeBase) -> None:
     assert [cell_text(fact) for fact in row.facts] == ["label Joe's"]
 
 
-def test_telling_a_fact_leaves_the_worlds_and_the_index_as_they_are(kb: KnowledgeBase) -> None:
+def test_asserting_a_fact_keeps_worlds_and_reasoner(kb: KnowledgeBase) -> None:
     world, index, hierarchy = kb.world(), kb.reasoner, kb.reasoner.classes
     kb.tell("fridge_door", "label", "the cold door")
     assert kb.world() is world
@@ -91,7 +91,7 @@ def test_telling_a_fact_leaves_the_worlds_and_the_index_as_they_are(kb: Knowledg
     assert kb.reasoner.classes is hierarchy
 
 
-def test_telling_twice_is_telling_once(kb: KnowledgeBase) -> None:
+def test_asserting_twice_has_no_effect(kb: KnowledgeBase) -> None:
     for _ in range(2):
         kb.tell("Cupboard", CONTAINER_FOR, "Robot")
     assert len(kb.ask("class_properties", cls="Cupboard", property=CONTAINER_FOR)) == len(
@@ -102,7 +102,7 @@ def test_telling_twice_is_telling_once(kb: KnowledgeBase) -> None:
     assert places(kb, "Robot") == []
 
 
-def test_what_a_source_said_can_be_taken_back_too(kb: KnowledgeBase) -> None:
+def test_statements_of_sources_can_be_retracted(kb: KnowledgeBase) -> None:
     assert kb.retract("Refrigerator", CONTAINER_FOR, "Perishable")
     assert places(kb, "CowsMilk") == []
 
@@ -122,7 +122,7 @@ def test_an_individual_gets_a_class_a_part_and_a_value(tmp_path: Path) -> None:
     assert not kb.sparql(f"ASK {{ <{ROOM_NAMESPACE}door> knowrob:mass 2.5e0 }}").boolean
 
 
-def test_somebody_new_is_introduced_by_a_class(kb: KnowledgeBase) -> None:
+def test_a_new_subject_is_created_by_its_class(kb: KnowledgeBase) -> None:
     kb.tell("knowrob:cup_of_joe", "type", "Cup")
     (row,) = kb.ask("what_is", individual="cup_of_joe")
     assert row.classes == (KNOWROB + "Cup",)
@@ -131,25 +131,25 @@ def test_somebody_new_is_introduced_by_a_class(kb: KnowledgeBase) -> None:
     assert len(kb.ask("everything_in_map", individual="cup_of_joe")) == 1
 
 
-def test_a_property_can_be_told_to_imply_another(kb: KnowledgeBase) -> None:
+def test_a_property_can_be_asserted_as_subproperty(kb: KnowledgeBase) -> None:
     kb.tell("contains", "subPropertyOf", CONTAINER_FOR)
     kb.tell("Cupboard", "contains", "Robot")
     assert places(kb, "Robot") == ["Cupboard"]
 
 
-def test_labels_are_texts(kb: KnowledgeBase) -> None:
+def test_labels_are_strings(kb: KnowledgeBase) -> None:
     kb.tell("Cupboard", "label", "press")
     assert kb.sparql('ASK { knowrob:Cupboard rdfs:label "press" }').boolean
     assert kb.retract("Cupboard", "label", "press")
 
 
-def test_the_world_of_a_map_stays_as_its_file_tells_it(kb: KnowledgeBase) -> None:
+def test_assertions_do_not_change_the_world_of_a_map(kb: KnowledgeBase) -> None:
     before = kb.world()
     kb.tell("fridge_door", "child", "fridge")
     assert kb.world() == before
 
 
-def test_a_map_that_was_only_told_of_has_individuals_and_no_world(kb: KnowledgeBase) -> None:
+def test_an_asserted_map_has_individuals_but_no_world(kb: KnowledgeBase) -> None:
     kb.tell("ms:shed", "type", "SemanticEnvironmentMap")
     kb.tell("ms:rake", "type", "Tool")
     kb.tell("rake", "describedInMap", "shed")
@@ -161,7 +161,7 @@ def test_a_map_that_was_only_told_of_has_individuals_and_no_world(kb: KnowledgeB
     assert len(kb.ask("analyse")) == 1
 
 
-def test_numbers_are_taken_back_by_value_and_texts_in_any_language(kb: KnowledgeBase) -> None:
+def test_numbers_are_retracted_by_value_and_strings_in_any_language(kb: KnowledgeBase) -> None:
     (row,) = kb.ask("what_is", individual="milk_carton_1")
     assert row.mass_kg
     assert kb.retract("milk_carton_1", "mass", row.mass_kg)
@@ -170,7 +170,7 @@ def test_numbers_are_taken_back_by_value_and_texts_in_any_language(kb: Knowledge
     assert kb.retract("FridgeW60H140", "widthOfObject", 0.6)
 
 
-def test_classes_that_were_told_have_ancestors(kb: KnowledgeBase) -> None:
+def test_asserted_classes_have_ancestors(kb: KnowledgeBase) -> None:
     kb.tell("ms:MilkRack", "subClassOf", "Refrigerator")
     milk_rack = kb.names.find_any("MilkRack")
     assert milk_rack is not None
@@ -183,14 +183,14 @@ def test_classes_that_were_told_have_ancestors(kb: KnowledgeBase) -> None:
         (("Cupbord", CONTAINER_FOR, "Bread"), NameNotFoundError, "near: 'Cupboard'"),
         (("Cupboard", "typePrimaryFunction-containerFr", "Bread"), NameNotFoundError, f"near: '{CONTAINER_FOR}'"),
         (("Cupboard", CONTAINER_FOR, "Braed"), NameNotFoundError, "no class or individual 'Braed'"),
-        (("Cupboard", CONTAINER_FOR, 3), InvalidArgumentError, "it leads to things, and 3 is none"),
-        (("Cupboard", "subClassOf", True), InvalidArgumentError, "it leads to things, and True is none"),
+        (("Cupboard", CONTAINER_FOR, 3), InvalidArgumentError, "it leads to resources, and 3 is none"),
+        (("Cupboard", "subClassOf", True), InvalidArgumentError, "it leads to resources, and True is none"),
         (("NewThing", "subClassOf", "Cupboard"), NameNotFoundError, "no class, individual or property 'NewThing'"),
         (("ms:New Thing", "subClassOf", "Cupboard"), InvalidArgumentError, "New Thing"),
         (("ms:NewThing", "child", "fridge"), NameNotFoundError, "'ms:NewThing'"),
     ],
 )
-def test_what_makes_no_statement_is_refused_and_changes_nothing(
+def test_an_invalid_statement_is_refused_without_effect(
     statement: tuple[str, str, object], error: type[Exception], message: str, kb: KnowledgeBase
 ) -> None:
     before = len(kb.sparql("SELECT * { ?s ?p ?o }").rows)

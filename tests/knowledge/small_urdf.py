@@ -1,4 +1,4 @@
-"""A small kitchen as a robot's description, in parts that tests put together."""
+"""A small kitchen as a robot description, and functions that create its elements."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ __all__ = ["KITCHEN_URDF", "LoadedRobot", "box_urdf", "joint_urdf", "link_urdf",
 
 
 class LoadedRobot:
-    """A description that was loaded alone."""
+    """A knowledge base with one robot description."""
 
     def __init__(self, path: Path, *, bundled_ontology: bool = True, ontologies: tuple[Path, ...] = ()) -> None:
         self.knowledge = knowledge_base_from(path, bundled_ontology=bundled_ontology, ontologies=ontologies)
@@ -20,7 +20,7 @@ class LoadedRobot:
         self.findings: tuple[Finding, ...] = self.knowledge.findings()
 
     def findings_for(self, name: str) -> str:
-        """What was found about a link or a joint."""
+        """Returns the findings about a link or a joint as one text."""
         return "\n".join(str(finding) for finding in self.findings if finding.individual.endswith(f"#{name}"))
 
 
@@ -30,7 +30,7 @@ def load_robot(file: Path, text: str) -> LoadedRobot:
 
 
 def robot_urdf(*elements: str, name: str = "kitchen", extra_attributes: str = "") -> str:
-    """A description."""
+    """Returns a robot description."""
     return (
         f'<?xml version="1.0"?>\n<!-- made by hand -->\n<robot name="{name}" {extra_attributes}>'
         + "\n".join(elements)
@@ -39,12 +39,12 @@ def robot_urdf(*elements: str, name: str = "kitchen", extra_attributes: str = ""
 
 
 def link_urdf(name: str, *elements: str) -> str:
-    """One link."""
+    """Returns a link."""
     return f'<link name="{name}">{"".join(elements)}</link>'
 
 
 def box_urdf(size: str, *, xyz: str = "0 0 0", rpy: str = "0 0 0", role: str = "visual", extra: str = "") -> str:
-    """One box of a link."""
+    """Returns a box geometry."""
     origin = f'<origin xyz="{xyz}" rpy="{rpy}"/>'
     return f'<{role}>{origin}<geometry><box size="{size}"/></geometry>{extra}</{role}>'
 
@@ -52,7 +52,7 @@ def box_urdf(size: str, *, xyz: str = "0 0 0", rpy: str = "0 0 0", role: str = "
 def joint_urdf(
     name: str, type: str, parent: str, child: str, *elements: str, xyz: str = "0 0 0", rpy: str = "0 0 0"
 ) -> str:
-    """One joint."""
+    """Returns a joint."""
     ends = f'<parent link="{parent}"/><child link="{child}"/><origin xyz="{xyz}" rpy="{rpy}"/>'
     return f'<joint name="{name}" type="{type}">{ends}{"".join(elements)}</joint>'
 
@@ -98,4 +98,4 @@ KITCHEN_URDF = robot_urdf(
     joint_urdf("lamp_fixed", "fixed", "world", "lamp_42", xyz="0 0 2.4"),
     "<transmission name='drive'><type>simple</type></transmission>",
 )
-"""Two joints, five things that are fixed, a link of two boxes."""
+"""Two movable joints, five fixed links, and a link with two boxes."""

@@ -1,4 +1,4 @@
-"""An index that heard of every change is the one that would be built afresh: told, retracted, loaded, in any order."""
+"""A reasoner that was updated with any sequence of changes equals a new one."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from mindstage.scene import Iri
 from tests.knowledge.maps import OWL, RDFS, knowrob_iri
 
 RDF = "http://www.w3.org/1999/02/22-rdf-syntax-ns#"
-TOLD = ox.NamedNode("http://example.org/told")
+RUNTIME = ox.NamedNode("http://example.org/runtime")
 CLASSES = [Iri(f"http://example.org/class#{letter}") for letter in "ABCD"]
-THINGS = [Iri(f"http://example.org/thing#{letter}") for letter in "abcd"]
+INDIVIDUALS = [Iri(f"http://example.org/thing#{letter}") for letter in "abcd"]
 PROPERTIES = [Iri(f"http://example.org/property#{letter}") for letter in "pqr"]
 MAP = Iri("http://example.org/map#room")
 BLANKS = [Iri(f"_:{number}") for number in range(3)]
@@ -27,27 +27,33 @@ Triple = tuple[str, str, str]
 
 classes = st.sampled_from(CLASSES)
 expressions = st.sampled_from([*CLASSES, *BLANKS])
-things = st.sampled_from([*THINGS, BLANKS[0]])
+individuals_or_blanks = st.sampled_from([*INDIVIDUALS, BLANKS[0]])
 properties = st.sampled_from(PROPERTIES)
 lists = st.sampled_from([*BLANKS, RDF + "nil"])
 
 triples = st.one_of(
     st.tuples(expressions, st.sampled_from([RDFS + "subClassOf", OWL + "equivalentClass"]), expressions),
     st.tuples(classes, st.just(OWL + "disjointWith"), expressions),
-    st.tuples(things, st.just(RDF + "type"), st.sampled_from([*CLASSES, *BLANKS, knowrob_iri("Pose"), OWL + "Class"])),
-    st.tuples(st.sampled_from([*THINGS, MAP]), st.just(RDF + "type"), st.just(knowrob_iri("SemanticEnvironmentMap"))),
-    st.tuples(things, st.just(knowrob_iri("describedInMap")), st.sampled_from([MAP, THINGS[0]])),
-    st.tuples(things, properties, things),
+    st.tuples(
+        individuals_or_blanks,
+        st.just(RDF + "type"),
+        st.sampled_from([*CLASSES, *BLANKS, knowrob_iri("Pose"), OWL + "Class"]),
+    ),
+    st.tuples(
+        st.sampled_from([*INDIVIDUALS, MAP]), st.just(RDF + "type"), st.just(knowrob_iri("SemanticEnvironmentMap"))
+    ),
+    st.tuples(individuals_or_blanks, st.just(knowrob_iri("describedInMap")), st.sampled_from([MAP, INDIVIDUALS[0]])),
+    st.tuples(individuals_or_blanks, properties, individuals_or_blanks),
     st.tuples(properties, st.sampled_from([RDFS + "subPropertyOf", OWL + "inverseOf"]), properties),
     st.tuples(properties, st.just(OWL + "propertyChainAxiom"), lists),
     st.tuples(properties, st.just(RDF + "type"), st.just(OWL + "TransitiveProperty")),
     st.tuples(properties, st.sampled_from([RDFS + "domain", RDFS + "range"]), expressions),
     st.tuples(st.sampled_from(BLANKS), st.just(OWL + "onProperty"), properties),
     st.tuples(st.sampled_from(BLANKS), st.just(OWL + "someValuesFrom"), expressions),
-    st.tuples(st.sampled_from(BLANKS), st.just(OWL + "hasValue"), things),
+    st.tuples(st.sampled_from(BLANKS), st.just(OWL + "hasValue"), individuals_or_blanks),
     st.tuples(expressions, st.sampled_from([OWL + "unionOf", OWL + "intersectionOf", OWL + "oneOf"]), lists),
     st.tuples(expressions, st.just(OWL + "complementOf"), expressions),
-    st.tuples(lists, st.just(RDF + "first"), st.one_of(expressions, things, properties)),
+    st.tuples(lists, st.just(RDF + "first"), st.one_of(expressions, individuals_or_blanks, properties)),
     st.tuples(lists, st.just(RDF + "rest"), lists),
 )
 some_triples = st.lists(triples, min_size=1, max_size=8)
@@ -62,13 +68,13 @@ changes = st.lists(
 )
 
 
-def quads(told: list[Triple], graph: ox.NamedNode) -> list[ox.Quad]:
-    return [ox.Quad(node_from_label(Iri(s)), ox.NamedNode(p), node_from_label(Iri(o)), graph) for s, p, o in told]
+def quads(triples: list[Triple], graph: ox.NamedNode) -> list[ox.Quad]:
+    return [ox.Quad(node_from_label(Iri(s)), ox.NamedNode(p), node_from_label(Iri(o)), graph) for s, p, o in triples]
 
 
 def everything(index: Reasoner) -> dict[str, object]:
-    """All that an index can be asked."""
-    axioms, individuals, nodes = index.axioms, index.individuals, [*THINGS, *BLANKS]
+    """All results of a reasoner."""
+    axioms, individuals, nodes = index.axioms, index.individuals, [*INDIVIDUALS, *BLANKS]
     return {
         "above": {cls: dict(index.classes.above(cls)) for cls in CLASSES},
         "below": {cls: dict(index.classes.below(cls)) for cls in CLASSES},
@@ -77,15 +83,15 @@ def everything(index: Reasoner) -> dict[str, object]:
         "stating": {p: list(index.restrictions_on(p)) for p in PROPERTIES},
         "apart": {(one, other): index.are_disjoint(one, other) for one in CLASSES for other in CLASSES},
         "conditions": set(axioms.sufficient_conditions),
-        "classes": {cls for cls in [*CLASSES, *THINGS] if index.is_class(cls)},
-        "types": {thing: (index.types.get(thing), index.types_of(thing)) for thing in nodes},
-        "grounds": {thing: dict(index.instance_checker.justifications(thing)) for thing in nodes},
+        "classes": {cls for cls in [*CLASSES, *INDIVIDUALS] if index.is_class(cls)},
+        "types": {node: (index.types.get(node), index.types_of(node)) for node in nodes},
+        "justifications": {node: dict(index.instance_checker.justifications(node)) for node in nodes},
         "members": {(cls, map): index.members(cls, map) for cls in CLASSES for map in (None, MAP)},
         "residents": {map: set(residents) for map, residents in index.members_by_map.items()},
         "maps": index.maps_of,
         "untyped": set(individuals.untyped),
         "declared": {kind: set(declared) for kind, declared in individuals.declared.items()},
-        "expressions": {thing: set(told) for thing, told in individuals.anonymous_types.items()},
+        "expressions": {individual: set(types) for individual, types in individuals.anonymous_types.items()},
         "here": {key: set(here) for key, here in individuals.members_by_map_and_class.items()},
         "properties": {p: index.properties.super_properties(p) for p in PROPERTIES},
         "steps": {
@@ -97,27 +103,31 @@ def everything(index: Reasoner) -> dict[str, object]:
 
 
 def meanings(names: NameIndex) -> dict[str, object]:
-    return {name: names.find_any(name) for name in map(local_name, [*CLASSES, *THINGS, *PROPERTIES, MAP])}
+    return {name: names.find_any(name) for name in map(local_name, [*CLASSES, *INDIVIDUALS, *PROPERTIES, MAP])}
 
 
 @given(st.lists(triples, max_size=12), changes)
-def test_after_any_changes_it_is_as_if_built_afresh(start: list[Triple], steps: list[tuple[str, list]]) -> None:
+def test_an_updated_reasoner_equals_a_new_one(start: list[Triple], steps: list[tuple[str, list]]) -> None:
     store, numbers = ox.Store(), count()
-    store.extend(quads(start, TOLD))
+    store.extend(quads(start, RUNTIME))
     index = Reasoner(store)
     names = NameIndex(store, index)
     meanings(names)
     everything(index)
-    for what, told in steps:
-        if what == "load":
+    for action, arguments in steps:
+        if action == "load":
             graph = ox.NamedNode(f"http://example.org/file/{next(numbers)}")
-            store.extend(quads(told, graph))
+            store.extend(quads(arguments, graph))
             names.add(index.add_graph(graph))
         else:
-            there = sorted(store, key=str)
-            touched = quads(told, TOLD) if what == "tell" else [there[at % len(there)] for at in told if there]
+            existing = sorted(store, key=str)
+            touched = (
+                quads(arguments, RUNTIME)
+                if action == "tell"
+                else [existing[at % len(existing)] for at in arguments if existing]
+            )
             for quad in touched:
-                store.add(quad) if what == "tell" else store.remove(quad)
+                store.add(quad) if action == "tell" else store.remove(quad)
             index.update(touched)
             names.add(Iri(node.value) for quad in touched for node in quad.triple if isinstance(node, ox.NamedNode))
         afresh = Reasoner(store)
@@ -125,13 +135,13 @@ def test_after_any_changes_it_is_as_if_built_afresh(start: list[Triple], steps: 
         assert meanings(names) == meanings(NameIndex(store, afresh))
 
 
-def test_names_mean_what_they_are_now() -> None:
+def test_names_resolve_to_current_entities() -> None:
     store = ox.Store()
     index = Reasoner(store)
     names = NameIndex(store, index)
-    (told,) = quads([(THINGS[0], RDF + "type", CLASSES[0])], TOLD)
+    (quad,) = quads([(INDIVIDUALS[0], RDF + "type", CLASSES[0])], RUNTIME)
     for change, meaning in ((store.add, (CLASSES[0], EntityType.CLASS)), (store.remove, None), (store.add, None)):
-        change(told)
-        index.update([told])
-        names.add([CLASSES[0], THINGS[0]])
+        change(quad)
+        index.update([quad])
+        names.add([CLASSES[0], INDIVIDUALS[0]])
         assert names.find_any("A") == (meaning if change == store.remove else (CLASSES[0], EntityType.CLASS))

@@ -1,4 +1,4 @@
-"""Documents that are not well-formed, or no RDF/XML, in the ways that maps in the wild are; each from one good one."""
+"""Documents that are not well-formed or not RDF/XML, as real maps may be, each made from one valid document."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Malformed(NamedTuple):
     expected_text: str
     """A part of what is reported."""
     is_equivalent: bool
-    """Whether it means just what the good one means."""
+    """Whether its statements equal those of the valid document."""
 
 
 def _malformed_case(old: str, new: str, line: int, problem: str, *, same_statements: bool = True) -> Malformed:
@@ -62,8 +62,8 @@ MALFORMED: dict[str, Malformed] = {
     "an entity declared twice": _malformed_case(
         "]>\n", '\t<!ENTITY m "http://example.org/other#">\n]>\n', 7, "entity 'm' is declared twice"
     ),
-    "an entity that nobody declares": _malformed_case(
-        '\t<!ENTITY xsd "http://www.w3.org/2001/XMLSchema#">\n', "\n", 14, "nothing declares the entity 'xsd'"
+    "an undeclared entity": _malformed_case(
+        '\t<!ENTITY xsd "http://www.w3.org/2001/XMLSchema#">\n', "\n", 14, "the entity 'xsd' is not declared"
     ),
     "an entity with a colon": _malformed_case('"&m;cup"', '"&m:cup"', 12, "used with a colon"),
     "an attribute twice": _malformed_case(
@@ -80,25 +80,25 @@ MALFORMED: dict[str, Malformed] = {
         same_statements=False,
     ),
     "a tag without its >": _malformed_case("</rdfs:label>\n", "</rdfs:label\n", 15, "an end tag has no >"),
-    "a namespace that only an entity tells": _malformed_case(
-        ' xmlns:knowrob="http://knowrob.org/kb/knowrob.owl#"', "", 14, "nothing declares the prefix 'knowrob'"
+    "a prefix declared as an entity only": _malformed_case(
+        ' xmlns:knowrob="http://knowrob.org/kb/knowrob.owl#"', "", 14, "the prefix 'knowrob' is not declared"
     ),
-    "a namespace that everyone knows": _malformed_case(
-        ' xmlns:rdfs="http://www.w3.org/2000/01/rdf-schema#"', "", 15, "nothing declares the prefix 'rdfs'"
+    "a well-known prefix without a declaration": _malformed_case(
+        ' xmlns:rdfs="http://www.w3.org/2000/01/rdf-schema#"', "", 15, "the prefix 'rdfs' is not declared"
     ),
-    "a namespace that nobody knows": _malformed_case(
-        "rdfs:label>", "foo:label>", 15, "nothing declares the prefix 'foo'", same_statements=False
+    "an unknown prefix without a declaration": _malformed_case(
+        "rdfs:label>", "foo:label>", 15, "the prefix 'foo' is not declared", same_statements=False
     ),
-    "attributes without a prefix": _malformed_case("rdf:about", "about", 11, "says 'about' without a prefix"),
-    "an & alone": _malformed_case("A cup", "A cup & saucer", 15, "an & stands alone", same_statements=False),
-    "a < alone": _malformed_case("A cup", "1 < 2", 15, "a < stands in a text", same_statements=False),
+    "attributes without a prefix": _malformed_case(
+        "rdf:about", "about", 11, "has the attribute 'about' without a prefix"
+    ),
+    "an & alone": _malformed_case("A cup", "A cup & saucer", 15, "there is an unescaped &", same_statements=False),
+    "a < alone": _malformed_case("A cup", "1 < 2", 15, "there is a < in a text", same_statements=False),
     "an end that began as another name": _malformed_case(
-        "</rdfs:label>", "</rdfs:Label>", 15, "ends what never began", same_statements=False
+        "</rdfs:label>", "</rdfs:Label>", 15, "has no start tag", same_statements=False
     ),
     "an end too few": _malformed_case("  </owl:NamedIndividual>\n", "\n", 17, "<owl:NamedIndividual> has no end tag"),
-    "an end too many": _malformed_case(
-        "</rdf:RDF>", "</owl:Thing></rdf:RDF>", 17, "</owl:Thing> ends what never began"
-    ),
+    "an end too many": _malformed_case("</rdf:RDF>", "</owl:Thing></rdf:RDF>", 17, "</owl:Thing> has no start tag"),
     "a statement without its end": _malformed_case(
         '<rdf:type rdf:resource="&knowrob;Cup"/>',
         '<rdf:type><owl:Class rdf:about="&knowrob;Cup"/>',
@@ -110,27 +110,29 @@ MALFORMED: dict[str, Malformed] = {
         '<rdf:type rdf:resource="&knowrob;Cup"/>',
         '<rdf:type><owl:Class rdf:about="&knowrob;Cup"/><owl:Class rdf:about="&knowrob;Mug"/></rdf:type>',
         13,
-        "<rdf:type> holds several things",
+        "<rdf:type> contains several nodes",
         same_statements=False,
     ),
-    "text between things": _malformed_case("  <owl:Named", "  stray <owl:Named", 11, "takes none"),
-    "text beside a reference": _malformed_case('Cup"/>', 'Cup">x</rdf:type>', 13, "takes none"),
-    "a blank in a name": _malformed_case("&m;cup", "&m;a cup", 12, "letters that no IRI has", same_statements=False),
+    "text between nodes": _malformed_case("  <owl:Named", "  stray <owl:Named", 11, "is not allowed in"),
+    "text beside a reference": _malformed_case('Cup"/>', 'Cup">x</rdf:type>', 13, "is not allowed in"),
+    "a blank in a name": _malformed_case(
+        "&m;cup", "&m;a cup", 12, "characters that IRIs exclude", same_statements=False
+    ),
     "a backslash in a name": _malformed_case(
-        '"&m;cup"', '"file:///C:\\maps\\a.owl"', 12, "letters that no IRI", same_statements=False
+        '"&m;cup"', '"file:///C:\\maps\\a.owl"', 12, "characters that IRIs exclude", same_statements=False
     ),
     "a language with an underscore": _malformed_case(
         "<rdfs:label>", '<rdfs:label xml:lang="en_US">', 15, "en-US", same_statements=False
     ),
-    "a language of no letters": _malformed_case("<rdfs:label>", '<rdfs:label xml:lang="">', 15, "which is none"),
+    "a language of no letters": _malformed_case("<rdfs:label>", '<rdfs:label xml:lang="">', 15, "the invalid language"),
     "an id that is no name": _malformed_case(
-        'rdf:about="&m;cup"', 'rdf:ID="1cup"', 12, "is no XML name", same_statements=False
+        'rdf:about="&m;cup"', 'rdf:ID="1cup"', 12, "is not an XML name", same_statements=False
     ),
     "an id twice": _malformed_case(
         "</rdf:RDF>",
         '<knowrob:Cup rdf:ID="a"/><knowrob:Cup rdf:ID="a"/></rdf:RDF>',
         17,
-        "used before",
+        "already used",
         same_statements=False,
     ),
     "a name and an id": _malformed_case('"&m;cup">', '"&m;cup" rdf:ID="cup2">', 12, "both rdf:about and rdf:ID"),

@@ -1,4 +1,4 @@
-"""A real SPARQL server on a free port of this machine."""
+"""An Oxigraph server on a free local port."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ __all__ = ["SparqlServer"]
 
 
 class SparqlServer:
-    """An Oxigraph server, and what is put into it."""
+    """A running Oxigraph server."""
 
     def __init__(self, program: Path, *options: str) -> None:
         with socket.socket() as probe:
@@ -33,7 +33,7 @@ class SparqlServer:
                 time.sleep(0.02)
 
     def load_files(self, *files: Path, default: bool = False) -> None:
-        """Puts files into the server, each as a graph of its own or all into the default graph."""
+        """Uploads files, each into a named graph or all into the default graph."""
         for file in files:
             kind = "text/turtle" if file.suffix == ".ttl" else "application/rdf+xml"
             where = "default" if default else f"graph={quote(file.as_uri(), safe='')}"

@@ -1,4 +1,4 @@
-"""Whatever a map tells, in whatever order: nothing crashes, nothing is lost, and reading it again gives the same."""
+"""Arbitrary statements in arbitrary order: reading does not fail, loses nothing, and survives a round trip."""
 
 from __future__ import annotations
 
@@ -51,23 +51,23 @@ GOOD = room_map(
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Hypothesis writes many files; they may replace one another."""
+    """The folder of files that Hypothesis writes, which may overwrite one another."""
     return tmp_path_factory.mktemp("anything")
 
 
-def good() -> list[ox.Quad]:
+def valid_quads() -> list[ox.Quad]:
     return list(ox.parse(GOOD, ox.RdfFormat.TURTLE))
 
 
-def strange_statements() -> SearchStrategy[ox.Quad]:
-    """Any subject, any property, any value, of those that mean something to somebody."""
+def arbitrary_statements() -> SearchStrategy[ox.Quad]:
+    """Any combination of subject, property and value that a map dialect uses."""
     individuals = [ROOM_NAMESPACE + name for name in ("room", "other", "table", "cup", "box", "lamp", "slide", "ghost")]
     parts = [
         ROOM_NAMESPACE + name for name in ("cup-pose", "table-pose", "slide-linear", "slide-pose-2", "slide-angular")
     ]
     classes = [KNOWROB + name for name in ("Cup", "Vessel", "Constraint", "Pose", "SemanticEnvironmentMap")]
     classes += [MS + "PointLight", OWL + "NamedIndividual", OWL + "Thing", OWL + "Restriction", OWL + "Class"]
-    properties = [quad.predicate for quad in good()]
+    properties = [quad.predicate for quad in valid_quads()]
     properties += [ox.NamedNode(MS + name) for name in ("id", "tags", "untold", "shape", "colour", "path", "intensity")]
     properties += [ox.NamedNode(RDFS + "label"), ox.NamedNode(OWL + "equivalentClass")]
     named = st.sampled_from([ox.NamedNode(name) for name in (*individuals, *parts, *classes)])
@@ -76,9 +76,9 @@ def strange_statements() -> SearchStrategy[ox.Quad]:
     types = st.sampled_from([ox.NamedNode(XSD + name) for name in ("string", "float", "integer", "boolean")])
     literals = st.builds(lambda text, kind: ox.Literal(text, datatype=kind), texts, types)
     spoken = texts.map(lambda text: ox.Literal(text, language="de"))
-    untold = st.sampled_from(sorted(set(properties), key=str))
+    property_values = st.sampled_from(sorted(set(properties), key=str))
     return st.builds(
-        ox.Quad, named | nameless, st.sampled_from(properties), named | nameless | literals | spoken | untold
+        ox.Quad, named | nameless, st.sampled_from(properties), named | nameless | literals | spoken | property_values
     ).filter(
         lambda quad: getattr(quad.subject, "value", "") not in parts or "describedInMap" not in str(quad.predicate)
     )
@@ -86,23 +86,23 @@ def strange_statements() -> SearchStrategy[ox.Quad]:
 
 @st.composite
 def mutated_maps(draw: st.DrawFn) -> list[ox.Quad]:
-    """A good map with some statements taken away, some strange ones put in, and others in another order."""
-    said = good()
-    for index in sorted(draw(st.sets(st.integers(0, len(said) - 1), max_size=6)), reverse=True):
-        said.pop(index)
-    for quad in draw(st.lists(strange_statements(), max_size=8)):
-        said.insert(draw(st.integers(0, len(said))), quad)
-    return said
+    """A valid map with some statements removed, added and reordered."""
+    quads = valid_quads()
+    for index in sorted(draw(st.sets(st.integers(0, len(quads) - 1), max_size=6)), reverse=True):
+        quads.pop(index)
+    for quad in draw(st.lists(arbitrary_statements(), max_size=8)):
+        quads.insert(draw(st.integers(0, len(quads))), quad)
+    return quads
 
 
 def normalized(world: World) -> World:
-    """The world in one order; none of a world's orders means anything, but for those of tags and materials."""
+    """The world in a canonical order; only the orders of tags and materials are significant."""
 
-    def in_order(things: tuple[T, ...]) -> tuple[T, ...]:
-        return tuple(sorted(things, key=msgspec.json.encode))
+    def in_order(items: tuple[T, ...]) -> tuple[T, ...]:
+        return tuple(sorted(items, key=msgspec.json.encode))
 
-    def with_facts(things: tuple[Owner, ...]) -> tuple[Owner, ...]:
-        return in_order(tuple(replace(thing, facts=in_order(thing.facts)) for thing in things))
+    def with_facts(items: tuple[Owner, ...]) -> tuple[Owner, ...]:
+        return in_order(tuple(replace(item, facts=in_order(item.facts)) for item in items))
 
     return replace(
         world,
@@ -115,10 +115,10 @@ def normalized(world: World) -> World:
     )
 
 
-@given(said=mutated_maps())
-def test_nothing_that_is_told_is_lost(said: list[ox.Quad], folder: Path) -> None:
+@given(quads=mutated_maps())
+def test_no_statement_is_lost(quads: list[ox.Quad], folder: Path) -> None:
     path, out = folder / "map.ttl", folder / "out.ttl"
-    ox.serialize(said, path, ox.RdfFormat.TURTLE)
+    ox.serialize(quads, path, ox.RdfFormat.TURTLE)
     knowledge = knowledge_base_from(path)
     for map in knowledge.maps():
         world = knowledge.world(map)

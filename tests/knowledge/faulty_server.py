@@ -1,4 +1,4 @@
-"""A server that does everything wrong that a server can do."""
+"""A server with the faults that a SPARQL client has to handle."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
 import pytest
 
-__all__ = ["FaultyServerStarter", "misbehaving"]
+__all__ = ["FaultyServerStarter", "start_faulty_server"]
 
 FaultyServerStarter = Callable[[str], str]
-"""Starts a server that misbehaves in one way, and gives its address."""
+"""Starts a server with one fault, and returns its URL."""
 
 _TRUE = b'{"head": {}, "boolean": true}'
 
@@ -49,15 +49,15 @@ class _Handler(BaseHTTPRequestHandler):
                 self._head(200, length=None)
                 while not self.stop.is_set():
                     self.wfile.write(b" " * 65536)
-            case "asking":
+            case "protected":
                 expected = "Basic " + base64.b64encode(b"me:s ecret").decode()
                 self._answer(200 if self.headers["Authorization"] == expected else 401, _TRUE)
-            case "reading only":
+            case "read-only":
                 self._answer(405, b"no")
-            case "telling where":
+            case "echoing the path":
                 self._answer(418, f"at {self.path.removeprefix('/endpoint')}".encode())
-            case how:
-                raise AssertionError(how)
+            case fault:
+                raise AssertionError(fault)
 
     def _answer(
         self, status: int, body: bytes, content_type: str = "application/sparql-results+json", **headers: str
@@ -82,16 +82,16 @@ class _Server(ThreadingHTTPServer):
     daemon_threads = True
 
     def handle_error(self, *_: object) -> None:
-        """Whoever is answered so badly hangs up; that is no news."""
+        """Clients close such connections, which is expected."""
 
 
 @pytest.fixture
-def misbehaving() -> Iterator[FaultyServerStarter]:
+def start_faulty_server() -> Iterator[FaultyServerStarter]:
     servers: list[_Server] = []
     stop = threading.Event()
 
-    def start(how: str) -> str:
-        handler = type("Handler", (_Handler,), {"how": how, "stop": stop})
+    def start(fault: str) -> str:
+        handler = type("Handler", (_Handler,), {"fault": fault, "stop": stop})
         servers.append(_Server(("127.0.0.1", 0), handler))
         threading.Thread(target=servers[-1].serve_forever, kwargs={"poll_interval": 0.02}, daemon=True).start()
         return f"http://127.0.0.1:{servers[-1].server_port}/endpoint"

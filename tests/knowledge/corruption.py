@@ -1,4 +1,4 @@
-"""Mangling: files cut, swapped, flipped and misquoted, from a seed that makes the same damage again."""
+"""Corruption of files by random cuts, swaps, bit flips and replaced values; a seed reproduces it."""
 
 from __future__ import annotations
 
@@ -41,24 +41,24 @@ INVALID_TEXTS = (
     *("true", "maybe", "SemLog;k,v;", ";;,;", "A,b", "½", "١٢٣", "\u202e1.0", "1.0\t2.0\n3.0", "x" * 5000),
     *("2010-02-30T25:61:00", "timepoint_99999999999999999999", "9999-12-31T23:59:59-99:00", "package://../../x.dae"),
 )
-"""Texts where numbers, rows of numbers, dates, tags or paths are meant."""
+"""Invalid and extreme values for numbers, rows of numbers, dates, tags and paths."""
 
 _NUMBER = re.compile(rb"(?<![\w.#-])-?\d+(?:\.\d+)?(?:[eE][+-]?\d+)?(?![\w.#-])")
 _NAME = re.compile(rb"(?<=[;#])[A-Za-z_][\w.-]{2,}(?=[\"'>\s])")
 _MAX_SLICE = 400
-"""Bytes that a cut or a swap takes at most, but for those that take whatever follows."""
+"""Maximum size of a cut or a swap [bytes]; a truncation may be larger."""
 
 Corruption = Callable[[bytes, Random], bytes]
 
 
 def corrupted(data: bytes, seed: int) -> bytes:
-    """A file with some damage; seed 0 does none."""
+    """Returns a corrupted file; seed 0 leaves it unchanged."""
     if not seed:
         return data
     random = Random(seed)
     kinds = random.choices(_MUTATIONS, _WEIGHTS, k=random.choice((1, 1, 2, 3, 6)))
-    for damage in kinds:
-        data = damage(data, random)
+    for mutation in kinds:
+        data = mutation(data, random)
     return data
 
 
@@ -120,14 +120,14 @@ def _replace_number(data: bytes, random: Random) -> bytes:
 
 
 def _replace_name(data: bytes, random: Random) -> bytes:
-    """Things take other things' names, so that what is a cup's becomes a door's, and parents their own children."""
+    """Replaces names by others of the file, so that references point to other individuals."""
     names = sorted(set(_NAME.findall(data)))
     return _replace(data, random, _NAME, names) if names else data
 
 
 def _replace(data: bytes, random: Random, pattern: re.Pattern[bytes], others: list[bytes]) -> bytes:
-    places = [match.span() for match in pattern.finditer(data)]
-    chosen = random.sample(places, min(len(places), random.choice((1, 2, 5, 20, 200))))
+    spans = [match.span() for match in pattern.finditer(data)]
+    chosen = random.sample(spans, min(len(spans), random.choice((1, 2, 5, 20, 200))))
     for start, end in sorted(chosen, reverse=True):
         data = data[:start] + random.choice(others) + data[end:]
     return data
@@ -149,4 +149,4 @@ _MUTATIONS: tuple[Corruption, ...] = (
     *(_replace_number, _replace_name, _shuffle_lines),
 )
 _WEIGHTS = (2, 1, 2, 2, 2, 2, 6, 6, 3)
-"""What leaves a file well-formed is likelier, or the readers would hardly ever be reached."""
+"""Mutations that keep a file well-formed are more frequent, as others rarely reach the readers."""

@@ -1,4 +1,4 @@
-"""What individuals are although nobody says so: by domain and range, by definitions, by types without a name."""
+"""Inferred classes of individuals: from domains and ranges, definitions and anonymous types."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ def some(property: str, filler: str) -> str:
 # -- domain and range --------------------------------------------------------------------------------------------------
 
 
-def test_what_nobody_gave_a_type_gets_one_by_the_domain_and_range_of_a_property(told: MakeKnowledgeBase) -> None:
-    kb = told(
+def test_untyped_individuals_get_classes_from_domains_and_ranges(make_knowledge_base: MakeKnowledgeBase) -> None:
+    kb = make_knowledge_base(
         "e:opens rdfs:domain e:Key ; rdfs:range e:Lock . e:Key rdfs:subClassOf e:Tool . e:opens rdfs:label 'opens' .",
         ":a k:describedInMap :room ; e:opens :b . :b k:describedInMap :room .",
     )
@@ -40,8 +40,8 @@ def test_what_nobody_gave_a_type_gets_one_by_the_domain_and_range_of_a_property(
     assert kb.explain("what_is", row) == ("a opens b", "whatever has a opens is a Key", "Key is a Tool")
 
 
-def test_who_has_a_type_keeps_to_it(told: MakeKnowledgeBase) -> None:
-    kb = told("e:opens rdfs:domain e:Key . e:Key a owl:Class .", body_turtle("a", "e:opens :b"))
+def test_typed_individuals_get_no_class_from_domains_and_ranges(make_knowledge_base: MakeKnowledgeBase) -> None:
+    kb = make_knowledge_base("e:opens rdfs:domain e:Key . e:Key a owl:Class .", body_turtle("a", "e:opens :b"))
     assert members(kb, "Key") == []
     kb.retract("a", "type", "Cup")
     assert members(kb, "Key") == ["a"]
@@ -49,8 +49,8 @@ def test_who_has_a_type_keeps_to_it(told: MakeKnowledgeBase) -> None:
     assert why(kb, "Key", "a") == ("a type Key",)
 
 
-def test_properties_that_imply_others_and_inverse_ones_have_their_domains_too(told: MakeKnowledgeBase) -> None:
-    kb = told(
+def test_domains_hold_for_subproperties_and_inverses(make_knowledge_base: MakeKnowledgeBase) -> None:
+    kb = make_knowledge_base(
         "e:opens rdfs:domain e:Key . e:unlocks rdfs:subPropertyOf e:opens . e:openedBy owl:inverseOf e:opens .",
         ":a k:describedInMap :room ; e:unlocks 'all' . :b k:describedInMap :room . :c e:openedBy :b .",
     )
@@ -59,8 +59,10 @@ def test_properties_that_imply_others_and_inverse_ones_have_their_domains_too(to
     assert why(kb, "Key", "b")[0] == "c openedBy b"
 
 
-def test_a_domain_that_is_an_intersection_gives_all_of_it_and_a_union_nothing_certain(told: MakeKnowledgeBase) -> None:
-    kb = told(
+def test_an_intersection_as_domain_implies_its_members_and_a_union_nothing(
+    make_knowledge_base: MakeKnowledgeBase,
+) -> None:
+    kb = make_knowledge_base(
         "e:p rdfs:domain [ owl:intersectionOf ( e:A e:B ) ] . e:q rdfs:domain [ owl:unionOf ( e:C e:D ) ] .",
         ":x k:describedInMap :room ; e:p 1 ; e:q 2 . e:C a owl:Class .",
     )
@@ -68,20 +70,20 @@ def test_a_domain_that_is_an_intersection_gives_all_of_it_and_a_union_nothing_ce
     assert members(kb, "C") == []
 
 
-def test_a_thing_that_only_another_one_speaks_of_may_be_asked_about_by_its_whole_name(told: MakeKnowledgeBase) -> None:
-    kb = told("e:opens rdfs:range e:Lock .", body_turtle("a", "e:opens :b"))
+def test_a_resource_that_is_only_referred_to_can_be_given_by_its_iri(make_knowledge_base: MakeKnowledgeBase) -> None:
+    kb = make_knowledge_base("e:opens rdfs:range e:Lock .", body_turtle("a", "e:opens :b"))
     (row,) = kb.ask("what_is", individual=f"{ROOM_NAMESPACE}b")
     assert ([local_name(cls) for cls in row.classes], row.map) == (["Lock"], None)
     with pytest.raises(NameNotFoundError):
-        kb.ask("what_is", individual=f"{ROOM_NAMESPACE}nobody")
+        kb.ask("what_is", individual=f"{ROOM_NAMESPACE}unknown")
 
 
 # -- definitions -------------------------------------------------------------------------------------------------------
 
 
-def test_what_falls_under_a_definition_is_a_member(told: MakeKnowledgeBase) -> None:
+def test_individuals_that_satisfy_a_definition_are_members(make_knowledge_base: MakeKnowledgeBase) -> None:
     full = f"[ owl:intersectionOf ( k:Cup {some('e:holds', 'e:Drink')} ) ]"
-    kb = told(
+    kb = make_knowledge_base(
         f"e:FullCup owl:equivalentClass {full} . e:FullCup rdfs:subClassOf e:Treat . e:Tea rdfs:subClassOf e:Drink .",
         body_turtle("a", "e:holds :tea"),
         body_turtle("b"),
@@ -113,7 +115,7 @@ def test_what_falls_under_a_definition_is_a_member(told: MakeKnowledgeBase) -> N
         ("[ a owl:Restriction ; owl:onProperty e:likes ; owl:hasSelf true ]", True),
         ("[ a owl:Class ; owl:oneOf ( :a :c ) ]", True),
         ("[ a owl:Class ; owl:unionOf ( e:Nothing [ owl:oneOf ( :a ) ] ) ]", True),
-        # Nobody says that there are no more of them, or that two names mean two things.
+        # Upper bounds and different individuals cannot be proved without further axioms.
         ("[ a owl:Restriction ; owl:onProperty e:holds ; owl:maxCardinality 1 ]", False),
         ("[ a owl:Restriction ; owl:onProperty e:holds ; owl:cardinality 1 ]", False),
         ("[ a owl:Restriction ; owl:onProperty e:holds ; owl:minCardinality 2 ]", False),
@@ -121,10 +123,10 @@ def test_what_falls_under_a_definition_is_a_member(told: MakeKnowledgeBase) -> N
         ("[ a owl:Class ; owl:complementOf e:Food ]", False),
     ],
 )
-def test_what_a_definition_needs_is_what_statements_show(
-    told: MakeKnowledgeBase, definition: str, is_member: bool
+def test_definitions_are_satisfied_by_statements_only(
+    make_knowledge_base: MakeKnowledgeBase, definition: str, is_member: bool
 ) -> None:
-    kb = told(
+    kb = make_knowledge_base(
         f"e:Special owl:equivalentClass {definition} . e:heldBy a owl:ObjectProperty ; owl:inverseOf e:holds .",
         body_turtle("a", "e:holds :tea, :water", "e:colour 'red'", "e:likes :a"),
         ":tea a e:Drink ; e:madeOf :leaf . :leaf a e:Leaf . :water a e:Water . :milk a e:Drink . :c a e:Other .",
@@ -132,8 +134,8 @@ def test_what_a_definition_needs_is_what_statements_show(
     assert members(kb, "Special") == (["a"] if is_member else [])
 
 
-def test_one_definition_leads_to_the_next_and_a_circle_of_them_ends(told: MakeKnowledgeBase) -> None:
-    kb = told(
+def test_definitions_build_on_each_other_and_cycles_terminate(make_knowledge_base: MakeKnowledgeBase) -> None:
+    kb = make_knowledge_base(
         f"e:A owl:equivalentClass {some('e:next', 'e:B')} . e:B owl:equivalentClass {some('e:next', 'e:C')} .",
         f"e:X owl:equivalentClass {some('e:next', 'e:Y')} . e:Y owl:equivalentClass {some('e:next', 'e:X')} .",
         body_turtle("a", "e:next :b"),
@@ -143,8 +145,8 @@ def test_one_definition_leads_to_the_next_and_a_circle_of_them_ends(told: MakeKn
     assert (members(kb, "A"), members(kb, "B"), members(kb, "X")) == (["a"], ["b"], [])
 
 
-def test_a_type_without_a_name_says_what_it_consists_of(told: MakeKnowledgeBase) -> None:
-    kb = told(
+def test_an_anonymous_type_implies_its_named_classes(make_knowledge_base: MakeKnowledgeBase) -> None:
+    kb = make_knowledge_base(
         f":a k:describedInMap :room ; a [ owl:intersectionOf ( k:Cup {some('e:holds', 'e:Drink')} ) ] .",
         f"e:Full owl:equivalentClass {some('e:holds', 'e:Drink')} .",
         f":b k:describedInMap :room ; a {some('e:holds', 'e:Drink')} .",
@@ -154,12 +156,12 @@ def test_a_type_without_a_name_says_what_it_consists_of(told: MakeKnowledgeBase)
     assert members(kb, "Full") == ["b"]
 
 
-# -- what is apart, and what follows by chains -------------------------------------------------------------------------
+# -- complements and property chains -----------------------------------------------------------------------------------
 
 
-def test_a_container_for_what_is_not_of_a_class_takes_what_is_told_to_be_apart_from_it(told: MakeKnowledgeBase) -> None:
+def test_a_container_for_a_complement_stores_disjoint_classes(make_knowledge_base: MakeKnowledgeBase) -> None:
     dry = "[ owl:intersectionOf ( e:Food [ owl:complementOf e:Perishable ] ) ]"
-    kb = told(
+    kb = make_knowledge_base(
         f"e:Pantry rdfs:subClassOf {some('k:typePrimaryFunction-containerFor', dry)} .",
         "e:Rice rdfs:subClassOf e:Dry . e:Dry rdfs:subClassOf e:Food ; owl:disjointWith e:Perishable .",
         "e:Milk rdfs:subClassOf e:Food, e:Perishable . e:Salt rdfs:subClassOf e:Food .",
@@ -167,15 +169,15 @@ def test_a_container_for_what_is_not_of_a_class_takes_what_is_told_to_be_apart_f
     )
     stored = {local_name(row.item) for row in kb.ask("storage_place", place="Pantry")}
     assert {"Rice", "Tea"} <= stored
-    assert not {"Milk", "Salt", "Perishable"} & stored  # nobody says what salt is not
+    assert not {"Milk", "Salt", "Perishable"} & stored  # salt is not asserted to be disjoint from anything
     (row,) = kb.ask("storage_place", item="Rice")
     assert kb.explain("storage_place", row)[-1] == (
         "every Pantry: typePrimaryFunction-containerFor some (Food and (not Perishable))"
     )
 
 
-def test_a_chain_of_properties_makes_parts(told: MakeKnowledgeBase) -> None:
-    kb = told(
+def test_a_property_chain_implies_parts(make_knowledge_base: MakeKnowledgeBase) -> None:
+    kb = make_knowledge_base(
         "k:properPhysicalParts owl:propertyChainAxiom ( e:hasSide [ owl:inverseOf e:screwedTo ] ) .",
         body_turtle("shelf", "e:hasSide :left"),
         body_turtle("left"),
@@ -187,8 +189,8 @@ def test_a_chain_of_properties_makes_parts(told: MakeKnowledgeBase) -> None:
     assert [local_name(row.whole) for row in kb.ask("part_of", part="board")] == ["shelf"]
 
 
-def test_a_chain_may_lead_to_itself(told: MakeKnowledgeBase) -> None:
-    kb = told(
+def test_a_property_chain_can_be_recursive(make_knowledge_base: MakeKnowledgeBase) -> None:
+    kb = make_knowledge_base(
         "e:locatedIn owl:propertyChainAxiom ( e:locatedIn e:partOf ) . e:partOf a owl:TransitiveProperty .",
         ":cup e:locatedIn :drawer . :drawer e:partOf :desk . :desk e:partOf :room1 . :room1 e:partOf :house .",
         ":house e:partOf :room1 .",

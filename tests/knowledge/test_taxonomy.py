@@ -1,4 +1,4 @@
-"""The class hierarchy, whatever circles the sources draw."""
+"""The class hierarchy, including cycles."""
 
 from __future__ import annotations
 
@@ -30,13 +30,13 @@ def test_descendants_are_found_at_any_depth(diamond: ClassHierarchy) -> None:
     assert diamond.descendants(E) == diamond.descendants(F) == frozenset()
 
 
-def test_everything_is_what_it_is(diamond: ClassHierarchy) -> None:
+def test_every_class_is_a_itself(diamond: ClassHierarchy) -> None:
     assert diamond.is_a(E, A)
     assert diamond.is_a(F, F)
     assert not diamond.is_a(A, E)
 
 
-def test_a_circle_has_no_end_and_does_no_harm() -> None:
+def test_a_cycle_is_handled() -> None:
     circle = ClassHierarchy([(A, B), (B, C), (C, A), (A, A), (D, A)])
     assert circle.ancestors(A) == (B, C)
     assert circle.descendants(A) == {B, C, D}
@@ -51,7 +51,7 @@ def test_the_most_specific_of_unrelated_classes_is_the_first(diamond: ClassHiera
     assert diamond.most_specific([A]) == A
 
 
-def test_equal_classes_are_below_one_another(tmp_path: Path) -> None:
+def test_equivalent_classes_are_subclasses_of_each_other(tmp_path: Path) -> None:
     path = tmp_path / "map.ttl"
     path.write_text(room_map("k:Mug owl:equivalentClass k:Cup . k:Cup rdfs:subClassOf k:Vessel ."), encoding="utf-8")
     knowledge = knowledge_base_from(path)
@@ -59,13 +59,13 @@ def test_equal_classes_are_below_one_another(tmp_path: Path) -> None:
     assert knowledge.descendants(knowrob_iri("Vessel")) == {knowrob_iri("Cup"), knowrob_iri("Mug")}
 
 
-def test_the_bundled_household_is_known_from_the_start() -> None:
+def test_the_bundled_ontology_is_loaded_by_default() -> None:
     latch, handle = Iri("http://mindstage.org/ontology#DoorLatch"), knowrob_iri("Handle")
     assert handle in KnowledgeBase().ancestors(latch)
     assert KnowledgeBase(bundled_ontology=False).ancestors(latch) == ()
 
 
-def test_more_is_known_after_more_was_loaded(tmp_path: Path) -> None:
+def test_the_hierarchy_is_updated_after_loading(tmp_path: Path) -> None:
     first, second = tmp_path / "first.ttl", tmp_path / "second.ttl"
     first.write_text(room_map("k:Mug rdfs:subClassOf k:Cup ."), encoding="utf-8")
     second.write_text(room_map("k:Cup rdfs:subClassOf k:Vessel ."), encoding="utf-8")

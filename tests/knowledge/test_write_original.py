@@ -1,4 +1,4 @@
-"""Every map comes back in its own dialect: to the statement where nothing has changed, and true where something has."""
+"""Writing in the dialect of the source: unchanged maps give the same statements, changed ones the changed world."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ from mindstage.knowledge import (
     write_map,
 )
 from mindstage.scene import Attachment, Body, BodyId, BodyPhysics, Iri, Mobility, Pose, World, diff
+from tests.knowledge.dialect_maps import knowrob1_map, perception, soma_map
 from tests.knowledge.maps import KNOWROB, assert_worlds_equal, body_turtle, knowledge_base_from, room_map, slide_joint
-from tests.knowledge.other_maps import knowrob1_map, perception, soma_map
-from tests.knowledge.small_robot import KITCHEN_URDF
+from tests.knowledge.small_urdf import KITCHEN_URDF
 from tests.knowledge.test_ameva import fridge
-from tests.knowledge.test_anything import mutated_maps, normalized
+from tests.knowledge.test_arbitrary_maps import mutated_maps, normalized
 from tests.worlds import worlds
 
 MS = "http://mindstage.org/ontology#"
@@ -60,7 +60,7 @@ SMALL = {
     "AMEVA": fridge(),
     "KnowRob 1": knowrob1_map(
         HINGE,
-        *(perception(thing, "5", n, 0, 1) for n, thing in enumerate(("case", "door", "handle"))),
+        *(perception(name, "5", n, 0, 1) for n, name in enumerate(("case", "door", "handle"))),
         perception("door", "9", 0.9, 0.1, 1),
     ),
     "SOMA": soma_map(DRAWER),
@@ -74,7 +74,7 @@ each_dialect = pytest.mark.parametrize("dialect", SMALL)
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Hypothesis writes many files; they may replace one another."""
+    """The folder of files that Hypothesis writes, which may overwrite one another."""
     return tmp_path_factory.mktemp("own")
 
 
@@ -96,12 +96,14 @@ def predicates(path: Path) -> set[str]:
     return {quad.predicate.value for quad in ox.parse(path=path)}
 
 
-# -- nothing has changed -----------------------------------------------------------------------------------------------
+# -- unchanged worlds --------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("format", MapFormat)
 @each_sample
-def test_a_map_comes_back_as_it_was(name: str, format: MapFormat, shared_data: Path, tmp_path: Path) -> None:
+def test_a_map_is_written_with_the_same_statements(
+    name: str, format: MapFormat, shared_data: Path, tmp_path: Path
+) -> None:
     knowledge = knowledge_base_from(shared_data / "maps" / f"{name}.owl", bundled_ontology=True)
     world, origin = knowledge.world(), knowledge.source_view()
     assert origin.dialect == SAMPLES[name]
@@ -113,7 +115,7 @@ def test_a_map_comes_back_as_it_was(name: str, format: MapFormat, shared_data: P
 
 
 @each_dialect
-def test_a_small_map_comes_back_as_it_was(dialect: str, tmp_path: Path) -> None:
+def test_a_small_map_is_written_with_the_same_statements(dialect: str, tmp_path: Path) -> None:
     knowledge = small(dialect, tmp_path)
     back = returned(knowledge.world(), knowledge, tmp_path, MapFormat.RDF_XML)
     assert back.source_view().dialect == dialect
@@ -123,8 +125,8 @@ def test_a_small_map_comes_back_as_it_was(dialect: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("dialect", MapDialect)
-def test_what_is_told_twice_is_kept_twice(dialect: MapDialect, tmp_path: Path) -> None:
-    """Also where one of the two is not how we would say it."""
+def test_duplicate_values_are_kept(dialect: MapDialect, tmp_path: Path) -> None:
+    """Also if one of the two has a notation that Mindstage does not write."""
     for first, second in (("e:truth", "xsd:boolean"), ("xsd:boolean", "e:truth")):
         cup = body_turtle(
             "cup", f'k:gravity "true"^^{first}, "true"^^{second}', 'k:mass "0.50"^^xsd:float, "0.5"^^e:kg'
@@ -137,7 +139,7 @@ def test_what_is_told_twice_is_kept_twice(dialect: MapDialect, tmp_path: Path) -
         assert lost_statements(knowledge.source_view(), back.source_view()) == ()
 
 
-def test_numbers_come_back_digit_by_digit(tmp_path: Path) -> None:
+def test_numbers_keep_their_digits(tmp_path: Path) -> None:
     save_map(
         small("AMEVA", tmp_path).world(), tmp_path / "back.ttl", source_view=small("AMEVA", tmp_path).source_view()
     )
@@ -160,7 +162,7 @@ def test_from_dialect_to_dialect_and_back(name: str, shared_data: Path, tmp_path
 
 @settings(max_examples=30)
 @given(world=worlds(labels=True))
-def test_any_world_comes_back(world: World, folder: Path) -> None:
+def test_any_world_survives_a_round_trip(world: World, folder: Path) -> None:
     path = folder / "any.ttl"
     path.write_text(write_map(world, format=MapFormat.TURTLE), encoding="utf-8")
     knowledge = knowledge_base_from(path)
@@ -170,10 +172,10 @@ def test_any_world_comes_back(world: World, folder: Path) -> None:
 
 
 @settings(max_examples=30)
-@given(said=mutated_maps())
-def test_whatever_a_map_tells_comes_back(said: list[ox.Quad], folder: Path) -> None:
-    path = folder / "spoilt.ttl"
-    ox.serialize(said, path, ox.RdfFormat.TURTLE)
+@given(quads=mutated_maps())
+def test_any_statements_survive_a_round_trip(quads: list[ox.Quad], folder: Path) -> None:
+    path = folder / "incomplete.ttl"
+    ox.serialize(quads, path, ox.RdfFormat.TURTLE)
     knowledge = knowledge_base_from(path)
     for map in knowledge.maps():
         back = returned(knowledge.world(map), knowledge, folder, MapFormat.TURTLE)
@@ -183,7 +185,7 @@ def test_whatever_a_map_tells_comes_back(said: list[ox.Quad], folder: Path) -> N
 
 @settings(max_examples=40)
 @given(data=st.data(), dialect=st.sampled_from(sorted(SMALL)))
-def test_whatever_is_missing_the_rest_comes_back(data: st.DataObject, dialect: str, folder: Path) -> None:
+def test_incomplete_maps_survive_a_round_trip(data: st.DataObject, dialect: str, folder: Path) -> None:
     quads = list(ox.parse(SMALL[dialect], ox.RdfFormat.TURTLE))
     away = data.draw(st.sets(st.integers(0, len(quads) - 1), max_size=8))
     path = folder / "cut.ttl"
@@ -195,7 +197,7 @@ def test_whatever_is_missing_the_rest_comes_back(data: st.DataObject, dialect: s
         assert lost_statements(knowledge.source_view(map), back.source_view(map)) == ()
 
 
-# -- something has changed ---------------------------------------------------------------------------------------------
+# -- changed worlds ----------------------------------------------------------------------------------------------------
 
 
 def changed(world: World, what: str) -> World:
@@ -214,7 +216,7 @@ def changed(world: World, what: str) -> World:
 
 @pytest.mark.parametrize("what", ["moved", "let go", "made movable", "added"])
 @each_dialect
-def test_a_world_that_has_changed_comes_back(what: str, dialect: str, tmp_path: Path) -> None:
+def test_a_changed_world_survives_a_round_trip(what: str, dialect: str, tmp_path: Path) -> None:
     knowledge = small(dialect, tmp_path)
     world = changed(knowledge.world(), what)
     back = returned(world, knowledge, tmp_path, MapFormat.TURTLE).world()
@@ -225,7 +227,7 @@ def test_a_world_that_has_changed_comes_back(what: str, dialect: str, tmp_path: 
 
 
 def assert_same_in_si(a: World, b: World) -> None:
-    """The same but for what is kept of numbers before they were in SI: other ones are given now."""
+    """Compares worlds without the original numbers, which differ after a change."""
     found = diff(a, b)
     assert {change.kind for change in found.changed} <= {"facts"}
     parts = ("#pose>", "#linearConstraint>")
@@ -234,8 +236,8 @@ def assert_same_in_si(a: World, b: World) -> None:
 
 
 @pytest.mark.parametrize("dialect", ["AMEVA", "KnowRob 1", "SOMA"])
-def test_what_has_moved_is_told_in_the_words_of_the_dialect(dialect: str, tmp_path: Path) -> None:
-    """For those who know nothing but that dialect."""
+def test_changed_poses_are_written_in_the_dialect(dialect: str, tmp_path: Path) -> None:
+    """As a reader that supports only this dialect needs them."""
     knowledge = small(dialect, tmp_path)
     world = knowledge.world()
     moved = changed(world, "moved")
@@ -256,13 +258,13 @@ def _is_known(quad: ox.Quad, dialect: str) -> bool:
     return not is_ours and (dialect == "AMEVA" or quad.predicate.value != KNOWROB + "pose")
 
 
-def test_what_has_moved_stands_in_the_map_s_own_units(tmp_path: Path) -> None:
+def test_changed_poses_are_written_in_the_units_of_the_map(tmp_path: Path) -> None:
     knowledge = small("AMEVA", tmp_path)
     save_map(changed(knowledge.world(), "moved"), tmp_path / "back.ttl", source_view=knowledge.source_view())
     assert '"123.456789012345 70.0 0.1"' in (tmp_path / "back.ttl").read_text(encoding="utf-8")
 
 
-def test_an_earlier_perception_stays_and_the_last_one_counts(tmp_path: Path) -> None:
+def test_earlier_perceptions_are_kept_and_the_latest_counts(tmp_path: Path) -> None:
     knowledge = small("KnowRob 1", tmp_path)
     world = knowledge.world()
     door = world.body("door")
@@ -272,7 +274,7 @@ def test_an_earlier_perception_stays_and_the_last_one_counts(tmp_path: Path) -> 
     assert all(f"timepoint_{when}" in text for when in (5, 9, 10))
 
 
-def test_units_that_the_user_told_stand_in_the_map(tmp_path: Path) -> None:
+def test_units_chosen_by_the_user_are_declared_in_the_map(tmp_path: Path) -> None:
     path = tmp_path / "map.ttl"
     path.write_text(SMALL["SemLog"], encoding="utf-8")
     knowledge = KnowledgeBase(bundled_ontology=False)
@@ -284,7 +286,7 @@ def test_units_that_the_user_told_stand_in_the_map(tmp_path: Path) -> None:
     assert lost_statements(knowledge.source_view(), back.source_view()) == ()
 
 
-def test_a_map_that_leans_on_a_description_comes_back_without_needing_it(tmp_path: Path) -> None:
+def test_a_map_with_a_robot_description_is_written_without_needing_it(tmp_path: Path) -> None:
     (tmp_path / "kitchen.urdf").write_text(KITCHEN_URDF, encoding="utf-8")
     path = tmp_path / "map.ttl"
     path.write_text(soma_map(':drawer a soma:Drawer ; urdf:hasBaseLinkName "counter_drawer_main" .'), encoding="utf-8")
@@ -296,7 +298,7 @@ def test_a_map_that_leans_on_a_description_comes_back_without_needing_it(tmp_pat
     assert lost_statements(knowledge.source_view(), back.source_view()) == ()
 
 
-def test_a_map_that_was_converted_stays_so_or_goes_back_to_its_own_numbers(tmp_path: Path) -> None:
+def test_a_converted_map_stays_converted_or_is_written_with_its_original_numbers(tmp_path: Path) -> None:
     world = small("AMEVA", tmp_path).world()
     save_map(world, tmp_path / "si.ttl")
     knowledge = knowledge_base_from(tmp_path / "si.ttl")
@@ -313,8 +315,8 @@ def test_a_map_that_was_converted_stays_so_or_goes_back_to_its_own_numbers(tmp_p
 
 
 @each_dialect
-def test_what_we_have_written_comes_back_as_well(dialect: str, tmp_path: Path) -> None:
-    """In SOMA's words, and with what has moved restated in the map's own."""
+def test_maps_written_by_mindstage_survive_a_round_trip(dialect: str, tmp_path: Path) -> None:
+    """In SOMA's vocabulary, and with changed poses restated in the dialect of the map."""
     first = small(dialect, tmp_path)
     save_map(first.world(), tmp_path / "soma.ttl", dialect=MapDialect.SOMA)
     save_map(changed(first.world(), "moved"), tmp_path / "moved.ttl", source_view=first.source_view())

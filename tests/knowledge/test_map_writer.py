@@ -1,4 +1,4 @@
-"""What cannot be written is refused, in a sentence that names it."""
+"""Worlds that cannot be written are refused with a message that names the problem."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from tests.knowledge.test_round_trip import CUP, TABLE, world_of
 
 A = BodyId("a")
 REFUSED = {
-    "two things of one id": (world_of(CUP, replace(TABLE, id=CUP.id)), "'cup'"),
-    "two things of one name": (world_of(CUP, replace(TABLE, iri=CUP.iri)), "'table'.*'cup'"),
-    "a thing called like the map": (world_of(replace(CUP, iri=individual("room"))), "'cup'.*map"),
-    "a child that is not there": (world_of(CUP, attachments=(Attachment(parent=CUP.id, child=A),)), "'a'"),
+    "two entities with one id": (world_of(CUP, replace(TABLE, id=CUP.id)), "'cup'"),
+    "two entities with one name": (world_of(CUP, replace(TABLE, iri=CUP.iri)), "'table'.*'cup'"),
+    "an entity with the name of the map": (world_of(replace(CUP, iri=individual("room"))), "'cup'.*map"),
+    "a missing child": (world_of(CUP, attachments=(Attachment(parent=CUP.id, child=A),)), "'a'"),
     "an endless mass": (world_of(replace(CUP, physics=BodyPhysics(mass_kg=float("inf")))), "inf.*mass"),
     "a negative mass": (world_of(replace(CUP, physics=BodyPhysics(mass_kg=-1.0))), "-1.0.*mass"),
-    "a place that is none": (world_of(replace(CUP, pose=Pose((float("nan"), 0.0, 0.0)))), "nan.*translation"),
+    "an invalid pose": (world_of(replace(CUP, pose=Pose((float("nan"), 0.0, 0.0)))), "nan.*translation"),
     "no rotation": (world_of(replace(CUP, pose=Pose(quaternion=(0.0, 0.0, 0.0, 0.0)))), "quaternion"),
     "a name with a blank": (world_of(replace(CUP, iri=Iri("http://e/a cup"))), "a cup"),
     "a class that is no name": (world_of(replace(CUP, cls=Iri("Cup"))), "<Cup>"),
@@ -38,9 +38,9 @@ REFUSED = {
 
 @pytest.mark.parametrize("format", MapFormat)
 @pytest.mark.parametrize("name", REFUSED)
-def test_a_world_that_is_none_is_refused(name: str, format: MapFormat) -> None:
-    world, said = REFUSED[name]
-    with pytest.raises(MapWriteError, match=said):
+def test_an_invalid_world_is_refused(name: str, format: MapFormat) -> None:
+    world, message = REFUSED[name]
+    with pytest.raises(MapWriteError, match=message):
         write_map(world, format=format)
 
 
@@ -57,17 +57,17 @@ ONLY_TURTLE = {
 
 
 @pytest.mark.parametrize("name", ONLY_TURTLE)
-def test_what_only_turtle_can_write_is_refused_in_xml_with_that_advice(name: str, tmp_path: Path) -> None:
-    told, said = ONLY_TURTLE[name]
-    world = world_of(facts=(told,))
-    with pytest.raises(MapWriteError, match=f"{said}.*Turtle"):
+def test_turtle_is_recommended_if_xml_cannot_express_a_name(name: str, tmp_path: Path) -> None:
+    fact, message = ONLY_TURTLE[name]
+    world = world_of(facts=(fact,))
+    with pytest.raises(MapWriteError, match=f"{message}.*Turtle"):
         write_map(world)
     save_map(world, tmp_path / "map.ttl")
     assert knowledge_base_from(tmp_path / "map.ttl").world() == world
 
 
 @pytest.mark.parametrize("suffix", [".owl", ".rdf", ".xml", ".ttl", ".OWL"])
-def test_the_suffix_tells_the_format(suffix: str, tmp_path: Path) -> None:
+def test_the_suffix_selects_the_format(suffix: str, tmp_path: Path) -> None:
     path = tmp_path / f"map{suffix}"
     save_map(kitchenette(), path)
     assert path.read_text(encoding="utf-8").startswith("@prefix" if suffix == ".ttl" else "<?xml")
@@ -79,7 +79,7 @@ def test_another_suffix_is_refused(tmp_path: Path) -> None:
         save_map(kitchenette(), tmp_path / "map.docx")
 
 
-def test_a_folder_that_is_not_there_is_refused(tmp_path: Path) -> None:
+def test_a_missing_folder_is_refused(tmp_path: Path) -> None:
     with pytest.raises(MapWriteError, match="No such file"):
         save_map(kitchenette(), tmp_path / "nowhere" / "map.owl")
 
@@ -91,7 +91,7 @@ def test_a_folder_is_not_replaced(tmp_path: Path) -> None:
     assert os.listdir(tmp_path) == ["map.owl"]
 
 
-def test_half_a_letter_is_refused_and_leaves_nothing_behind(tmp_path: Path) -> None:
+def test_a_lone_surrogate_is_refused_and_leaves_nothing_behind(tmp_path: Path) -> None:
     path = tmp_path / "map.ttl"
     path.write_text("before", encoding="utf-8")
     with pytest.raises(MapWriteError, match=r"U\+D800"):
@@ -100,7 +100,7 @@ def test_half_a_letter_is_refused_and_leaves_nothing_behind(tmp_path: Path) -> N
     assert path.read_text(encoding="utf-8") == "before"
 
 
-def test_a_file_is_replaced_and_has_the_usual_rights(tmp_path: Path) -> None:
+def test_a_file_is_replaced_with_default_permissions(tmp_path: Path) -> None:
     path, usual = tmp_path / "map.owl", tmp_path / "usual"
     usual.touch()
     path.write_text("before", encoding="utf-8")

@@ -1,4 +1,4 @@
-"""How a map's numbers are meant: who decides it, and what is said about it."""
+"""Conventions of a map's numbers: their sources, and the assumptions and findings about them."""
 
 from __future__ import annotations
 
@@ -22,16 +22,16 @@ MUGS = [
     body_turtle(f"mug{n}", f'k:heightOfObject "{n + 8}.0"', 'k:widthOfObject "8.0"', 'k:depthOfObject "8.0"')
     for n in range(6)
 ]
-"""Eight meters high, or centimetres."""
+"""Eight meters high, or centimeters."""
 TURNED = [body_turtle(f"mug{n}", position=f"{n} 0 0", quaternion="0.0 0.0 0.0 1.0") for n in range(3)]
 LYING = [body_turtle(f"pan{n}", position=f"{n} 1 0", quaternion="0.0 0.0 1.0 0.0") for n in range(4)]
 
 
-def read_as(tmp_path: Path, text: str, **told: object) -> KnowledgeBase:
+def read_as(tmp_path: Path, text: str, **conventions: object) -> KnowledgeBase:
     path = tmp_path / "map.ttl"
     path.write_text(text, encoding="utf-8")
     knowledge = KnowledgeBase(bundled_ontology=False)
-    knowledge.load(path, conventions=UnitConventions(**told))  # type: ignore[arg-type]
+    knowledge.load(path, conventions=UnitConventions(**conventions))  # type: ignore[arg-type]
     return knowledge
 
 
@@ -39,38 +39,38 @@ def values(knowledge: KnowledgeBase) -> dict[str, str]:
     return {assumption.topic: assumption.value for assumption in knowledge.assumptions()}
 
 
-def test_semlog_maps_are_in_meters_whatever_their_size_and_say_so(tmp_path: Path) -> None:
+def test_semlog_maps_are_in_meters_by_default(tmp_path: Path) -> None:
     knowledge = read_as(tmp_path, room_map(*MUGS))
     world = knowledge.world()
     assert world.body("mug0").size == (8.0, 8.0, 8.0)
     assert values(knowledge) == {"units": "m", "frame": "ros", "quaternion": "wxyz"}
 
 
-def test_lengths_that_no_household_has_are_doubted(tmp_path: Path) -> None:
+def test_implausible_lengths_are_reported(tmp_path: Path) -> None:
     knowledge = read_as(tmp_path, room_map(*MUGS))
     knowledge.world()
-    (finding,) = [finding for finding in knowledge.findings() if "look like" in finding.problem]
+    (finding,) = [finding for finding in knowledge.findings() if "indicate" in finding.problem]
     assert finding.individual == individual("room")
-    assert "look like cm" in finding.problem
+    assert "indicate cm" in finding.problem
     assert finding.action == "they are read as m; --units cm would change that"
 
 
-def test_rotations_that_would_lay_everything_down_are_doubted(tmp_path: Path) -> None:
+def test_implausible_rotations_are_reported(tmp_path: Path) -> None:
     knowledge = read_as(tmp_path, room_map(*TURNED, *LYING))
     knowledge.world()
-    (finding,) = [finding for finding in knowledge.findings() if "look like" in finding.problem]
-    assert "look like xyzw" in finding.problem
+    (finding,) = [finding for finding in knowledge.findings() if "indicate" in finding.problem]
+    assert "indicate xyzw" in finding.problem
 
 
-def test_nothing_is_doubted_that_the_user_decided(tmp_path: Path) -> None:
+def test_decisions_of_the_user_are_not_reported(tmp_path: Path) -> None:
     knowledge = read_as(tmp_path, room_map(*MUGS), units=LengthUnit.METERS)
     knowledge.world()
     assert knowledge.findings() == ()
-    told = next(assumption for assumption in knowledge.assumptions() if assumption.topic == "units")
-    assert told.overridden
+    decided = next(assumption for assumption in knowledge.assumptions() if assumption.topic == "units")
+    assert decided.overridden
 
 
-def test_any_map_can_be_told_to_be_in_other_units(tmp_path: Path) -> None:
+def test_the_user_can_choose_other_units(tmp_path: Path) -> None:
     text = room_map(
         body_turtle("base"), body_turtle("door", position="0 0 0"), slide_joint("slide", "base", "door"), *MUGS
     )
@@ -89,19 +89,19 @@ def test_a_map_may_declare_its_conventions(tmp_path: Path) -> None:
     knowledge = read_as(tmp_path, room_map(declared, body_turtle("cup", position="100 200 300", quaternion="0 0 0 1")))
     world = knowledge.world()
     assert world.body("cup").pose == Pose((1.0, -2.0, 3.0), (1.0, 0.0, 0.0, 0.0))
-    assert all("the map says so" in assumption.evidence for assumption in knowledge.assumptions())
+    assert all("declared in the map" in assumption.evidence for assumption in knowledge.assumptions())
     save_map(world, tmp_path / "out.ttl")
     assert_worlds_equal(world, knowledge_base_from(tmp_path / "out.ttl").world())
 
 
-def test_a_declaration_that_means_nothing_is_named(tmp_path: Path) -> None:
+def test_an_invalid_declaration_is_reported(tmp_path: Path) -> None:
     knowledge = read_as(tmp_path, room_map(':room ms:units "furlong" .', body_turtle("cup")))
     assert knowledge.world().body("cup").pose.position == (1.0, 2.0, 3.0)
     (finding,) = knowledge.findings()
     assert finding.problem == "'furlong' is not one of m, cm, mm"
 
 
-def test_classes_that_an_ontology_knows_tell_the_units(tmp_path: Path) -> None:
+def test_units_are_inferred_from_known_sizes_of_classes(tmp_path: Path) -> None:
     sizes = " ".join(
         f'[a owl:Restriction ; owl:onProperty k:{name}OfObject ; owl:hasValue "0.1"^^xsd:float]{end}'
         for name, end in (("depth", ","), ("width", ","), ("height", "."))
@@ -115,20 +115,22 @@ def test_classes_that_an_ontology_knows_tell_the_units(tmp_path: Path) -> None:
     knowledge = knowledge_base_from(path, ontologies=(ontology,))
     assert knowledge.world().body("cup").size == (0.08, 0.08, 0.11)
     assert values(knowledge)["units"] == "mm"
-    assert "1 of 1 classes that ontologies know" in knowledge.assumptions()[0].evidence
+    assert "1 of 1 classes agree with those in ontologies" in knowledge.assumptions()[0].evidence
 
 
 @pytest.mark.parametrize(
     ("at", "units"), [(("0 0 0", "400 0 0", "0 300 0"), "cm"), (("0 0 0", "4 0 0", "0 3 0"), "m"), (("1 2 3",), "cm")]
 )
-def test_without_sizes_the_spread_of_things_tells_the_units(at: tuple[str, ...], units: str, tmp_path: Path) -> None:
-    things = [body_turtle(f"a{n}", 'k:maskColor "FF"', position=place) for n, place in enumerate(at)]
-    knowledge = read_as(tmp_path, room_map(*things))
+def test_units_are_inferred_from_distances_where_there_are_no_sizes(
+    at: tuple[str, ...], units: str, tmp_path: Path
+) -> None:
+    bodies = [body_turtle(f"a{n}", 'k:maskColor "FF"', position=place) for n, place in enumerate(at)]
+    knowledge = read_as(tmp_path, room_map(*bodies))
     knowledge.world()
     assert values(knowledge)["units"] == units
 
 
-def test_each_map_has_conventions_of_its_own(tmp_path: Path) -> None:
+def test_each_map_has_its_own_conventions(tmp_path: Path) -> None:
     knowledge = read_as(tmp_path, room_map(body_turtle("cup", position="100 0 0")), units=LengthUnit.CENTIMETERS)
     other = tmp_path / "other.ttl"
     other.write_text(room_map(body_turtle("cup2"), map="other").replace(":room", ":other"), encoding="utf-8")
@@ -143,30 +145,30 @@ def test_each_map_has_conventions_of_its_own(tmp_path: Path) -> None:
     }
 
 
-# -- what else is odd about numbers ------------------------------------------------------------------------------------
+# -- invalid and suspicious numbers ------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("turned", ["2.0 0.0 0.0 0.0", "0.5 0.5 0.5 0.4"])
-def test_a_quaternion_that_is_no_rotation_is_named_and_used(turned: str, read: ReadMap) -> None:
+def test_a_quaternion_that_is_not_normalized_is_reported_and_used(turned: str, read: ReadMap) -> None:
     world, (finding,) = read(room_map(body_turtle("cup", quaternion=turned)))
     assert world.body("cup").pose.quaternion == tuple(map(float, turned.split()))
     assert "has the norm" in finding.problem
 
 
 @pytest.mark.parametrize("at", ["1,5 2,0 3,0", "1,2,3"])
-def test_a_comma_for_a_point_is_named_as_such(at: str, read: ReadMap) -> None:
+def test_a_decimal_comma_is_reported(at: str, read: ReadMap) -> None:
     world, findings = read(room_map(body_turtle("cup", position=at)))
     assert world.bodies == ()
     assert any("a point, not a comma" in finding.problem for finding in findings)
 
 
-def test_a_crowd_in_one_place_is_named(read: ReadMap) -> None:
+def test_many_bodies_at_one_position_are_reported(read: ReadMap) -> None:
     world, (finding,) = read(
         room_map(*(body_turtle(f"cup{n}") for n in range(10)), body_turtle("pan", position="0 0 0"))
     )
     assert len(world.bodies) == 11
-    assert finding.problem == "10 bodies are in one place (1 2 3)"
+    assert finding.problem == "10 bodies are at one position (1 2 3)"
 
 
-def test_nine_in_one_place_are_no_crowd(read: ReadMap) -> None:
+def test_nine_bodies_at_one_position_are_not_reported(read: ReadMap) -> None:
     assert read(room_map(*(body_turtle(f"cup{n}") for n in range(9))))[1] == ()

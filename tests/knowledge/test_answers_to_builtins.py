@@ -1,4 +1,4 @@
-"""Answers as plain values: what other programs read."""
+"""Answers as JSON values."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ def kitchen() -> KnowledgeBase:
     return kb
 
 
-def test_answers_become_what_other_programs_read(kitchen: KnowledgeBase) -> None:
-    told = answers_to_builtins(kitchen, kitchen.ask("storage_place_in_environment", item="CowsMilk"), explain=True)
-    (answer,) = told["answers"]
-    assert told["question"] == "storage_place_in_environment"
-    assert told["args"] == {"item": f"{KNOWROB}CowsMilk"}
+def test_answers_convert_to_json_values(kitchen: KnowledgeBase) -> None:
+    result = answers_to_builtins(kitchen, kitchen.ask("storage_place_in_environment", item="CowsMilk"), explain=True)
+    (answer,) = result["answers"]
+    assert result["question"] == "storage_place_in_environment"
+    assert result["args"] == {"item": f"{KNOWROB}CowsMilk"}
     assert answer["iri"] == answer["individual"]
     assert answer["id"] == "fridge"
     assert answer["class"] == kitchen.reasoner.class_of(answer["iri"])
     assert answer["why"]
-    assert told["missing"] == []
+    assert result["missing"] == []
 
 
 @pytest.mark.parametrize(
@@ -43,13 +43,15 @@ def test_answers_become_what_other_programs_read(kitchen: KnowledgeBase) -> None
         ("maps", {}, "kitchen"),
     ],
 )
-def test_what_was_asked_for_has_its_name_in_each_answer(
+def test_each_answer_has_the_name_of_its_subject(
     name: str, args: dict[str, str], about: str, kitchen: KnowledgeBase
 ) -> None:
-    told = answers_to_builtins(kitchen, kitchen.ask(name, **args))
-    assert about in {answer["id"] for answer in told["answers"]}
+    result = answers_to_builtins(kitchen, kitchen.ask(name, **args))
+    assert about in {answer["id"] for answer in result["answers"]}
 
 
-def test_handles_are_what_is_asked_for_where_nothing_is_given(kitchen: KnowledgeBase) -> None:
-    told = answers_to_builtins(kitchen, kitchen.ask("handle_of"))
-    assert {answer["id"] for answer in told["answers"]} == {local_name(row.handle) for row in kitchen.ask("handle_of")}
+def test_handles_are_the_subject_without_arguments(kitchen: KnowledgeBase) -> None:
+    result = answers_to_builtins(kitchen, kitchen.ask("handle_of"))
+    assert {answer["id"] for answer in result["answers"]} == {
+        local_name(row.handle) for row in kitchen.ask("handle_of")
+    }

@@ -1,4 +1,4 @@
-"""SemLog's early maps: mobility in tags only, constraints that are described in no map, and a DTD that is none."""
+"""Early SemLog maps: mobility in tags only, constraints without membership, and an invalid DTD."""
 
 from __future__ import annotations
 
@@ -21,17 +21,17 @@ from tests.knowledge.maps import (
 
 
 def tagged(name: str, *tags: str, at: str = "1.0 2.0 3.0") -> str:
-    told = "".join(f"{tag};" for tag in tags)
-    return body_turtle(name, f'k:tagsData "SemLog;Class,Cup;{told}"', position=at)
+    joined = "".join(f"{tag};" for tag in tags)
+    return body_turtle(name, f'k:tagsData "SemLog;Class,Cup;{joined}"', position=at)
 
 
-def homeless(text: str, name: str) -> str:
-    """The map, of which this individual no longer says that it is in it."""
+def without_membership(text: str, name: str) -> str:
+    """The map without the membership statement of an individual."""
     start = text.index(f":{name} a owl:NamedIndividual, k:Constraint")
     return text[:start] + text[start:].replace(" ; k:describedInMap :room", "", 1)
 
 
-def test_mobility_is_told_by_tags_alone(read: ReadMap) -> None:
+def test_mobility_is_read_from_tags(read: ReadMap) -> None:
     world, findings = read(room_map(tagged("cup", "Mobility,Dynamic"), tagged("wall", "Mobility,Static", at="0 0 0")))
     assert world.body("cup").physics.mobility is Mobility.DYNAMIC
     assert world.body("wall").physics.mobility is Mobility.STATIC
@@ -41,13 +41,13 @@ def test_mobility_is_told_by_tags_alone(read: ReadMap) -> None:
     assert_worlds_equal(world, again)
 
 
-def test_a_property_counts_more_than_a_tag(read: ReadMap) -> None:
-    told = body_turtle("pan", 'k:mobility "static"', 'k:tagsData "SemLog;Mobility,Dynamic;"', position="0 0 0")
-    world, _ = read(room_map(tagged("cup", "Mobility,Dynamic"), told))
+def test_a_property_takes_precedence_over_a_tag(read: ReadMap) -> None:
+    text = body_turtle("pan", 'k:mobility "static"', 'k:tagsData "SemLog;Mobility,Dynamic;"', position="0 0 0")
+    world, _ = read(room_map(tagged("cup", "Mobility,Dynamic"), text))
     assert world.body("pan").physics.mobility is Mobility.STATIC
 
 
-def test_a_tag_that_tells_no_mobility_is_named(read: ReadMap) -> None:
+def test_an_invalid_mobility_tag_is_reported(read: ReadMap) -> None:
     cup, pan = tagged("cup", "Mobility,Dynamic"), tagged("pan", "Mobility,Sometimes", at="0 0 0")
     world, (finding,) = read(room_map(cup, pan))
     assert world.body("pan").physics.mobility is None
@@ -55,35 +55,35 @@ def test_a_tag_that_tells_no_mobility_is_named(read: ReadMap) -> None:
     assert "'Sometimes'" in finding.problem
 
 
-def test_a_constraint_belongs_where_its_ends_do(read: ReadMap, tmp_path: Path) -> None:
-    told = room_map(body_turtle("base"), body_turtle("door", position="0 0 0"), slide_joint("hinge", "base", "door"))
-    world, findings = read(homeless(told, "hinge"))
+def test_a_constraint_belongs_to_the_map_of_its_bodies(read: ReadMap, tmp_path: Path) -> None:
+    text = room_map(body_turtle("base"), body_turtle("door", position="0 0 0"), slide_joint("hinge", "base", "door"))
+    world, findings = read(without_membership(text, "hinge"))
     assert [joint.id for joint in world.joints] == ["hinge"]
     assert not [finding for finding in findings if finding.severity is Severity.ERROR]
     save_map(world, tmp_path / "out.ttl")
     assert_worlds_equal(world, knowledge_base_from(tmp_path / "out.ttl").world())
 
 
-def test_a_constraint_whose_ends_name_it_belongs_with_them(read: ReadMap) -> None:
-    told = room_map(
+def test_a_constraint_that_its_bodies_refer_to_belongs_to_their_map(read: ReadMap) -> None:
+    text = room_map(
         body_turtle("base", "k:child :hinge"),
         body_turtle("door", "k:parent :hinge", position="0 0 0"),
         slide_joint("hinge", "x", "y"),
     )
-    told = homeless(told, "hinge").replace("k:parent :x ; k:child :y", 'e:note "none"')
-    world, _ = read(told)
+    text = without_membership(text, "hinge").replace("k:parent :x ; k:child :y", 'e:note "none"')
+    world, _ = read(text)
     (joint,) = world.joints
     assert (joint.parent, joint.child) == ("base", "door")
 
 
-def test_a_constraint_that_belongs_nowhere_is_kept(read: ReadMap) -> None:
-    world, _ = read(homeless(room_map(body_turtle("base"), slide_joint("hinge", "x", "y")), "hinge"))
+def test_a_constraint_without_a_map_is_kept(read: ReadMap) -> None:
+    world, _ = read(without_membership(room_map(body_turtle("base"), slide_joint("hinge", "x", "y")), "hinge"))
     assert world.joints == ()
     assert individual("hinge") in {resource.iri for resource in world.resources}
 
 
-def test_a_constraint_goes_to_the_map_of_its_ends_and_to_no_other(tmp_path: Path) -> None:
-    first = homeless(
+def test_a_constraint_belongs_to_the_map_of_its_bodies_only(tmp_path: Path) -> None:
+    first = without_membership(
         room_map(body_turtle("base"), body_turtle("door", position="0 0 0"), slide_joint("hinge", "base", "door")),
         "hinge",
     )
@@ -117,12 +117,12 @@ def test_the_kitchen_of_the_thesis_as_an_early_map_is_the_same_kitchen(
         if any("&knowrob;Constraint" in line for line in lines):
             lines = [line for line in lines if "describedInMap" not in line]
         early.append("\n".join(lines))
-    spoilt = "\n\n".join(early)
+    corrupted = "\n\n".join(early)
     if spoil:
-        spoilt = spoilt.replace('<!ENTITY owl "', '<!ENTITY owl"').replace(
+        corrupted = corrupted.replace('<!ENTITY owl "', '<!ENTITY owl"').replace(
             "<owl:Ontology rdf:about=", '<owl:Ontology rdf:about="x" rdf:about='
         )
-    (tmp_path / "early.owl").write_text(spoilt, encoding="utf-8")
+    (tmp_path / "early.owl").write_text(corrupted, encoding="utf-8")
     world = knowledge_base_from(tmp_path / "early.owl").world()
     assert len(world.joints) == len(expected.joints) == 22
     assert [body.physics.mobility for body in world.bodies] == [body.physics.mobility for body in expected.bodies]

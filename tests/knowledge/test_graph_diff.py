@@ -1,4 +1,4 @@
-"""A statement that a file does not make is found, and only that."""
+"""Lost statements: exactly those that a written file does not contain."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def lost(before: str, after: str, folder: Path) -> tuple[Statement, ...]:
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Hypothesis writes many files; they may replace one another."""
+    """One folder for all examples of Hypothesis, which overwrite their files."""
     return tmp_path_factory.mktemp("losses")
 
 
@@ -42,7 +42,7 @@ ALIKE = {
     "the name of a pose": (":cup-pose", ":cup-pose-2"),
     "the name of a limit": (":slide-linear", ":slide-linear-7"),
     "a label": ("_:x", "_:other"),
-    "more statements": (":cup e:near", ':cup e:more "said" . :cup e:near'),
+    "more statements": (":cup e:near", ':cup e:more "stated" . :cup e:near'),
 }
 OTHERWISE = {
     "a number": ('"0.50"^^', '"0.51"^^'),
@@ -56,20 +56,20 @@ OTHERWISE = {
 
 
 @pytest.mark.parametrize("what", ALIKE)
-def test_what_says_the_same_is_no_loss(what: str, tmp_path: Path) -> None:
+def test_an_equivalent_statement_is_not_a_loss(what: str, tmp_path: Path) -> None:
     old, new = ALIKE[what]
     assert old in ROOM
     assert lost(ROOM, ROOM.replace(old, new), tmp_path) == ()
 
 
 @pytest.mark.parametrize("what", OTHERWISE)
-def test_what_says_something_else_is_a_loss(what: str, tmp_path: Path) -> None:
+def test_a_changed_statement_is_a_loss(what: str, tmp_path: Path) -> None:
     old, new = OTHERWISE[what]
     assert old in ROOM
     assert lost(ROOM, ROOM.replace(old, new), tmp_path)
 
 
-def test_a_pose_may_have_a_name_or_none(tmp_path: Path) -> None:
+def test_a_pose_can_be_named_or_blank(tmp_path: Path) -> None:
     pose = ':cup-pose a owl:NamedIndividual, k:Pose ; k:translation "1.0 2.0 3.0" ; k:quaternion "1.0 0.0 0.0 0.0" .'
     assert pose in ROOM
     nameless = ROOM.replace(pose, "").replace(":cup-pose", f"[ {pose.removeprefix(':cup-pose ').rstrip(' .')} ]")
@@ -80,18 +80,18 @@ def test_a_pose_may_have_a_name_or_none(tmp_path: Path) -> None:
 
 @settings(max_examples=25)
 @given(at=st.integers(min_value=0))
-def test_any_statement_that_is_left_out_is_found(at: int, folder: Path) -> None:
+def test_every_omitted_statement_is_found(at: int, folder: Path) -> None:
     world = kitchenette()
     quads = list(ox.parse(write_map(world, format=MapFormat.TURTLE).encode(), ox.RdfFormat.TURTLE))
     gone = quads.pop(at % len(quads))
     origins = []
-    for name, said in (("before", [*quads, gone]), ("after", quads)):
-        ox.serialize(said, folder / f"{name}.nt", ox.RdfFormat.N_TRIPLES)
+    for name, statements in (("before", [*quads, gone]), ("after", quads)):
+        ox.serialize(statements, folder / f"{name}.nt", ox.RdfFormat.N_TRIPLES)
         origins.append(knowledge_base_from(folder / f"{name}.nt").source_view(world.iri))
     assert lost_statements(*origins)
 
 
-def test_what_the_engine_rounds_is_no_loss(tmp_path: Path) -> None:
+def test_rounding_by_the_engine_is_not_a_loss(tmp_path: Path) -> None:
     after = ROOM.replace('"1.0 2.0 3.0"', '"1.0 2.0 3.000001"').replace('"0.50"^^', '"0.6"^^')
     for name, text in (("before", ROOM), ("after", after)):
         (tmp_path / f"{name}.ttl").write_text(text, encoding="utf-8")

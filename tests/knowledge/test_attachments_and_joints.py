@@ -1,4 +1,4 @@
-"""Who hangs on whom and who is joined to whom, whichever side tells it."""
+"""Attachments and joints, given by either of the two individuals."""
 
 from __future__ import annotations
 
@@ -21,20 +21,20 @@ from mindstage.scene import (
 )
 from tests.knowledge.maps import XSD, ReadMap, body_turtle, individual, knowrob_iri, room_map, slide_joint
 
-# -- relations ---------------------------------------------------------------------------------------------------------
+# -- attachments -------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
-    "told", [":table k:child :cup .", ":cup k:parent :table .", ":table k:child :cup . :cup k:parent :table ."]
+    "statements", [":table k:child :cup .", ":cup k:parent :table .", ":table k:child :cup . :cup k:parent :table ."]
 )
-def test_either_side_may_tell_a_relation(told: str, read: ReadMap) -> None:
-    world, findings = read(room_map(body_turtle("table"), body_turtle("cup"), told))
+def test_either_body_may_give_an_attachment(statements: str, read: ReadMap) -> None:
+    world, findings = read(room_map(body_turtle("table"), body_turtle("cup"), statements))
     assert [(each.parent, each.child) for each in world.attachments] == [("table", "cup")]
-    assert [thing.facts for thing in world.bodies] == [(), ()]
+    assert [body.facts for body in world.bodies] == [(), ()]
     assert findings == ()
 
 
-def test_a_second_parent_is_a_fact_and_named(read: ReadMap) -> None:
+def test_a_second_parent_is_kept_as_a_fact_and_reported(read: ReadMap) -> None:
     world, (finding,) = read(room_map(body_turtle("a"), body_turtle("b"), body_turtle("cup", "k:parent :a, :b")))
     assert world.attachments == (Attachment(parent=world.bodies[0].id, child=world.bodies[2].id),)
     assert world.body("cup").facts == (PropertyAssertion(knowrob_iri("parent"), IriRef(individual("b"))),)
@@ -43,7 +43,7 @@ def test_a_second_parent_is_a_fact_and_named(read: ReadMap) -> None:
     assert individual("b") in finding.problem
 
 
-def test_a_circle_is_cut_where_it_closes(read: ReadMap) -> None:
+def test_a_cycle_is_broken_where_it_closes(read: ReadMap) -> None:
     world, (finding,) = read(
         room_map(body_turtle("a", "k:child :b"), body_turtle("b", "k:child :c"), body_turtle("c", "k:child :a"))
     )
@@ -52,19 +52,19 @@ def test_a_circle_is_cut_where_it_closes(read: ReadMap) -> None:
     assert finding.individual == individual("c")
 
 
-def test_nothing_hangs_on_itself(read: ReadMap) -> None:
+def test_no_body_is_attached_to_itself(read: ReadMap) -> None:
     world, (finding,) = read(room_map(body_turtle("a", "k:child :a")))
     assert world.attachments == ()
     assert finding.individual == individual("a")
 
 
-def test_a_relation_to_something_unknown_is_a_fact_and_named(read: ReadMap) -> None:
+def test_a_relation_to_an_unknown_individual_is_kept_as_a_fact_and_reported(read: ReadMap) -> None:
     world, (finding,) = read(room_map(body_turtle("a", "k:child :ghost")))
     assert world.bodies[0].facts == (PropertyAssertion(knowrob_iri("child"), IriRef(individual("ghost"))),)
     assert individual("ghost") in finding.problem
 
 
-def test_a_long_chain_is_read_in_one_go(read: ReadMap) -> None:
+def test_a_long_chain_is_read(read: ReadMap) -> None:
     links = [
         body_turtle("b0"),
         *(body_turtle(f"b{n}", f"k:parent :b{n - 1}", position=f"{n} 0 0") for n in range(1, 400)),
@@ -74,10 +74,10 @@ def test_a_long_chain_is_read_in_one_go(read: ReadMap) -> None:
     assert findings == ()
 
 
-# -- constraints -------------------------------------------------------------------------------------------------------
+# -- joints ------------------------------------------------------------------------------------------------------------
 
 
-def test_every_field_of_a_constraint_is_read(read: ReadMap) -> None:
+def test_every_field_of_a_joint_is_read(read: ReadMap) -> None:
     world, findings = read(
         room_map(
             body_turtle("case"),
@@ -102,7 +102,7 @@ def test_every_field_of_a_constraint_is_read(read: ReadMap) -> None:
     assert (slide.facts, world.attachments, world.resources) == ((), (), ())
 
 
-def test_roles_stay_upside_down(read: ReadMap) -> None:
+def test_swapped_roles_are_kept(read: ReadMap) -> None:
     world, _ = read(
         room_map(
             body_turtle("drawer", 'k:mobility "dynamic"'),
@@ -113,7 +113,7 @@ def test_roles_stay_upside_down(read: ReadMap) -> None:
     assert (world.joints[0].parent, world.joints[0].child) == ("drawer", "case")
 
 
-def test_a_body_may_tell_which_end_it_is(read: ReadMap) -> None:
+def test_a_body_may_refer_to_its_joint(read: ReadMap) -> None:
     joint = slide_joint("slide", "case", "drawer").replace(" ; k:child :drawer", "", 1)
     world, findings = read(room_map(body_turtle("case"), body_turtle("drawer", "k:parent :slide"), joint))
     (slide,) = world.joints
@@ -123,19 +123,19 @@ def test_a_body_may_tell_which_end_it_is(read: ReadMap) -> None:
 
 
 @pytest.mark.parametrize("end", ["ghost", "slide"])
-def test_a_constraint_whose_end_is_missing_is_left_out_and_named(end: str, read: ReadMap) -> None:
+def test_a_joint_without_one_of_its_bodies_is_omitted_and_reported(end: str, read: ReadMap) -> None:
     text = room_map(body_turtle("case"), slide_joint("slide", "case", end))
     world, findings = read(text)
     assert world.joints == ()
     (error,) = (finding for finding in findings if finding.severity is Severity.ERROR)
     assert (error.individual, error.property) == (individual("slide"), knowrob_iri("child"))
-    # All of it is still there, the parts included.
+    # All of its statements are kept, with its nested resources.
     assert {resource.iri for resource in world.resources} == {
         individual(f"slide{part}") for part in ("", "-pose", "-linear", "-angular")
     }
 
 
-def test_motions_that_are_not_told_are_locked_and_that_is_said(read: ReadMap) -> None:
+def test_missing_motions_are_locked_and_reported(read: ReadMap) -> None:
     world, findings = read(
         room_map(
             body_turtle("a"), body_turtle("b"), body_turtle("slide", "k:parent :a ; k:child :b", cls="k:Constraint")
@@ -148,14 +148,14 @@ def test_motions_that_are_not_told_are_locked_and_that_is_said(read: ReadMap) ->
     }
 
 
-def test_a_limit_that_is_not_told_is_nought_and_that_is_said(read: ReadMap) -> None:
+def test_a_missing_limit_is_zero_and_reported(read: ReadMap) -> None:
     joint = slide_joint("slide", "a", "b").replace('k:limit "0.45"^^xsd:float ;', "")
     world, (finding,) = read(room_map(body_turtle("a"), body_turtle("b"), joint))
     assert world.joints[0].linear == LinearLimits(x=AxisMotion.LIMITED)
     assert (finding.individual, finding.property) == (individual("slide-linear"), knowrob_iri("limit"))
 
 
-def test_a_constraint_without_pose_is_left_out_and_named(read: ReadMap) -> None:
+def test_a_joint_without_a_pose_is_omitted_and_reported(read: ReadMap) -> None:
     joint = slide_joint("slide", "a", "b").replace(" ; k:pose :slide-pose", "")
     world, (error,) = read(room_map(body_turtle("a"), body_turtle("b"), joint))
     assert world.joints == ()
@@ -166,7 +166,7 @@ def test_a_constraint_without_pose_is_left_out_and_named(read: ReadMap) -> None:
     )
 
 
-def test_of_two_ends_the_first_counts(read: ReadMap) -> None:
+def test_the_first_of_two_parents_counts(read: ReadMap) -> None:
     world, (finding,) = read(
         room_map(body_turtle("a"), body_turtle("b"), body_turtle("c"), slide_joint("slide", "a", "b", "k:child :c"))
     )
@@ -175,7 +175,7 @@ def test_of_two_ends_the_first_counts(read: ReadMap) -> None:
     assert finding.individual == individual("slide")
 
 
-def test_one_motion_that_cannot_be_understood_is_locked_and_stays_a_fact(read: ReadMap) -> None:
+def test_an_invalid_motion_is_locked_and_kept_as_a_fact(read: ReadMap) -> None:
     joint = slide_joint("slide", "a", "b").replace("k:xMotion 1", "k:xMotion 7")
     world, findings = read(room_map(body_turtle("a"), body_turtle("b"), joint))
     assert world.joints[0].linear.x is AxisMotion.LOCKED
