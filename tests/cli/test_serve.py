@@ -16,7 +16,7 @@ import pytest
 
 from mindstage.bridge import RosbridgeClient
 from mindstage.knowledge.io.files import BUNDLED_KITCHEN
-from tests.bridge.talking import TIMEOUT_S, eventually
+from tests.bridge.raw_client import TIMEOUT_S, eventually
 from tests.cli.runner import Run, WriteMap
 
 MINDSTAGE = [sys.executable, "-m", "mindstage"]

@@ -1,4 +1,4 @@
-"""What the tests of descriptions share: a body, and what of one a model can carry."""
+"""A body, a pose and helpers for the tests of conversions."""
 
 from __future__ import annotations
 
@@ -24,6 +24,6 @@ def json_round_trip(
 
 
 def transmittable_part(body: Body) -> Body:
-    """What of a body a model can carry, tags of ours included; `untranslatable_fields` is held against this."""
+    """Returns a body without the fields that a model cannot represent, as `untranslatable_fields` lists them."""
     materials = tuple(replace(material, color=None) for material in body.materials)
     return replace(body, facts=(), materials=materials)

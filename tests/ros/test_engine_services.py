@@ -1,4 +1,4 @@
-"""Far engine: the engine's whole contract over the wire, exact, with the same refusals."""
+"""Engine services: the whole engine interface as services, without loss and with the same errors."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ from mindstage.msgs import decode, engine_service, mindstage_msgs, service_types
 from mindstage.ros import RosInterface
 from mindstage.scene import BodyGeometry, BodyId, BodyPhysics, CollisionShape, Material, Mobility, diff
 from mindstage.simulation import Simulation
-from tests.bridge.talking import TIMEOUT_S, eventually
+from tests.bridge.raw_client import TIMEOUT_S, eventually
 from tests.kitchenette import kitchenette
-from tests.ros.asking import TURNED, Call, pose_message, position_of
+from tests.ros.ros_messages import TURNED, Call, pose_message, position_of
 
 
 @pytest.fixture
@@ -34,10 +34,10 @@ def engine(call: Call) -> Call:
     return lambda name, /, **args: call(f"mindstage/{name}", **args)
 
 
-def test_every_service_of_the_package_is_offered_where_it_is_agreed(face: RosInterface, hub: LocalNode) -> None:
-    offered = {each.name for each in hub.graph_info().services}
+def test_every_service_of_the_package_is_advertised(ros_interface: RosInterface, local_node: LocalNode) -> None:
+    offered = {each.name for each in local_node.graph_info().services}
     engines = [cls for cls in vars(mindstage_msgs).values() if isinstance(cls, type)]
-    others = {mindstage_msgs.Ask, mindstage_msgs.SaveScene, mindstage_msgs.Photograph}  # not every engine's business
+    others = {mindstage_msgs.Ask, mindstage_msgs.SaveScene, mindstage_msgs.Photograph}  # optional for engines
     expected = {
         engine_service(cls, "unreal")
         for cls in engines
@@ -47,7 +47,7 @@ def test_every_service_of_the_package_is_offered_where_it_is_agreed(face: RosInt
     assert expected <= offered
 
 
-def test_a_world_goes_in_and_comes_back_with_nothing_lost(engine: Call, stage: Simulation) -> None:
+def test_a_world_survives_a_round_trip_without_loss(engine: Call, simulation: Simulation) -> None:
     assert engine("clear") == {"success": True, "refusal": EMPTY}
     reply = engine("spawn_world", world=world_to_json(kitchenette()))
     assert reply["success"]
@@ -55,45 +55,45 @@ def test_a_world_goes_in_and_comes_back_with_nothing_lost(engine: Call, stage: S
     assert diff(kitchenette(), world_from_json(engine("log_world")["world"])).identical(0.0)
 
 
-def test_what_cannot_be_spawned_stands_in_the_report(engine: Call) -> None:
+def test_failures_are_in_the_spawn_report(engine: Call) -> None:
     reply = engine("spawn_world", world=world_to_json(kitchenette()))
     assert not reply["success"]
     assert {each["id"] for each in reply["report"]["failed_bodies"]} >= {"Mug", "Fridge"}
 
 
-def test_it_says_what_it_is(engine: Call) -> None:
-    told = engine("describe")
-    assert (told["engine"], told["abilities"], told["format_version"]) == ("mujoco", ["joints", "save"], 1)
-    assert told["takes"] == ["forms"]
+def test_describe_returns_engine_and_capabilities(engine: Call) -> None:
+    response = engine("describe")
+    assert (response["engine"], response["abilities"], response["format_version"]) == ("mujoco", ["joints", "save"], 1)
+    assert response["takes"] == ["forms"]
 
 
-def test_bodies_are_edited(engine: Call, stage: Simulation) -> None:
+def test_bodies_are_edited(engine: Call, simulation: Simulation) -> None:
     assert engine("set_pose", id="Mug", pose=pose_message(4, 4, 4, TURNED))["success"]
     poses = engine("get_poses")
     assert position_of(dict(zip(poses["ids"], poses["poses"], strict=True))["Mug"]) == (4, 4, 4)
     assert engine("set_physics", id="Mug", physics=to_json(BodyPhysics(mobility=Mobility.KINEMATIC)))["success"]
     materials = (Material(name="Oak", color=(0.5, 0.25, 0.125)),)
     assert engine("set_materials", id="Mug", materials=to_json(materials, tuple[Material, ...]))["success"]
-    body = stage.snapshot().body("Mug")
+    body = simulation.snapshot().body("Mug")
     assert (body.physics, body.materials) == (BodyPhysics(mobility=Mobility.KINEMATIC), materials)
     assert engine("attach", parent="Fridge", child="Mug")["success"]
     assert engine("detach", child="Mug")["success"]
     assert engine("delete", ids=["Mug", "Drawer"])["success"]
-    assert not {"Mug", "Drawer"} & set(stage.state.ids)
+    assert not {"Mug", "Drawer"} & set(simulation.state.ids)
 
 
-def test_any_color_lights_up(engine: Call, stage: Simulation) -> None:
+def test_bodies_are_highlighted_in_any_color(engine: Call, simulation: Simulation) -> None:
     color = {"r": 0.1, "g": 0.2, "b": 0.3, "a": 1.0}
-    assert engine("highlight", ids=["Mug", "Fridge"], lit=True, color=color)["success"]
-    assert stage.state.highlights == {"Mug": (0.1, 0.2, 0.3), "Fridge": (0.1, 0.2, 0.3)}
-    lit = engine("get_highlights")
-    assert lit["ids"] == ["Mug", "Fridge"]
-    assert lit["colors"] == [color, color]
+    assert engine("highlight", ids=["Mug", "Fridge"], highlighted=True, color=color)["success"]
+    assert simulation.state.highlights == {"Mug": (0.1, 0.2, 0.3), "Fridge": (0.1, 0.2, 0.3)}
+    highlighted = engine("get_highlights")
+    assert highlighted["ids"] == ["Mug", "Fridge"]
+    assert highlighted["colors"] == [color, color]
     assert engine("highlight", ids=["Mug"])["success"]
-    assert set(stage.state.highlights) == {"Fridge"}
+    assert set(simulation.state.highlights) == {"Fridge"}
 
 
-def test_a_push_is_felt_throughout_the_step_and_seen_at_the_joint(engine: Call) -> None:
+def test_a_force_acts_throughout_the_step(engine: Call) -> None:
     before = engine("describe")["time_s"]
     force = {"x": -40.0, "y": 0.0, "z": 0.0}
     assert engine("push", id="Drawer", force=force)["success"]
@@ -103,20 +103,20 @@ def test_a_push_is_felt_throughout_the_step_and_seen_at_the_joint(engine: Call) 
     assert abs(joints["FridgeHinge"]["swing1"]) < 1e-3
 
 
-def test_a_step_takes_its_pushes_along_and_tells_where_everything_is_then(engine: Call, stage: Simulation) -> None:
+def test_a_step_applies_forces_and_returns_poses(engine: Call, simulation: Simulation) -> None:
     push = {"id": "Drawer", "force": {"x": -40.0, "y": 0.0, "z": 0.0}}
     reply = engine("step", duration_s=0.2, forces=[push, push], packed=True)
-    np.testing.assert_array_equal(rows(reply), stage.state.poses)
-    assert stage.state.poses[stage.state.ids.index(BodyId("Drawer")), 0] < 1.95 - 0.1
-    assert rows(engine("step", duration_s=0.2)).size == 0  # nobody asked
+    np.testing.assert_array_equal(rows(reply), simulation.state.poses)
+    assert simulation.state.poses[simulation.state.ids.index(BodyId("Drawer")), 0] < 1.95 - 0.1
+    assert rows(engine("step", duration_s=0.2)).size == 0  # not requested
     with pytest.raises(BodyNotFoundError):
         raise message_to_error(decode(mindstage_msgs.Refusal, engine("step", forces=[{"id": "Drawr"}])["refusal"]))
 
 
-def test_packed_poses_leave_out_the_ids_that_are_known(engine: Call, stage: Simulation) -> None:
+def test_packed_poses_leave_out_known_ids(engine: Call, simulation: Simulation) -> None:
     first = engine("get_poses", packed=True)
-    assert (first["ids"], first["poses"]) == (list(stage.state.ids), [])
-    np.testing.assert_array_equal(rows(first), stage.state.poses)
+    assert (first["ids"], first["poses"]) == (list(simulation.state.ids), [])
+    np.testing.assert_array_equal(rows(first), simulation.state.poses)
     again = engine("get_poses", packed=True, known=first["revision"])
     assert (again["ids"], again["revision"], again["rows"]) == ([], first["revision"], first["rows"])
     engine("delete", ids=["Mug"])
@@ -126,7 +126,7 @@ def test_packed_poses_leave_out_the_ids_that_are_known(engine: Call, stage: Simu
     assert len(rows(other)) == len(other["ids"])
 
 
-def test_forms_that_come_along_are_what_bodies_are_made_of(engine: Call, stage: Simulation) -> None:
+def test_geometries_in_the_request_are_used(engine: Call, simulation: Simulation) -> None:
     engine("clear")
     flat = BodyGeometry(
         key="0123456789abcdef",
@@ -136,45 +136,45 @@ def test_forms_that_come_along_are_what_bodies_are_made_of(engine: Call, stage: 
     )
     forms = geometry_to_json({BodyId("Mug"): flat})
     assert engine("spawn_world", world=world_to_json(kitchenette()), forms=forms)["success"]
-    assert stage.geometry[BodyId("Mug")].collision_shapes == flat.collision_shapes
+    assert simulation.geometry[BodyId("Mug")].collision_shapes == flat.collision_shapes
     engine("step", duration_s=1.0)
     assert position_of(engine("get_poses")["poses"][7])[2] == pytest.approx(
         0.81, abs=0.003
-    )  # the puck's half above the cupboard
+    )  # half the height of the body above the cupboard
 
 
-def test_forms_that_make_no_sense_are_refused_before_anything_is_spawned(engine: Call, stage: Simulation) -> None:
+def test_invalid_geometries_are_rejected_before_spawning(engine: Call, simulation: Simulation) -> None:
     engine("clear")
-    with pytest.raises(ServiceCallError, match="there is no form"):
+    with pytest.raises(ServiceCallError, match="no geometry has the key"):
         engine("spawn_world", world=world_to_json(kitchenette()), forms='{"bodies": {"Mug": "0123456789abcdef"}}')
-    assert stage.state.ids == ()
+    assert simulation.state.ids == ()
 
 
 def rows(reply: dict[str, Any]) -> PoseArray:
     return np.frombuffer(b64decode(reply["rows"]), dtype="<f8").reshape(-1, 7)
 
 
-def test_states_are_kept_over_there_and_brought_back_exactly(engine: Call, stage: Simulation) -> None:
+def test_states_are_saved_and_restored_exactly(engine: Call, simulation: Simulation) -> None:
     handle = engine("save_state")["handle"]
-    before = stage.state.poses.copy()
+    before = simulation.state.poses.copy()
     engine("push", id="Drawer", force={"x": -40.0, "y": 0.0, "z": 0.0})
     engine("step", duration_s=0.2)
-    assert (stage.state.poses != before).any()
+    assert (simulation.state.poses != before).any()
     assert engine("restore_state", handle=handle)["success"]
-    assert (stage.state.poses == before).all()
+    assert (simulation.state.poses == before).all()
     assert engine("forget_state", handle=handle)["success"]
-    with pytest.raises(ServiceCallError, match="no state"):
+    with pytest.raises(ServiceCallError, match="no saved state"):
         engine("restore_state", handle=handle)
 
 
-def test_states_are_not_kept_without_end(engine: Call) -> None:
+def test_the_number_of_saved_states_is_limited(engine: Call) -> None:
     for _ in range(64):
         engine("save_state")
-    with pytest.raises(ServiceCallError, match="64 states are kept already"):
+    with pytest.raises(ServiceCallError, match="64 states are saved already"):
         engine("save_state")
 
 
-def test_refusals_are_the_same_errors_over_there(engine: Call) -> None:
+def test_world_errors_survive_a_round_trip(engine: Call) -> None:
     def refused(name: str, **args: Any) -> Exception:
         reply = engine(name, **args)
         assert not reply["success"]
@@ -202,23 +202,27 @@ def test_refusals_are_the_same_errors_over_there(engine: Call) -> None:
     ("service", "args", "text"),
     [
         ("spawn_world", {"world": "{}"}, "format_version"),
-        ("spawn_world", {"world": '{"format_version": 99}'}, "this Mindstage reads 1"),
+        ("spawn_world", {"world": '{"format_version": 99}'}, "this version of Mindstage reads 1"),
         ("set_physics", {"id": "Mug", "physics": '{"mass": 1}'}, "mass"),
         ("set_materials", {"id": "Mug", "materials": "{}"}, "expected array"),
-        ("step", {"duration_s": -1.0}, "time does not pass backwards"),
+        ("step", {"duration_s": -1.0}, "it is negative"),
     ],
 )
-def test_what_is_no_part_of_a_world_ends_the_call(engine: Call, service: str, args: Any, text: str) -> None:
+def test_invalid_parts_of_a_world_fail_the_call(engine: Call, service: str, args: Any, text: str) -> None:
     with pytest.raises(ServiceCallError) as failure:
         engine(service, **args)
     assert text in str(failure.value)
 
 
-def test_an_engine_without_an_ability_says_so(knowledge: KnowledgeBase) -> None:
-    with Simulation(knowledge, NullEngine()) as stage, LocalNode() as hub, RosInterface(stage, hub):
-        assert hub.call_service("/unreal/mindstage/describe")["abilities"] == ["save"]
-        with pytest.raises(ServiceCallError, match="cannot tell where joints stand"):
-            hub.call_service("/unreal/mindstage/get_joint_positions")
+def test_a_missing_capability_is_an_error(knowledge: KnowledgeBase) -> None:
+    with (
+        Simulation(knowledge, NullEngine()) as simulation,
+        LocalNode() as local_node,
+        RosInterface(simulation, local_node),
+    ):
+        assert local_node.call_service("/unreal/mindstage/describe")["abilities"] == ["save"]
+        with pytest.raises(ServiceCallError, match="has no joint positions"):
+            local_node.call_service("/unreal/mindstage/get_joint_positions")
 
 
 class ExplodingEngine(NullEngine):
@@ -226,33 +230,35 @@ class ExplodingEngine(NullEngine):
         raise SimulationDivergedError(time_s=1.5, what="everything flies")
 
 
-def test_what_breaks_over_there_is_the_same_error_here(knowledge: KnowledgeBase) -> None:
+def test_engine_errors_survive_a_round_trip(knowledge: KnowledgeBase) -> None:
     with (
-        Simulation(knowledge, ExplodingEngine()) as stage,
-        LocalNode() as hub,
-        RosInterface(stage, hub),
+        Simulation(knowledge, ExplodingEngine()) as simulation,
+        LocalNode() as local_node,
+        RosInterface(simulation, local_node),
         pytest.raises(ServiceCallError) as failure,
     ):
-        hub.call_service("/unreal/mindstage/step", {"duration_s": 0.1})
+        local_node.call_service("/unreal/mindstage/step", {"duration_s": 0.1})
     error = error_from_text(failure.value.cause)
     assert isinstance(error, SimulationDivergedError)
     assert (error.time_s, error.what) == (1.5, "everything flies")
 
 
-def test_spawning_as_a_goal_tells_how_far_it_is(engine: Call, hub: LocalNode, stage: Simulation) -> None:
+def test_spawn_map_sends_feedback(engine: Call, local_node: LocalNode, simulation: Simulation) -> None:
     engine("clear")
-    told: list[Any] = []
+    response: list[Any] = []
     goal = {"world": world_to_json(kitchenette())}
-    sent = hub.send_goal("/unreal/mindstage/spawn_map", "mindstage_msgs/SpawnMap", goal, on_feedback=told.append)
+    sent = local_node.send_goal(
+        "/unreal/mindstage/spawn_map", "mindstage_msgs/SpawnMap", goal, on_feedback=response.append
+    )
     outcome = sent.wait(TIMEOUT_S)
     assert outcome.status is GoalStatus.SUCCEEDED
     assert outcome.values["report"]["bodies"] == 8
-    assert told[0]["phase"] == "reading"
-    assert told[-1] == {"phase": "spawned", "done": 12, "total": 12}
-    again = hub.send_goal("/unreal/mindstage/spawn_map", "mindstage_msgs/SpawnMap", goal).wait(TIMEOUT_S)
+    assert response[0]["phase"] == "reading"
+    assert response[-1] == {"phase": "spawned", "done": 12, "total": 12}
+    again = local_node.send_goal("/unreal/mindstage/spawn_map", "mindstage_msgs/SpawnMap", goal).wait(TIMEOUT_S)
     assert again.status is GoalStatus.ABORTED
     assert len(again.values["report"]["failed_bodies"]) == 8
-    eventually(lambda: len(stage.state.ids) == 8)
+    eventually(lambda: len(simulation.state.ids) == 8)
 
 
 EMPTY = {"kind": "", "text": "", "body": "", "parent": "", "child": "", "reason": "", "world": "", "near": []}

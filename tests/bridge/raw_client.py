@@ -1,4 +1,4 @@
-"""A client that says exactly what a test wants said, right or wrong, and keeps all it hears."""
+"""A client that sends and receives raw messages, valid or not."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 
 TIMEOUT_S = 20.0
-"""Long enough for any machine; nothing waits for it unless something is broken."""
+"""Timeout on slow machines; it is reached only if a test fails [s]."""
 
 Message = dict[str, Any]
 
 
 class RawClient:
-    """One bare websocket."""
+    """A websocket."""
 
     def __init__(self, url: str, **options: Any) -> None:
         self.socket: ClientConnection = connect(url, open_timeout=TIMEOUT_S, max_size=None, compression=None, **options)
@@ -31,7 +31,7 @@ class RawClient:
         self.socket.send(frame)
 
     def receive(self, op: str, timeout_s: float = TIMEOUT_S, **fields: Any) -> Message:
-        """The next message of that kind with these fields; what comes before stays in `heard`."""
+        """Returns the next message with this operation and these fields; others stay in `received`."""
         until = time.monotonic() + timeout_s
         while True:
             for number, message in enumerate(self.received):
@@ -42,17 +42,17 @@ class RawClient:
             self.received.append(msgspec.json.decode(frame))
 
     def call_service(self, service: str, args: Any = None, **fields: Any) -> Message:
-        """Calls a service and waits for the answer."""
+        """Calls a service and waits for the response."""
         id = f"ask:{service}:{time.monotonic_ns()}"
         self.send_operation(op="call_service", id=id, service=service, args={} if args is None else args, **fields)
         return self.receive("service_response", id=id)
 
     def flush(self) -> None:
-        """Returns when everything said so far was heard by the hub: what is said on one connection keeps its order."""
+        """Waits until the server has handled all messages that were sent, since it handles them in order."""
         self.call_service("/settle")
 
     def wait_closed(self, timeout_s: float = TIMEOUT_S) -> tuple[int, str]:
-        """Waits for the other side to close; the code and the reason."""
+        """Waits until the server closes the connection; returns the code and the reason."""
         try:
             while True:
                 self.socket.recv(timeout=timeout_s)
@@ -60,7 +60,7 @@ class RawClient:
             return (error.rcvd.code, error.rcvd.reason) if error.rcvd else (1006, "")
 
     def kill(self) -> None:
-        """Ends as a process that is killed: without a word."""
+        """Closes the socket without a closing handshake, as a killed process does."""
         self.socket.socket.shutdown(socket.SHUT_RDWR)
 
     def close(self) -> None:
@@ -68,15 +68,15 @@ class RawClient:
 
 
 def eventually(condition: Callable[[], object], *, timeout_s: float = TIMEOUT_S) -> None:
-    """Waits until something becomes true."""
+    """Waits until a condition is true."""
     until = time.monotonic() + timeout_s
     while not condition():
-        assert time.monotonic() < until, "it never happened"
+        assert time.monotonic() < until, "the condition did not become true"
         time.sleep(0.005)
 
 
-def raw_subscriber(port: int, **wishes: Any) -> socket.socket:
-    """Asks for a topic's messages and then does not read: a websocket by hand, so that nothing reads for it."""
+def raw_subscriber(port: int, **subscribe_options: Any) -> socket.socket:
+    """Subscribes to a topic by a socket without a websocket library, and does not read."""
     bare = socket.create_connection(("127.0.0.1", port), timeout=TIMEOUT_S)
     bare.sendall(
         b"GET / HTTP/1.1\r\nHost: localhost\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
@@ -84,6 +84,6 @@ def raw_subscriber(port: int, **wishes: Any) -> socket.socket:
     )
     while not bare.recv(4096).endswith(b"\r\n\r\n"):
         pass
-    text = msgspec.json.encode({"op": "subscribe", "topic": "/noise", **wishes})
+    text = msgspec.json.encode({"op": "subscribe", "topic": "/noise", **subscribe_options})
     bare.sendall(bytes([0x81, 0x80 | len(text)]) + bytes(4) + text)
     return bare

@@ -1,4 +1,4 @@
-"""Outcomes: success, the world's no, and what is broken, told apart on the wire by every service."""
+"""Success, rejection by the world, and failure, which every service distinguishes."""
 
 from __future__ import annotations
 
@@ -19,16 +19,18 @@ from mindstage.msgs.base import fields_of
 from mindstage.ros import RosInterface
 from mindstage.scene import World
 from mindstage.simulation import Simulation
-from tests.bridge.talking import TIMEOUT_S, RawClient, eventually
+from tests.bridge.raw_client import TIMEOUT_S, RawClient, eventually
 from tests.kitchenette import kitchenette
-from tests.ros.asking import pose_message
+from tests.ros.ros_messages import pose_message
 
-Talkers = Callable[[], RawClient]
+RawClientFactory = Callable[[], RawClient]
 
 
-def test_every_service_says_where_a_malformed_request_is_wrong(talker: Talkers, hub: LocalNode) -> None:
-    client = talker()
-    offered = hub.graph_info().services
+def test_every_service_rejects_a_malformed_request_with_the_path(
+    make_raw_client: RawClientFactory, local_node: LocalNode
+) -> None:
+    client = make_raw_client()
+    offered = local_node.graph_info().services
     assert len(offered) > 100
     for service in offered:
         fields = fields_of(service_type(service.type).request)
@@ -44,8 +46,8 @@ def test_every_service_says_where_a_malformed_request_is_wrong(talker: Talkers, 
             assert isinstance(answer["values"], str)
 
 
-def test_the_path_leads_deep(talker: Talkers) -> None:
-    client = talker()
+def test_the_path_of_an_error_is_complete(make_raw_client: RawClientFactory) -> None:
+    client = make_raw_client()
     request = encode(spawn_request(kitchenette()))
     request["constraints"][1]["constraint_details"]["linear_limits"]["limit"] = "far"
     answer = client.call_service("/unreal/spawn_semantic_map", request)
@@ -57,10 +59,12 @@ def test_the_path_leads_deep(talker: Talkers) -> None:
     assert "valid: 0 NONE, 1 BLACK, 2 RED" in answer["values"]
 
 
-def test_the_three_ends_are_told_apart(talker: Talkers, hub: LocalNode) -> None:
-    told: list[Any] = []
-    hub.subscribe("/mindstage/diagnostics", told.append)
-    client = talker()
+def test_success_rejection_and_failure_are_distinguished(
+    make_raw_client: RawClientFactory, local_node: LocalNode
+) -> None:
+    diagnostics: list[Any] = []
+    local_node.subscribe("/mindstage/diagnostics", diagnostics.append)
+    client = make_raw_client()
     done = client.call_service("/unreal/set_model_pose", {"id": "Mug", "pose": pose_message(4, 4, 4)})
     assert (done["result"], done["values"]) == (True, {"success": True})
     refused = client.call_service("/unreal/set_model_pose", {"id": "Mugg", "pose": pose_message(4, 4, 4)})
@@ -70,23 +74,23 @@ def test_the_three_ends_are_told_apart(talker: Talkers, hub: LocalNode) -> None:
     unknown = client.call_service("/unreal/set_model_pos", {})
     assert unknown["result"] is False
     assert "near: '/unreal/set_model_pose'" in unknown["values"]
-    eventually(lambda: told)
-    (status,) = told[0]["status"]
+    eventually(lambda: diagnostics)
+    (status,) = diagnostics[0]["status"]
     assert status["hardware_id"] == "Mugg"
     assert status["name"] == "mindstage: /unreal/set_model_pose"
     values = {each["key"]: each["value"] for each in status["values"]}
     assert values == {"id": "Mugg", "kind": "BodyUnknown"}
 
 
-def test_a_lost_engine_is_told_from_every_side(knowledge: KnowledgeBase) -> None:
+def test_a_failed_engine_is_reported_by_every_service(knowledge: KnowledgeBase) -> None:
     engine = NullEngine()
-    with Simulation(knowledge, engine) as stage, LocalNode() as hub, RosInterface(stage, hub):
-        stage.spawn(kitchenette())
-        assert stage.ping() >= 0.0
-        assert hub.call_service("/unreal/get_model_pose", {"id": "Mug"})["success"]
+    with Simulation(knowledge, engine) as simulation, LocalNode() as local_node, RosInterface(simulation, local_node):
+        simulation.spawn(kitchenette())
+        assert simulation.ping() >= 0.0
+        assert local_node.call_service("/unreal/get_model_pose", {"id": "Mug"})["success"]
         engine.close()
         with pytest.raises(EngineClosedError):
-            stage.ping()
+            simulation.ping()
         for service, args in (
             ("get_model_pose", {"id": "Mug"}),
             ("set_model_pose", {"id": "Mug"}),
@@ -98,23 +102,25 @@ def test_a_lost_engine_is_told_from_every_side(knowledge: KnowledgeBase) -> None
             ("mindstage/get_poses", {}),
         ):
             with pytest.raises(ServiceCallError) as failure:
-                hub.call_service(f"/unreal/{service}", args, timeout_s=TIMEOUT_S)
+                local_node.call_service(f"/unreal/{service}", args, timeout_s=TIMEOUT_S)
             assert isinstance(error_from_text(failure.value.cause), EngineClosedError), service
-        goal = hub.send_goal("/unreal/simulate_steps", "simulation_interfaces/SimulateSteps", {"steps": 10})
+        goal = local_node.send_goal("/unreal/simulate_steps", "simulation_interfaces/SimulateSteps", {"steps": 10})
         with pytest.raises(ServiceCallError, match="is closed"):
             goal.wait(TIMEOUT_S)
-        assert hub.call_service("/mindstage/maps", {})["success"]  # what is known is known without an engine
+        assert local_node.call_service("/mindstage/maps", {})["success"]  # the knowledge base needs no engine
 
 
-def test_a_closed_stage_tells_nothing_old(stage: Simulation, face: RosInterface, hub: LocalNode) -> None:
-    stage.close()
+def test_a_closed_simulation_returns_no_old_state(
+    simulation: Simulation, ros_interface: RosInterface, local_node: LocalNode
+) -> None:
+    simulation.close()
     for service in ("get_model_pose", "set_model_pose", "mindstage/get_poses"):
         with pytest.raises(ServiceCallError, match="is closed"):
-            hub.call_service(f"/unreal/{service}", {})
+            local_node.call_service(f"/unreal/{service}", {})
 
 
 class SlowEngine(NullEngine):
-    """Logs only when it may."""
+    """An engine whose snapshot blocks until the test allows it."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -125,27 +131,33 @@ class SlowEngine(NullEngine):
         return super().snapshot()
 
 
-def test_a_call_that_takes_too_long_ends_and_the_next_one_works(knowledge: KnowledgeBase) -> None:
-    engine = SlowEngine()
-    with Simulation(knowledge, engine, timeout_s=0.2) as stage, LocalNode() as hub, RosInterface(stage, hub):
-        stage.spawn(kitchenette())
-        with pytest.raises(ServiceCallError, match=r"log.* 0\.2 s"):
-            hub.call_service("/unreal/mindstage/log_world", {}, timeout_s=TIMEOUT_S)
-        assert hub.call_service("/unreal/get_model_pose", {"id": "Mug"})["success"]  # it does not wait for the engine
-        with pytest.raises(SimulationTimeoutError):
-            stage.ping(timeout_s=0.1)
-        assert stage.engine_error is None
-        engine.may_log.set()
-        assert hub.call_service("/unreal/mindstage/log_world", {}, timeout_s=TIMEOUT_S)["success"]
-
-
-def test_a_caller_who_names_no_time_hears_of_its_end_from_the_hub(knowledge: KnowledgeBase) -> None:
+def test_a_call_times_out_and_the_next_one_works(knowledge: KnowledgeBase) -> None:
     engine = SlowEngine()
     with (
-        Simulation(knowledge, engine) as stage,
-        LocalNode(limits=BridgeLimits(call_timeout_s=0.2)) as hub,
-        RosInterface(stage, hub),
-        RosbridgeServer(hub, port=0) as server,
+        Simulation(knowledge, engine, timeout_s=0.2) as simulation,
+        LocalNode() as local_node,
+        RosInterface(simulation, local_node),
+    ):
+        simulation.spawn(kitchenette())
+        with pytest.raises(ServiceCallError, match=r"log.* 0\.2 s"):
+            local_node.call_service("/unreal/mindstage/log_world", {}, timeout_s=TIMEOUT_S)
+        assert local_node.call_service("/unreal/get_model_pose", {"id": "Mug"})[
+            "success"
+        ]  # quick services do not wait for the engine
+        with pytest.raises(SimulationTimeoutError):
+            simulation.ping(timeout_s=0.1)
+        assert simulation.engine_error is None
+        engine.may_log.set()
+        assert local_node.call_service("/unreal/mindstage/log_world", {}, timeout_s=TIMEOUT_S)["success"]
+
+
+def test_a_call_without_a_timeout_has_the_default_timeout(knowledge: KnowledgeBase) -> None:
+    engine = SlowEngine()
+    with (
+        Simulation(knowledge, engine) as simulation,
+        LocalNode(limits=BridgeLimits(call_timeout_s=0.2)) as local_node,
+        RosInterface(simulation, local_node),
+        RosbridgeServer(local_node, port=0) as server,
     ):
         client = RawClient(server.url)
         answer = client.call_service("/unreal/mindstage/log_world")
@@ -156,19 +168,19 @@ def test_a_caller_who_names_no_time_hears_of_its_end_from_the_hub(knowledge: Kno
         client.close()
 
 
-def test_spawning_is_given_longer_than_other_calls(face: RosInterface, hub: LocalNode) -> None:
-    patience = hub.broker.services.timeouts_s
+def test_spawn_calls_have_a_longer_timeout(ros_interface: RosInterface, local_node: LocalNode) -> None:
+    patience = local_node.broker.services.timeouts_s
     assert patience["/unreal/spawn_semantic_map"] >= 60.0
     assert patience["/unreal/mindstage/spawn_world"] >= 60.0
     assert "/unreal/get_model_pose" not in patience
 
 
-def test_closing_the_face_takes_everything_back(stage: Simulation) -> None:
-    with LocalNode() as hub:
+def test_closing_the_interface_withdraws_everything(simulation: Simulation) -> None:
+    with LocalNode() as local_node:
         for _ in range(2):
-            with RosInterface(stage, hub) as face:
-                assert hub.call_service("/unreal/get_model_pose", {"id": "Mug"})["success"]
-            face.close()
-            left = hub.graph_info()
+            with RosInterface(simulation, local_node) as ros_interface:
+                assert local_node.call_service("/unreal/get_model_pose", {"id": "Mug"})["success"]
+            ros_interface.close()
+            left = local_node.graph_info()
             assert (left.services, left.actions, left.topics) == ((), (), ())
         assert not [each for each in threading.enumerate() if each.name.startswith("mindstage-ros")]

@@ -1,4 +1,4 @@
-"""What the tests of the face share: how to call and to ask, and what is on the wire."""
+"""Helpers for the tests of the ROS interface: calls, questions and messages."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ Call = Callable[..., Any]
 Ask = Callable[..., Any]
 
 TURNED = {"x": 0.0, "y": 0.0, "z": 0.25881904510252074, "w": 0.9659258262890683}
-"""By 30 degrees about z."""
+"""A rotation by 30 degrees about z."""
 
 
 def question_caller(call: Call) -> Ask:
@@ -35,5 +35,5 @@ def position_of(pose: dict[str, Any]) -> tuple[float, float, float]:
 
 
 def diagnostic_texts(messages: list[Any]) -> list[tuple[str, str]]:
-    """Of diagnostics: whom they are about, and the text."""
+    """Returns the id and the text of each diagnostic status."""
     return [(status["hardware_id"], status["message"]) for each in messages for status in each["status"]]

@@ -1,4 +1,4 @@
-"""Constraints and whole worlds on the wire: what comes back, what stays behind, and that it is said."""
+"""Joints and worlds as messages: round trips, and notes about what is lost or assumed."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from mindstage.scene import (
     SoftLimit,
     World,
 )
-from tests.bridge.wired import ASYMMETRIC, MUG, json_round_trip, transmittable_part
+from tests.bridge.conversion_cases import ASYMMETRIC, MUG, json_round_trip, transmittable_part
 from tests.kitchenette import KNOWROB, MAP, kitchenette
 from tests.worlds import joints, worlds
 
@@ -59,7 +59,7 @@ DOOR = Joint(
 )
 
 
-def test_a_constraint_has_each_number_in_its_place() -> None:
+def test_a_joint_message_has_each_number_in_its_field() -> None:
     message = joint_message(DOOR)
     details = message.constraint_details
     assert (details.id_first_model, details.id_second_model, details.disable_collision) == ("case", "door", False)
@@ -77,8 +77,8 @@ def test_a_constraint_has_each_number_in_its_place() -> None:
     assert joint_from_message(message, namespace=MAP) == (DOOR, ())
 
 
-def with_symmetric_ranges(constraint: Joint) -> Joint:
-    linear, angular = constraint.linear, constraint.angular
+def with_symmetric_ranges(joint: Joint) -> Joint:
+    linear, angular = joint.linear, joint.angular
     sliding = {axis: getattr(linear, f"{axis}_middle") for axis in "xyz" if getattr(linear, axis) is AxisMotion.LIMITED}
     turning = {
         f"{axis}_limit": getattr(angular, f"{axis}_limit")
@@ -86,7 +86,7 @@ def with_symmetric_ranges(constraint: Joint) -> Joint:
         for axis in ("swing1", "swing2", "twist")
     }
     return replace(
-        constraint,
+        joint,
         linear=replace(
             linear,
             x_middle=0.0,
@@ -98,26 +98,26 @@ def with_symmetric_ranges(constraint: Joint) -> Joint:
     )
 
 
-@given(constraint=joints(BodyId("hinge"), BodyId("case"), BodyId("door")))
-def test_any_constraint_comes_back_but_for_what_is_named(constraint: Joint) -> None:
-    back, remarks = joint_from_message(joint_message(constraint), namespace=MAP)
-    assert remarks == ()
-    kept = replace(with_symmetric_ranges(constraint), facts=(), tags=())
-    assert back == replace(kept, disable_collision=constraint.disable_collision is not False)
-    named = {remark.field for remark in untranslatable_fields(World(iri=Iri(MAP + "map"), joints=(constraint,)))}
-    assert ("facts" in named) == bool(constraint.facts)
-    assert ("tags" in named) == bool(constraint.tags)
-    assert ("disable_collision" in named) == (constraint.disable_collision is None)
+@given(joint=joints(BodyId("hinge"), BodyId("case"), BodyId("door")))
+def test_any_joint_survives_a_round_trip_but_for_the_noted_fields(joint: Joint) -> None:
+    back, notes = joint_from_message(joint_message(joint), namespace=MAP)
+    assert notes == ()
+    kept = replace(with_symmetric_ranges(joint), facts=(), tags=())
+    assert back == replace(kept, disable_collision=joint.disable_collision is not False)
+    named = {note.field for note in untranslatable_fields(World(iri=Iri(MAP + "map"), joints=(joint,)))}
+    assert ("facts" in named) == bool(joint.facts)
+    assert ("tags" in named) == bool(joint.tags)
+    assert ("disable_collision" in named) == (joint.disable_collision is None)
 
 
-def test_a_drawer_that_only_opens_one_way_opens_as_far_on_the_wire() -> None:
+def test_an_asymmetric_range_is_widened() -> None:
     drawer = replace(DOOR, linear=LinearLimits(x=AxisMotion.LIMITED, limit=0.2, x_middle=-0.2))
     assert joint_message(drawer).constraint_details.linear_limits.limit == 0.4
-    remarks = untranslatable_fields(World(iri=Iri(MAP + "map"), joints=(drawer,)))
-    assert [remark.field for remark in remarks] == ["middle"]
+    notes = untranslatable_fields(World(iri=Iri(MAP + "map"), joints=(drawer,)))
+    assert [note.field for note in notes] == ["middle"]
 
 
-def test_what_of_a_foreign_constraint_is_left_aside_is_said() -> None:
+def test_ignored_fields_of_a_foreign_joint_are_noted() -> None:
     message = joint_message(DOOR)
     limits = message.constraint_details
     foreign = replace(
@@ -132,14 +132,14 @@ def test_what_of_a_foreign_constraint_is_left_aside_is_said() -> None:
             ),
         ),
     )
-    constraint, remarks = joint_from_message(foreign, namespace=MAP)
-    assert not constraint.linear.soft_limit.enabled
-    assert not constraint.angular.swing_soft_limit.enabled
-    fields = [remark.field for remark in remarks]
+    joint, notes = joint_from_message(foreign, namespace=MAP)
+    assert not joint.linear.soft_limit.enabled
+    assert not joint.angular.swing_soft_limit.enabled
+    fields = [note.field for note in notes]
     assert fields == ["soft", "soft", "angular_roation_offset", "enable_projection", "parent_dominates"]
 
 
-def test_the_codes_of_motions_are_those_of_maps() -> None:
+def test_motion_codes_equal_those_of_maps() -> None:
     assert [AxisMotion(code) for code in world_control_msgs.MotionCode] == [
         AxisMotion.FREE,
         AxisMotion.LIMITED,
@@ -150,29 +150,29 @@ def test_the_codes_of_motions_are_those_of_maps() -> None:
 # -- worlds ------------------------------------------------------------------------------------------------------------
 
 
-def test_the_kitchenette_comes_back_and_what_does_not_is_named() -> None:
+def test_the_kitchenette_survives_a_round_trip_but_for_the_noted_fields() -> None:
     world = kitchenette()
-    back, remarks = world_from_request(json_round_trip(spawn_request(world)), iri=world.iri, name="map")
-    assert remarks == ()
-    assert {remark.field for remark in untranslatable_fields(world)} == {"disable_collision", "facts"}
-    told = tuple(replace(constraint, disable_collision=True) for constraint in world.joints)
-    assert back == replace(world, joints=told, resources=())
+    back, notes = world_from_request(json_round_trip(spawn_request(world)), iri=world.iri, name="map")
+    assert notes == ()
+    assert {note.field for note in untranslatable_fields(world)} == {"disable_collision", "facts"}
+    expected_joints = tuple(replace(joint, disable_collision=True) for joint in world.joints)
+    assert back == replace(world, joints=expected_joints, resources=())
 
 
 @given(world=worlds(wild_tags=True))
-def test_any_world_comes_back_but_for_what_is_named(world: World) -> None:
-    back, remarks = world_from_request(json_round_trip(spawn_request(world)), iri=world.iri, name=world.name)
-    assert remarks == ()
+def test_any_world_survives_a_round_trip_but_for_the_noted_fields(world: World) -> None:
+    back, notes = world_from_request(json_round_trip(spawn_request(world)), iri=world.iri, name=world.name)
+    assert notes == ()
     assert back.attachments == world.attachments
     assert back.bodies == tuple(map(transmittable_part, world.bodies))
-    named = {(remark.field, id) for remark in untranslatable_fields(world) for id in remark.ids}
+    named = {(note.field, id) for note in untranslatable_fields(world) for id in note.ids}
     assert {id for field, id in named if field == "lights"} == {light.id for light in world.lights}
     assert (("facts", world.iri) in named) == bool(world.facts or world.resources)
     if not named:
         assert back == world
 
 
-def test_what_came_without_an_id_gets_one_that_nobody_has() -> None:
+def test_objects_without_an_id_get_a_new_one() -> None:
     request = world_control_msgs.SpawnSemanticMap.Request(
         models=(
             world_control_msgs.ModelDescription(name="Cup"),
@@ -181,22 +181,22 @@ def test_what_came_without_an_id_gets_one_that_nobody_has() -> None:
         ),
         constraints=(world_control_msgs.ConstraintDescription(),),
     )
-    world, remarks = world_from_request(request, iri=Iri(MAP + "map"), taken={"Cup_2"})
+    world, notes = world_from_request(request, iri=Iri(MAP + "map"), taken={"Cup_2"})
     assert [body.id for body in world.bodies] == ["Cup_3", "Cup_4", "Cup_1"]
     assert world.joints[0].id == "Constraint_1"
-    assert ConversionNote("id", ("Cup_3", "Cup_4", "Constraint_1"), "it came without an id and got this one") in remarks
+    assert ConversionNote("id", ("Cup_3", "Cup_4", "Constraint_1"), "it has no id; this one was generated") in notes
 
 
-def test_remarks_of_one_kind_are_one_with_all_the_ids() -> None:
+def test_notes_with_the_same_text_are_merged() -> None:
     fact = PropertyAssertion(Iri(KNOWROB + "note"), Literal("x"))
     world = World(
         iri=Iri(MAP + "map"),
         bodies=tuple(replace(MUG, id=BodyId(id), facts=(fact,)) for id in ("a", "b", "c")),
     )
-    assert untranslatable_fields(world) == (ConversionNote("facts", ("a", "b", "c"), "a model has no place for facts"),)
+    assert untranslatable_fields(world) == (ConversionNote("facts", ("a", "b", "c"), "a model has no field for facts"),)
 
 
-def test_the_thesis_map_comes_through_with_nothing_lost_but_what_is_named(shared_data: Path) -> None:
+def test_the_thesis_map_survives_a_round_trip_but_for_the_noted_fields(shared_data: Path) -> None:
     from mindstage.knowledge import KnowledgeBase
 
     kb = KnowledgeBase()
@@ -204,13 +204,13 @@ def test_the_thesis_map_comes_through_with_nothing_lost_but_what_is_named(shared
     world = kb.world()
     request = json_round_trip(spawn_request(world))
     assert (len(request.models), len(request.constraints), len(request.relations)) == (114, 22, 33)
-    back, remarks = world_from_request(request, iri=world.iri, name=world.name)
-    assert remarks == ()
+    back, notes = world_from_request(request, iri=world.iri, name=world.name)
+    assert notes == ()
     assert back.bodies == tuple(map(transmittable_part, world.bodies))
     assert back.attachments == world.attachments
-    for constraint, other in zip(world.joints, back.joints, strict=True):
-        assert other == replace(constraint, facts=(), tags=(), iri=other.iri, disable_collision=other.disable_collision)
-    named = {(remark.field, id) for remark in untranslatable_fields(world) for id in remark.ids}
+    for joint, other in zip(world.joints, back.joints, strict=True):
+        assert other == replace(joint, facts=(), tags=(), iri=other.iri, disable_collision=other.disable_collision)
+    named = {(note.field, id) for note in untranslatable_fields(world) for id in note.ids}
     assert {("facts", body.id) for body in world.bodies if body.facts} <= named
     assert {
         ("iri", each.id) for each, other in zip(world.joints, back.joints, strict=True) if each.iri != other.iri

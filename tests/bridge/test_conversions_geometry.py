@@ -1,4 +1,4 @@
-"""Forms and plans on the wire: what comes back is what was sent, and what cannot be built is refused with its place."""
+"""Body geometries and physics model deltas as JSON: round trips, and errors with paths."""
 
 from __future__ import annotations
 
@@ -35,15 +35,15 @@ from mindstage.scene import (
 from tests.msgs.golden import cases
 
 KEY = "0123456789abcdef"
-SKIN = VisualMesh(
+VISUAL_MESH = VisualMesh(
     points=np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]),
     faces=np.array([[0, 1, 2]], dtype=np.uint32),
     material=PbrMaterial(name="oak", color=(0.5, 0.3, 0.1)),
 )
 TURNED = Pose((1.0, 2.0, 3.0), (0.9659258262890683, 0.0, 0.0, 0.25881904510252074))
-FORM = BodyGeometry(
+GEOMETRY = BodyGeometry(
     key=KEY,
-    visuals=(SKIN,),
+    visuals=(VISUAL_MESH,),
     collision_shapes=(
         CollisionShape(size=(0.1, 0.2, 0.3), pose=TURNED),
         CollisionShape(
@@ -58,41 +58,53 @@ FORM = BodyGeometry(
     support_surfaces=(SupportSurface(center=(0.0, 0.0, 0.1), size=(0.5, 0.4), is_inside=True),),
     lights=(AttachedLight(intensity=3.0),),
 )
+GEOMETRY_FIELDS = (
+    "key",
+    "collision_shapes",
+    "source",
+    "reason",
+    "shape_name",
+    "friction",
+    "restitution",
+    "density",
+    "support_surfaces",
+    "lights",
+)
 CUP, MUG = BodyId("cup"), BodyId("mug")
 
 
 def written(**changes: Any) -> str:
-    """A form as JSON, with something else in it."""
-    told = json.loads(geometry_to_json({CUP: FORM}))
-    told["forms"][KEY] |= changes
-    return json.dumps(told)
+    """Returns a geometry as JSON, with changed fields."""
+    fields = json.loads(geometry_to_json({CUP: GEOMETRY}))
+    fields["forms"][KEY] |= changes
+    return json.dumps(fields)
 
 
-def test_forms_come_back_as_they_were_but_for_their_skins() -> None:
-    back = geometry_from_json(geometry_to_json({CUP: FORM, MUG: FORM}))
+def test_geometries_survive_a_round_trip_without_visual_meshes() -> None:
+    back = geometry_from_json(geometry_to_json({CUP: GEOMETRY, MUG: GEOMETRY}))
     assert set(back) == {CUP, MUG}
     assert back[CUP] is back[MUG]
-    told = back[CUP]
-    for field in ("key", "solids", "source", "why", "kind", "friction", "restitution", "density", "places", "glows"):
-        assert getattr(told, field) == getattr(FORM, field), field
-    assert told.visuals == ()
+    fields = back[CUP]
+    for field in GEOMETRY_FIELDS:
+        assert getattr(fields, field) == getattr(GEOMETRY, field), field
+    assert fields.visuals == ()
 
 
-def test_skins_come_from_the_mesh_that_is_named() -> None:
-    text = geometry_to_json({CUP: FORM}, mesh=lambda form: mesh_name(form.key))
-    asked: list[str] = []
-    back = geometry_from_json(text, load_visuals=lambda name: asked.append(name) or (SKIN,))  # type: ignore[func-returns-value]
-    assert asked == [f"{KEY}.glb"]
-    assert back[CUP].visuals == (SKIN,)
+def test_visual_meshes_are_loaded_from_the_named_file() -> None:
+    text = geometry_to_json({CUP: GEOMETRY}, mesh=lambda geometry: mesh_name(geometry.key))
+    loaded: list[str] = []
+    back = geometry_from_json(text, load_visuals=lambda name: loaded.append(name) or (VISUAL_MESH,))  # type: ignore[func-returns-value]
+    assert loaded == [f"{KEY}.glb"]
+    assert back[CUP].visuals == (VISUAL_MESH,)
 
 
-def test_no_forms_are_an_empty_text_both_ways() -> None:
+def test_no_geometries_are_an_empty_text() -> None:
     assert geometry_to_json({}) == ""
     assert geometry_from_json("") == {}
 
 
 @pytest.mark.parametrize("key", ["", "short", "../../etc/passwd", "0123456789ABCDEF", "0" * 65, "0123456789abcde/"])
-def test_only_a_digest_names_a_file(key: str) -> None:
+def test_only_a_digest_is_a_mesh_name(key: str) -> None:
     assert mesh_name(key) == ""
 
 
@@ -112,24 +124,24 @@ BOX = {"size": [1.0, 1.0, 1.0]}
         ({"size": [1, 1, 1]}, "forms[...]"),
     ],
 )
-def test_what_cannot_be_built_is_refused_with_its_place(changes: dict[str, Any], path: str) -> None:
+def test_invalid_geometries_are_rejected_with_the_path(changes: dict[str, Any], path: str) -> None:
     with pytest.raises(MessageValidationError) as refused:
         geometry_from_json(written(**changes))
     assert refused.value.path == path
 
 
-def test_a_body_of_a_form_that_is_not_there_is_refused() -> None:
-    with pytest.raises(MessageValidationError, match=r"bodies\.cup.*no form"):
+def test_an_unknown_geometry_key_is_rejected() -> None:
+    with pytest.raises(MessageValidationError, match=r"bodies\.cup.*no geometry has the key"):
         geometry_from_json('{"bodies": {"cup": "0123456789abcdef"}, "forms": {}}')
 
 
-def test_a_form_that_json_cannot_say_is_refused() -> None:
+def test_a_geometry_that_json_cannot_represent_is_rejected() -> None:
     cloud = BodyGeometry(key=KEY, visuals=(), collision_shapes=(CollisionShape(size=(float("nan"), 1.0, 1.0)),))
     with pytest.raises(MessageValidationError):
         geometry_to_json({CUP: cloud})
 
 
-def test_a_plan_says_only_what_is_not_usual() -> None:
+def test_a_model_delta_leaves_out_defaults() -> None:
     change = PhysicsModelDelta(
         bodies={
             CUP: BodyModelDelta(size=(0.1, 0.1, 0.1), top=MUG, hold=TURNED, mobility=Mobility.DYNAMIC, mass_kg=0.3)
@@ -150,11 +162,11 @@ def test_a_plan_says_only_what_is_not_usual() -> None:
     assert model_delta_to_json(PhysicsModelDelta()) == "{}"
 
 
-def test_the_golden_forms_and_plans_are_what_is_read_and_written() -> None:
-    told = {case.values[0]["name"]: case.values[0]["json"] for case in cases()}
-    golden = told["a world with forms and a plan"]
+def test_golden_geometries_and_model_deltas_are_read_and_written() -> None:
+    fields = {case.values[0]["name"]: case.values[0]["json"] for case in cases()}
+    golden = fields["a world with forms and a plan"]
     assert geometry_from_json(golden["forms"])[BodyId("drawer")].shape_name == "drawer"
-    for text in (golden["plan"], told["a handle on a drawer, as it was decided"]["plan"]):
+    for text in (golden["plan"], fields["a handle on a drawer, as it was decided"]["plan"]):
         change = from_json(text, PhysicsModelDelta)
         assert change.bodies
         assert from_json(model_delta_to_json(change), PhysicsModelDelta) == change
