@@ -287,9 +287,11 @@ def view(
         AuthenticationError: the host is not a loopback address, and there is no token.
         ViewerUnavailableError: the server cannot listen at that address.
     """
+    from mindstage.prolog import is_installed, solve_query
     from mindstage.viewer import Viewer
 
-    page = Viewer(sim, host=host, port=port, token=token, origins=origins)
+    prolog = solve_query if is_installed() else None
+    page = Viewer(sim, host=host, port=port, token=token, origins=origins, prolog=prolog)
     sim.on_close(page.close)
     if block:
         with page:

@@ -281,9 +281,9 @@ def shot(
 
 
 def _take_screenshot(simulation: Simulation, screenshot: Screenshot, output: Path) -> None:
-    from mindstage.viewer import Viewer
+    from mindstage.api import view
 
-    with progress_spinner("taking the picture"), Viewer(simulation, port=0) as viewer:
+    with progress_spinner("taking the picture"), view(simulation, port=0) as viewer:
         picture = viewer.screenshot(screenshot)
     output.parent.mkdir(parents=True, exist_ok=True)
     output.write_bytes(picture)

@@ -1,4 +1,4 @@
-"""A server and its visitors' browsers, played by lists: what they would have been sent, and what is there."""
+"""A fake of viser's server and clients that records messages and nodes."""
 
 from __future__ import annotations
 
@@ -14,29 +14,29 @@ SentMessages = list[tuple[str, str]]
 
 
 class FakeNode:
-    """A node that tells what becomes of it."""
+    """A node that records changes."""
 
     def __init__(self, scene: FakeScene, name: str, **properties: Any) -> None:
         vars(self).update({"visible": True, "scene": scene, "name": name} | properties)
 
     def __setattr__(self, attribute: str, value: Any) -> None:
-        self.scene.told.append((self.name, attribute))
+        self.scene.messages.append((self.name, attribute))
         vars(self)[attribute] = value
 
     def remove(self) -> None:
-        self.scene.told.append((self.name, "remove"))
+        self.scene.messages.append((self.name, "remove"))
         for name in [name for name in self.scene.nodes if f"{name}/".startswith(f"{self.name}/")]:
             del self.scene.nodes[name]
 
-    def on_click(self, react: Callable[[Any], None]) -> None:
-        vars(self)["click"] = react
+    def on_click(self, callback: Callable[[Any], None]) -> None:
+        vars(self)["click"] = callback
 
-    def on_update(self, react: Callable[[Any], None]) -> None:
-        vars(self)["update"] = react
+    def on_update(self, callback: Callable[[Any], None]) -> None:
+        vars(self)["update"] = callback
 
 
 class FakeScene:
-    """Nodes by name."""
+    """A scene: nodes by name, and the messages that were sent."""
 
     def __init__(self) -> None:
         self.messages: SentMessages = []
@@ -51,13 +51,13 @@ class FakeScene:
     add_frame = add_glb = add_mesh_simple = add_line_segments = add_grid = add_label = add_transform_controls = add
     add_light_hemisphere = add_light_directional = add_light_point = add
 
-    def add_batched_glb(self, name: str, data: bytes, turns: Any, places: Any, **properties: Any) -> FakeNode:
-        return self.add(name, data, batched_wxyzs=turns, batched_positions=places, **properties)
+    def add_batched_glb(self, name: str, data: bytes, wxyzs: Any, positions: Any, **properties: Any) -> FakeNode:
+        return self.add(name, data, batched_wxyzs=wxyzs, batched_positions=positions, **properties)
 
     def add_batched_meshes_simple(
-        self, name: str, vertices: Any, faces: Any, turns: Any, places: Any, **properties: Any
+        self, name: str, vertices: Any, faces: Any, wxyzs: Any, positions: Any, **properties: Any
     ) -> FakeNode:
-        return self.add(name, vertices, faces, batched_wxyzs=turns, batched_positions=places, **properties)
+        return self.add(name, vertices, faces, batched_wxyzs=wxyzs, batched_positions=positions, **properties)
 
     def get_handle_by_name(self, name: str) -> FakeNode | None:
         return self.nodes.get(name)
@@ -68,15 +68,15 @@ class FakeScene:
 
     @contextmanager
     def recording(self) -> Iterator[SentMessages]:
-        """What is sent in the meantime."""
-        heard: SentMessages = []
+        """The messages sent within the context."""
+        messages: SentMessages = []
         start = len(self.messages)
-        yield heard
-        heard += self.messages[start:]
+        yield messages
+        messages += self.messages[start:]
 
 
 class FakeClient:
-    """A visitor's browser."""
+    """A connected client."""
 
     def __init__(self, number: int, *, aspect: float = 1.5) -> None:
         self.client_id, self.scene, self.atomic = number, FakeScene(), nullcontext
@@ -86,7 +86,7 @@ class FakeClient:
 
 
 class FakeServer:
-    """A server whose visitors come and go by hand."""
+    """A server whose clients are connected and disconnected by calls."""
 
     def __init__(self) -> None:
         self.scene, self.atomic = FakeScene(), nullcontext
@@ -94,17 +94,17 @@ class FakeServer:
         self.connect_callbacks: list[Callable[[Any], None]] = []
         self.disconnect_callbacks: list[Callable[[Any], None]] = []
 
-    def on_client_connect(self, react: Callable[[Any], None]) -> None:
-        self.connect_callbacks.append(react)
+    def on_client_connect(self, callback: Callable[[Any], None]) -> None:
+        self.connect_callbacks.append(callback)
 
-    def on_client_disconnect(self, react: Callable[[Any], None]) -> None:
-        self.disconnect_callbacks.append(react)
+    def on_client_disconnect(self, callback: Callable[[Any], None]) -> None:
+        self.disconnect_callbacks.append(callback)
 
     def connect(self, client: FakeClient) -> FakeClient:
-        for react in self.connect_callbacks:
-            react(client)
+        for callback in self.connect_callbacks:
+            callback(client)
         return client
 
     def disconnect(self, client: FakeClient) -> None:
-        for react in self.disconnect_callbacks:
-            react(client)
+        for callback in self.disconnect_callbacks:
+            callback(client)

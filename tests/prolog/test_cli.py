@@ -1,4 +1,4 @@
-"""`mindstage prolog`, typed."""
+"""The command `mindstage prolog`."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def terminal(*args: str, home: Path) -> Iterator[Terminal]:
         ("at_halt(write(bye)), fail", 1, "bye", ""),
     ],
 )
-def test_a_goal_ends_with_its_outcome(goal: str, code: int, out: str, err: str, prolog: Path) -> None:
+def test_the_exit_code_is_the_outcome_of_the_goal(goal: str, code: int, out: str, err: str, prolog: Path) -> None:
     done = run(KITCHEN, "--goal", goal)
     assert (done.returncode, done.stdout) == (code, out)
     assert err in done.stderr
@@ -63,8 +63,8 @@ def test_a_goal_ends_with_its_outcome(goal: str, code: int, out: str, err: str, 
 def test_all_solutions_as_json(prolog: Path) -> None:
     done = run(KITCHEN, "--json", "-g", "storage_place('Bread', Place, _, Steps)")
     assert done.returncode == 0
-    told = json.loads(done.stdout)
-    assert told["solutions"] == [
+    printed = json.loads(done.stdout)
+    assert printed["solutions"] == [
         {"Place": "http://mindstage.org/ontology#Breadbasket", "Steps": 0},
         {"Place": "http://knowrob.org/kb/knowrob.owl#Refrigerator", "Steps": 3},
     ]
@@ -103,7 +103,7 @@ def test_files_are_consulted_first(prolog: Path, tmp_path: Path) -> None:
     ],
     ids=["pyswip", "swipl"],
 )
-def test_what_is_not_installed_is_named_with_its_packages(missing: str, prolog: Path) -> None:
+def test_missing_packages_are_named_with_their_installation(missing: str, prolog: Path) -> None:
     done = run("-g", "true", before=missing)
     assert done.returncode == 2
     assert done.stderr.startswith("mindstage: error: Prolog is not available: ")
@@ -134,7 +134,7 @@ def test_the_toplevel_reads_a_pipe(prolog: Path) -> None:
     assert "Traceback" not in done.stderr
 
 
-def test_the_end_of_the_pipe_is_the_end(prolog: Path) -> None:
+def test_the_toplevel_exits_at_the_end_of_input(prolog: Path) -> None:
     done = run(typed="X = 1.\n")
     assert (done.returncode, done.stdout.split()) == (0, ["X", "=", "1."])
 
@@ -171,7 +171,7 @@ def test_ctrl_c_ends_a_goal(prolog: Path, tmp_path: Path) -> None:
         assert screen.wait_exit() == 130
 
 
-def test_the_world_can_be_watched(prolog: Path) -> None:
+def test_the_simulation_can_be_viewed(prolog: Path) -> None:
     done = run(KITCHEN, "--viewport", "--port", 0, typed="spawn_semantic_map(_), highlight(fridge).\nhalt.\n")
     assert done.returncode == 0
     assert "The world is served at http://127.0.0.1:" in done.stderr

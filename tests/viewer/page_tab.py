@@ -1,4 +1,4 @@
-"""What a visitor does on the page: look, click on a thing, drag it, press a button, type a word."""
+"""A browser tab with the page: panels, buttons and the 3D view."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from mindstage.scene import Vector
 from mindstage.viewer import Viewer
 from mindstage.viewer.camera import CameraPose
 from mindstage.viewer.server import session_key_of
-from tests.viewer.pointing import PagePointer
+from tests.viewer.pointer import PagePointer
 from tests.viewer.waiting import TIMEOUT_S, wait_until
 
 SIZE = (1280, 800)
 SMALL = (800, 420)
-"""With the view in it: without a GPU each picture takes its time."""
+"""For pages with the 3D view: rendering without a GPU is slow."""
 
 
 def to_picture(view: CameraPose, point: Vector, box: dict[str, float]) -> tuple[float, float]:
-    """Where a place [m] is in a picture that fills the box [px]; the camera stands upright."""
+    """Projects a point [m] to a picture that fills a box [px]; the camera is upright."""
     eye = np.array(view.position)
     ahead = np.array(view.look_at) - eye
     ahead /= np.linalg.norm(ahead)
@@ -37,21 +37,21 @@ def to_picture(view: CameraPose, point: Vector, box: dict[str, float]) -> tuple[
 
 
 class PageTab(PagePointer):
-    """One visitor's browser tab: our page, with the view in it or, for speed, without."""
+    """A browser tab with the page, with the 3D view or, for speed, without."""
 
-    def __init__(self, page: Any, viewport: Viewer, *, view: bool) -> None:
-        self.page, self.viewport = page, viewport
+    def __init__(self, page: Any, viewer: Viewer, *, view: bool) -> None:
+        self.page, self.viewer = page, viewer
         self.errors: list[str] = []
         page.on("pageerror", lambda error: self.errors.append(str(error)))
         page.on("console", lambda line: "Content Security" in line.text and self.errors.append(line.text))
         page.set_default_timeout(TIMEOUT_S * 1000)
         if not view:
             page.route("**/view/**", lambda route: route.fulfill(body="", content_type="text/html"))
-        page.goto(f"{viewport.url}/?fixedDpr=1")
+        page.goto(f"{viewer.url}/?fixedDpr=1")
         wait_until(lambda: page.evaluate("document.body.dataset.connected === 'true'"), "the page is connected")
         if view:
-            wait_until(lambda: self.camera is not None, "the view is there")
-            wait_until(lambda: self.colors() > 50, "the picture is drawn")
+            wait_until(lambda: self.camera is not None, "the view is connected")
+            wait_until(lambda: self.colors() > 50, "the scene is drawn")
 
     @property
     def key(self) -> str:
@@ -59,47 +59,47 @@ class PageTab(PagePointer):
 
     @property
     def camera(self) -> CameraPose | None:
-        """Where the view's camera is."""
-        server = self.viewport._server
+        """The camera of the view."""
+        server = self.viewer._server
         for client in server.get_clients().values():
             if session_key_of(client, server) == self.key:
                 camera = client.camera
-                position, look_at = (tuple(map(float, place)) for place in (camera.position, camera.look_at))
+                position, look_at = (tuple(map(float, point)) for point in (camera.position, camera.look_at))
                 return CameraPose(position, look_at, float(camera.fov))  # type: ignore[arg-type]
         return None
 
     @property
     def canvas(self) -> dict[str, float]:
-        """Where the view is in the window [px]."""
+        """The bounding box of the view in the window [px]."""
         return dict(self.page.locator("#view").bounding_box())
 
     def pixels(self) -> np.ndarray:
-        """The view as it is shown."""
+        """A picture of the view."""
         picture = self.page.screenshot(clip=self.canvas, timeout=60_000)
         return np.asarray(Image.open(io.BytesIO(picture)).convert("RGB"))
 
     def colors(self) -> int:
-        """How many different colors are in the view, but for its background: rows of one color each."""
+        """The number of colors in the view without the background, whose rows have one color each."""
         pixels = self.pixels()
         plain = np.all(pixels == pixels[:, :1], axis=(1, 2))
         return len(np.unique(pixels[~plain].reshape(-1, 3), axis=0))
 
-    # -- the panels ------------------------------------------------------------------------------------------------
+    # -- panels --------------------------------------------------------------------------------------------------------
 
     def click_button(self, label: str) -> None:
-        """Presses the button that does something."""
+        """Clicks the button of an action."""
         self.page.locator(f"[data-action={label}]:visible").first.click()
 
     def open_panel(self, panel: str) -> None:
-        """Brings a panel to the front."""
+        """Opens a panel."""
         self.page.locator(f"[data-tab={panel}]").click()
 
     def shows_text(self, text: str) -> bool:
-        """Whether that is written anywhere on the page."""
+        """Whether a text is visible on the page."""
         return text in self.page.locator("body").inner_text()
 
     def tree_rows(self) -> list[str]:
-        """The ids in the outline, from top to bottom."""
+        """The ids in the scene tree, from top to bottom."""
         return list(self.page.evaluate("mindstage.outliner.state.rows"))
 
     @property
@@ -107,24 +107,24 @@ class PageTab(PagePointer):
         return self.page.evaluate("mindstage.selection.id")  # type: ignore[no-any-return]
 
     def select_in_tree(self, id: str) -> None:
-        """Selects a body in the outline."""
+        """Selects a body in the scene tree."""
         self.page.locator("[data-role=find-body]").fill(id)
-        wait_until(lambda: id in self.tree_rows(), f"the outline shows {id}")
+        wait_until(lambda: id in self.tree_rows(), f"the tree shows {id}")
         self.page.locator(f".tree-row[data-id='{id}'] .tree-name").click()
         wait_until(lambda: self.details() is not None and self.details()["id"] == id, f"{id} is described")
 
     def details(self) -> dict[str, Any] | None:
-        """What the page knows of the selected."""
+        """The details of the selected body."""
         return self.page.evaluate("mindstage.detailsPanel.details")  # type: ignore[no-any-return]
 
     def live(self) -> dict[str, Any] | None:
-        """What of it changes all the time."""
+        """The live details of the selected body."""
         return self.page.evaluate("mindstage.detailsPanel.live")  # type: ignore[no-any-return]
 
-    # -- the mouse in the view -------------------------------------------------------------------------------------
+    # -- mouse in the 3D view ------------------------------------------------------------------------------------------
 
     def to_window(self, point: Vector) -> tuple[float, float]:
-        """Where a place in the world [m] is in the window [px]."""
+        """Projects a point of the world [m] to the window [px]."""
         camera = self.camera
         assert camera is not None
         return to_picture(camera, point, self.canvas)
@@ -132,16 +132,16 @@ class PageTab(PagePointer):
 
 @contextmanager
 def open_tabs(browser: Any) -> Iterator[Callable[..., PageTab]]:
-    """Opens tabs, and closes them in the end; a tab in which a script failed fails the test."""
-    visits: list[PageTab] = []
+    """Opens tabs and closes them at the end; a script error in one of them fails the test."""
+    tabs: list[PageTab] = []
 
-    def visit(viewport: Viewer, *, view: bool = True, size: tuple[int, int] | None = None) -> PageTab:
+    def open_page(viewer: Viewer, *, view: bool = True, size: tuple[int, int] | None = None) -> PageTab:
         size = size or (SMALL if view else SIZE)
         page = browser.new_page(viewport={"width": size[0], "height": size[1]})
-        visits.append(PageTab(page, viewport, view=view))
-        return visits[-1]
+        tabs.append(PageTab(page, viewer, view=view))
+        return tabs[-1]
 
-    yield visit
-    for made in visits:
-        made.page.close()
-        assert made.errors == []
+    yield open_page
+    for tab in tabs:
+        tab.page.close()
+        assert tab.errors == []

@@ -1,4 +1,4 @@
-"""What visitors ask on the page: forms from declarations, tables, lights, reasons, and what they tell."""
+"""The Ask panel without a browser: forms, tables, explanations, highlights and assertions."""
 
 from __future__ import annotations
 
@@ -12,26 +12,27 @@ import pytest
 from mindstage import KnowledgeBase, NullEngine, Simulation
 from mindstage.knowledge import bundled_kitchen
 from mindstage.knowledge.queries import list_questions
-from mindstage.viewer.ask import AskHandler, has_prolog
+from mindstage.prolog import is_installed, solve_query
+from mindstage.viewer.ask import AskHandler
 from mindstage.viewer.server import RpcChannel
-from tests.viewer.pretending import FakePage, RequestFailed
+from tests.viewer.fake_page import FakePage, RequestFailed
 
-needs_prolog = pytest.mark.skipif(not has_prolog() and not os.environ.get("CI"), reason="Prolog is not installed")
+needs_prolog = pytest.mark.skipif(not is_installed() and not os.environ.get("CI"), reason="Prolog is not installed")
 
 
 @pytest.fixture(scope="module")
 def knowledge() -> KnowledgeBase:
-    """The bundled kitchen; what a test tells it, it takes back."""
+    """The bundled kitchen; tests retract what they assert."""
     knowledge = KnowledgeBase()
     knowledge.load(bundled_kitchen())
     return knowledge
 
 
 @pytest.fixture
-def stage(knowledge: KnowledgeBase) -> Iterator[Simulation]:
-    with Simulation(knowledge, NullEngine(), shapes=False) as stage:
-        stage.spawn()
-        yield stage
+def simulation(knowledge: KnowledgeBase) -> Iterator[Simulation]:
+    with Simulation(knowledge, NullEngine(), shapes=False) as simulation:
+        simulation.spawn()
+        yield simulation
 
 
 @pytest.fixture
@@ -42,12 +43,12 @@ def channel() -> Iterator[RpcChannel]:
 
 
 @pytest.fixture
-def desk(stage: Simulation, channel: RpcChannel) -> AskHandler:
-    return AskHandler(stage, channel)
+def handler(simulation: Simulation, channel: RpcChannel) -> AskHandler:
+    return AskHandler(simulation, channel, prolog=solve_query if is_installed() else None)
 
 
 @pytest.fixture
-def page(desk: AskHandler, channel: RpcChannel) -> FakePage:
+def page(handler: AskHandler, channel: RpcChannel) -> FakePage:
     return FakePage(channel)
 
 
@@ -59,7 +60,7 @@ def texts(table: dict, column: str) -> list[object]:
 # -- forms and names ---------------------------------------------------------------------------------------------------
 
 
-def test_every_declared_question_is_offered_with_its_arguments_and_words(page: FakePage) -> None:
+def test_every_declared_question_has_a_form_with_arguments_and_text(page: FakePage) -> None:
     offered = {each["name"]: each for each in page.ask("ask.questions")}
     assert list(offered) == [question.name for question in list_questions()]
     storage = offered["storage_place_in_environment"]
@@ -72,7 +73,7 @@ def test_every_declared_question_is_offered_with_its_arguments_and_words(page: F
     assert "open" in states["choices"]
 
 
-def test_names_are_completed_by_their_beginning_in_any_case(page: FakePage) -> None:
+def test_names_are_completed_by_prefix_ignoring_case(page: FakePage) -> None:
     found = page.ask("ask.complete", prefix="cowsm", kind="CLASS")
     assert found[0]["name"] == "CowsMilk"
     assert found[0]["iri"].endswith("#CowsMilk")
@@ -86,46 +87,46 @@ def test_individuals_are_completed_with_their_class(page: FakePage) -> None:
     assert {"name": "fridge", "description": "FridgeW60H140"}.items() <= found[0].items()
 
 
-def test_names_with_a_prefix_are_completed_too(page: FakePage) -> None:
+def test_prefixed_names_are_completed(page: FakePage) -> None:
     assert "CowsMilk" in [each["name"] for each in page.ask("ask.complete", prefix="knowrob:CowsM", kind="CLASS")]
     assert page.ask("ask.complete", prefix="dul:CowsM", kind="CLASS") == []
 
 
-def test_only_so_many_names_are_offered_whatever_a_page_wants(page: FakePage) -> None:
+def test_the_number_of_completions_is_limited(page: FakePage) -> None:
     assert len(page.ask("ask.complete", prefix="", kind="CLASS", limit=3)) == 3
     assert len(page.ask("ask.complete", prefix="", kind="CLASS", limit=100_000)) == 50
-    with pytest.raises(RequestFailed, match="no kind of name; there is CLASS"):
+    with pytest.raises(RequestFailed, match="not a kind of entity; the kinds are CLASS"):
         page.ask("ask.complete", prefix="x", kind="SECRET")
 
 
 # -- questions ---------------------------------------------------------------------------------------------------------
 
 
-def test_the_milks_place_is_found_as_a_body_that_can_be_selected(page: FakePage, stage: Simulation) -> None:
+def test_the_storage_place_of_milk_is_a_body_that_can_be_selected(page: FakePage, simulation: Simulation) -> None:
     table = page.ask("ask", question="storage_place_in_environment", args={"item": "CowsMilk"})
     assert (table["total"], table["ids"]) == (1, ["fridge"])
-    assert "fridge" in stage.state.ids
+    assert "fridge" in simulation.state.ids
     assert table["title"] == "storage_place_in_environment item=CowsMilk"
 
 
-def test_what_is_left_empty_is_asked_for(page: FakePage) -> None:
+def test_empty_arguments_are_unbound(page: FakePage) -> None:
     some = page.ask("ask", question="storage_place", args={"item": "CowsMilk", "place": " "})
     assert "Refrigerator" in texts(some, "place")
     assert page.ask("ask", question="storage_place", args={})["total"] > some["total"]
 
 
-def test_a_wrong_name_is_told_with_what_is_near(page: FakePage) -> None:
+def test_an_unknown_name_is_an_error_with_suggestions(page: FakePage) -> None:
     with pytest.raises(RequestFailed, match=r"NameUnknown: .*CowsMilkk.*CowsMilk"):
         page.ask("ask", question="storage_place", args={"item": "CowsMilkk"})
     with pytest.raises(RequestFailed, match="QuestionUnknown"):
         page.ask("ask", question="storage_plase")
     with pytest.raises(RequestFailed, match=r"ArgumentRefused: .*has no argument 'thing'"):
         page.ask("ask", question="storage_place", args={"thing": "x"})
-    with pytest.raises(RequestFailed, match="no question is asked about that"):
+    with pytest.raises(RequestFailed, match="no question has such an argument"):
         page.ask("ask", question="storage_place", args={"self": "x"})
 
 
-def test_why_is_told_line_by_line(page: FakePage) -> None:
+def test_an_explanation_has_several_lines(page: FakePage) -> None:
     table = page.ask("ask", question="storage_place", args={"item": "CowsMilk"})
     assert table["explainable"]
     lines = page.ask("ask.explain", key=table["key"], row=0)
@@ -133,57 +134,57 @@ def test_why_is_told_line_by_line(page: FakePage) -> None:
     assert any("Refrigerator" in line for line in lines)
 
 
-def test_answers_of_long_ago_are_not_kept(page: FakePage) -> None:
+def test_only_recent_answers_are_kept(page: FakePage) -> None:
     first = page.ask("ask", question="storage_place", args={"item": "CowsMilk"})
     for _ in range(8):
         last = page.ask("ask", question="maps")
     assert page.ask("ask.explain", key=last["key"], row=0)
     with pytest.raises(RequestFailed, match="not kept any more; ask again"):
         page.ask("ask.explain", key=first["key"], row=0)
-    with pytest.raises(RequestFailed, match="none with the number 99"):
+    with pytest.raises(RequestFailed, match="row 99 does not exist"):
         page.ask("ask.explain", key=last["key"], row=99)
 
 
-def test_a_visitor_sees_no_other_visitors_answers(page: FakePage, channel: RpcChannel) -> None:
+def test_sessions_cannot_use_the_answers_of_one_another(page: FakePage, channel: RpcChannel) -> None:
     table = page.ask("ask", question="maps")
     with pytest.raises(RequestFailed, match="ask again"):
         FakePage(channel).ask("ask.highlight", key=table["key"], color="blue")
 
 
-# -- lights ------------------------------------------------------------------------------------------------------------
+# -- highlights --------------------------------------------------------------------------------------------------------
 
 
-def test_showing_answers_lights_only_them_and_tells_all_why(
-    page: FakePage, desk: AskHandler, stage: Simulation
+def test_highlighting_answers_replaces_other_highlights_and_publishes_the_group(
+    page: FakePage, handler: AskHandler, simulation: Simulation
 ) -> None:
-    desk.publish(stage.state)
+    handler.publish(simulation.state)
     assert page.latest_value("highlights") == []
-    stage.highlight([stage.state.ids[0]], (1.0, 0.0, 0.0))
+    simulation.highlight([simulation.state.ids[0]], (1.0, 0.0, 0.0))
     table = page.ask("ask", question="storage_place_in_environment", args={"item": "CowsMilk"})
     shown = page.ask("ask.highlight", key=table["key"], color="#1f5fe0")
     assert shown["highlighted"] == sorted(set(table["ids"]), key=table["ids"].index)
-    assert set(stage.state.highlights) == set(table["ids"])
-    desk.publish(stage.state)
+    assert set(simulation.state.highlights) == set(table["ids"])
+    handler.publish(simulation.state)
     (group,) = page.latest_value("highlights")
     assert (group["label"], group["color"]) == (table["title"], "#1f5fe0")
     assert set(group["ids"]) == set(table["ids"])
 
 
-def test_some_rows_alone_are_lit_beside_what_is_lit_already(page: FakePage, stage: Simulation) -> None:
+def test_single_rows_can_be_added_to_the_highlights(page: FakePage, simulation: Simulation) -> None:
     doors = page.ask("ask", question="individual_of_class", args={"cls": "Door"})
     with_bodies = [row for row, id in enumerate(doors["ids"]) if id]
     assert len(with_bodies) > 2
     page.ask("ask.highlight", key=doors["key"], color="green", rows=with_bodies[:1])
     mugs = page.ask("ask", question="storage_place_in_environment", args={"item": "CowsMilk"})
     page.ask("ask.highlight", key=mugs["key"], color="blue", replace=False)
-    assert set(stage.state.highlights) == {doors["ids"][with_bodies[0]], *mugs["ids"]}
+    assert set(simulation.state.highlights) == {doors["ids"][with_bodies[0]], *mugs["ids"]}
     page.ask("ask.clear_highlights", label=mugs["title"])
-    assert set(stage.state.highlights) == {doors["ids"][with_bodies[0]]}
+    assert set(simulation.state.highlights) == {doors["ids"][with_bodies[0]]}
     page.ask("ask.clear_highlights")
-    assert not stage.state.highlights
+    assert not simulation.state.highlights
 
 
-def test_what_has_no_body_is_told_with_the_reason(page: FakePage) -> None:
+def test_answers_without_a_body_are_reported_with_the_reason(page: FakePage) -> None:
     table = page.ask("ask", question="storage_place", args={"item": "CowsMilk"})
     shown = page.ask("ask.highlight", key=table["key"], color="blue")
     assert shown["highlighted"] == []
@@ -195,13 +196,13 @@ def test_what_has_no_body_is_told_with_the_reason(page: FakePage) -> None:
 # -- queries -----------------------------------------------------------------------------------------------------------
 
 
-def test_a_query_is_answered_as_a_table_whose_rows_are_bodies(page: FakePage, stage: Simulation) -> None:
+def test_a_query_is_answered_as_a_table_whose_rows_are_bodies(page: FakePage, simulation: Simulation) -> None:
     found = page.ask("ask.sparql", query="SELECT ?x WHERE { ?x a ms:FridgeW60H140 }")
     assert found["columns"] == ["x"]
     assert found["ids"]
-    assert set(found["ids"]) <= set(stage.state.ids)
+    assert set(found["ids"]) <= set(simulation.state.ids)
     page.ask("ask.highlight", key=found["key"], color="yellow")
-    assert set(stage.state.highlights) == set(found["ids"])
+    assert set(simulation.state.highlights) == set(found["ids"])
     assert page.ask("ask.sparql", query="ASK { knowrob:Refrigerator a owl:Class }")["boolean"] is True
 
 
@@ -215,56 +216,56 @@ def test_a_query_is_answered_as_a_table_whose_rows_are_bodies(page: FakePage, st
         "SELECT * FROM <file:///etc/passwd> { ?s ?p ?o",
     ],
 )
-def test_a_query_cannot_write_nor_ask_elsewhere(page: FakePage, query: str) -> None:
+def test_a_query_cannot_write_or_contact_other_servers(page: FakePage, query: str) -> None:
     with pytest.raises(RequestFailed, match="QueryRefused"):
         page.ask("ask.sparql", query=query)
 
 
-def test_a_query_that_names_a_file_reads_none(page: FakePage) -> None:
+def test_a_query_does_not_read_files(page: FakePage) -> None:
     found = page.ask(
         "ask.sparql", query='SELECT * FROM <file:///etc/passwd> { ?s ?p ?o FILTER(CONTAINS(?o, "root:")) }'
     )
     assert found["total"] == 0
-    with pytest.raises(RequestFailed, match="more than 20000 letters"):
+    with pytest.raises(RequestFailed, match="more than 20000 characters"):
         page.ask("ask.sparql", query="#" * 20_001)
 
 
-# -- lines in Prolog ---------------------------------------------------------------------------------------------------
+# -- Prolog queries ----------------------------------------------------------------------------------------------------
 
 
 @needs_prolog
-def test_a_line_is_answered_as_a_table_of_its_variables(page: FakePage, stage: Simulation) -> None:
+def test_a_prolog_query_is_answered_as_a_table_of_its_variables(page: FakePage, simulation: Simulation) -> None:
     assert page.ask("ask.languages") == {"prolog": True}
     line = "storage_place_in_environment(Map, knowrob:'CowsMilk', Place), openings(Map, Place, State, Front)"
     found = page.ask("ask.prolog", line=line)
     assert found["columns"] == ["Map", "Place", "State", "Front"]
     assert (found["ids"], texts(found, "Front"), texts(found, "State")) == (["fridge"], ["fridge_door"], ["closed"])
     page.ask("ask.highlight", key=found["key"], color="red")
-    assert set(stage.state.highlights) == {"fridge"}
+    assert set(simulation.state.highlights) == {"fridge"}
     assert page.ask("ask.prolog", line="storage_place(knowrob:'CowsMilk', ms:'FridgeW60H140')")["boolean"] is False
     assert page.ask("ask.prolog", line="1 < 2")["boolean"] is True
 
 
 @needs_prolog
-def test_a_line_cannot_run_anything(page: FakePage, tmp_path: Path) -> None:
+def test_a_prolog_query_cannot_call_other_predicates(page: FakePage, tmp_path: Path) -> None:
     mark = tmp_path / "mark"
     with pytest.raises(RequestFailed, match=r"GoalRefused: .*shell/1 cannot be asked here, only questions"):
         page.ask("ask.prolog", line=f"storage_place(X, Y), shell('touch {mark}')")
     assert not mark.exists()
 
 
-# -- telling -----------------------------------------------------------------------------------------------------------
+# -- assertions --------------------------------------------------------------------------------------------------------
 
 
-def test_what_is_missing_can_be_told_and_is_known_then(page: FakePage) -> None:
+def test_a_missing_fact_can_be_asserted_and_retracted(page: FakePage) -> None:
     asked = {"question": "storage_place", "args": {"item": "Door"}}
     before = page.ask("ask", **asked)
     statement = {"subject": "ToolBox", "property": "typePrimaryFunction-containerFor", "value": "Door"}
     assert before["rows"] == []
-    (lack,) = before["missing"]
-    assert (lack["subject"], lack["value"]) == ("", "knowrob:Door")
-    assert lack["property"] == "knowrob:typePrimaryFunction-containerFor"
-    assert "Door" in lack["reason"]
+    (fact,) = before["missing"]
+    assert (fact["subject"], fact["value"]) == ("", "knowrob:Door")
+    assert fact["property"] == "knowrob:typePrimaryFunction-containerFor"
+    assert "Door" in fact["reason"]
     assert page.ask("ask.tell", **statement) is True
     try:
         assert "ToolBox" in texts(page.ask("ask", **asked), "place")
@@ -274,22 +275,22 @@ def test_what_is_missing_can_be_told_and_is_known_then(page: FakePage) -> None:
     assert page.ask("ask", **asked)["rows"] == before["rows"]
 
 
-def test_a_statement_about_nothing_known_is_refused(page: FakePage) -> None:
+def test_an_assertion_about_an_unknown_name_is_refused(page: FakePage) -> None:
     with pytest.raises(RequestFailed, match="NameUnknown"):
         page.ask("ask.tell", subject="Nonsense", property="subClassOf", value="Mug")
     with pytest.raises(RequestFailed, match="RequestRefused"):
         page.ask("ask.tell", subject="Mug")
 
 
-# -- patience ----------------------------------------------------------------------------------------------------------
+# -- time limits -------------------------------------------------------------------------------------------------------
 
 
-def test_a_question_that_takes_too_long_says_so_and_the_page_goes_on(
-    stage: Simulation, channel: RpcChannel, monkeypatch: pytest.MonkeyPatch
+def test_a_question_has_a_timeout_and_other_requests_are_answered(
+    simulation: Simulation, channel: RpcChannel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    AskHandler(stage, channel, timeout_s=0.2)
+    AskHandler(simulation, channel, timeout_s=0.2)
     page, enough = FakePage(channel), threading.Event()
-    monkeypatch.setattr(stage, "ask", lambda *_, **__: enough.wait(60.0))
+    monkeypatch.setattr(simulation, "ask", lambda *_, **__: enough.wait(60.0))
     try:
         for _ in range(4):
             with pytest.raises(
@@ -299,6 +300,6 @@ def test_a_question_that_takes_too_long_says_so_and_the_page_goes_on(
         with pytest.raises(RequestFailed, match=r"TooManyQuestions: .*4 other questions are being answered"):
             page.ask("ask", question="maps")
         assert page.ask("ask.questions")
-        assert stage.ping() < 10.0
+        assert simulation.ping() < 10.0
     finally:
         enough.set()

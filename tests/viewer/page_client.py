@@ -1,4 +1,4 @@
-"""A guest: the page's side of the channel, with a real socket and without a browser."""
+"""A client of the RPC channel, with a real websocket and without a browser."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ __all__ = ["PageClient", "RequestFailed", "connect_page_client"]
 
 
 class RequestFailed(Exception):
-    """The server said no."""
+    """The server responded with an error."""
 
     def __init__(self, type: str, text: str) -> None:
         self.type = type
@@ -25,7 +25,7 @@ class RequestFailed(Exception):
 
 
 class PageClient:
-    """Asks, and keeps what it is told by topic."""
+    """Sends requests, and collects events by topic."""
 
     def __init__(self, socket: ClientConnection) -> None:
         self.socket = socket
@@ -34,18 +34,18 @@ class PageClient:
         self._replies: dict[int, Any] = {}
         self._numbers = count(1)
 
-    def ask(self, what: str, **arguments: Any) -> Any:
-        """Asks and waits for the answer."""
+    def ask(self, method: str, **arguments: Any) -> Any:
+        """Sends a request and waits for the response."""
         number = next(self._numbers)
-        self.socket.send(json.dumps({"id": number, "method": what, "params": arguments}))
-        wait_until(lambda: self.receive() and number in self._replies, f"{what!r} is answered")
+        self.socket.send(json.dumps({"id": number, "method": method, "params": arguments}))
+        wait_until(lambda: self.receive() and number in self._replies, f"{method!r} is answered")
         reply = self._replies.pop(number)
         if "error" in reply:
             raise RequestFailed(reply["error"]["type"], reply["error"]["message"])
         return reply["result"]
 
     def receive(self) -> bool:
-        """Takes in what has come meanwhile."""
+        """Reads the messages that have arrived."""
         while True:
             try:
                 message = json.loads(self.socket.recv(timeout=0.02))
@@ -58,7 +58,7 @@ class PageClient:
                 self._replies[message["id"]] = message
 
     def latest_value(self, topic: str) -> Any:
-        """What it was told last; None if it was told nothing."""
+        """The latest value of a topic, or None."""
         self.receive()
         return self.latest.get(topic)
 
@@ -67,7 +67,7 @@ class PageClient:
 def connect_page_client(
     url: str, *, key: str | None = None, headers: dict[str, str] | None = None
 ) -> Iterator[PageClient]:
-    """A guest at the page of that address."""
+    """Connects a client to the page at an address."""
     address = f"{url.replace('http', 'ws', 1)}/mindstage/channel?client={key or secrets.token_hex(8)}"
     with connect(address, additional_headers=headers, open_timeout=TIMEOUT_S, max_size=None) as socket:
         yield PageClient(socket)

@@ -1,4 +1,4 @@
-"""What stands before what is lit."""
+"""Occluders of highlighted bodies."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ LIT = np.array([0])
 
 
 @pytest.mark.parametrize(
-    ("place", "size", "hides"),
+    ("position", "size", "hides"),
     [
         pytest.param((2.0, 0.0, 1.0), (0.1, 1.0, 1.0), True, id="before it"),
         pytest.param((4.0, 0.0, 1.0), (1.0, 1.0, 1.0), True, id="round it"),
@@ -24,15 +24,15 @@ LIT = np.array([0])
         pytest.param((3.7, 0.0, 1.15), (0.1, 0.6, 0.05), True, id="before an edge of it alone"),
     ],
 )
-def test_what_is_before_or_round_it_is_seen_through(
-    place: tuple[float, float, float], size: tuple[float, float, float], hides: bool
+def test_bodies_in_front_of_or_around_a_body_occlude_it(
+    position: tuple[float, float, float], size: tuple[float, float, float], hides: bool
 ) -> None:
-    poses = pose_array([Pose((4.0, 0.0, 1.0)), Pose(place)])
+    poses = pose_array([Pose((4.0, 0.0, 1.0)), Pose(position)])
     sizes = np.array([(0.4, 0.4, 0.4), size])
     assert find_occluders(EYE, poses, sizes, LIT).tolist() == ([1] if hides else [])
 
 
-def test_it_counts_how_a_thing_is_turned() -> None:
+def test_the_rotation_of_occluders_matters() -> None:
     half = np.sqrt(0.5)
     board = np.array([(0.4, 0.4, 0.4), (0.02, 3.0, 3.0)])
     across = pose_array([Pose((4.0, 0.0, 1.0)), Pose((2.0, 0.5, 1.0))])
@@ -41,6 +41,6 @@ def test_it_counts_how_a_thing_is_turned() -> None:
     assert find_occluders(EYE, along, board, LIT).tolist() == []
 
 
-def test_what_is_lit_itself_is_no_veil() -> None:
+def test_highlighted_bodies_are_no_occluders() -> None:
     poses = pose_array([Pose((4.0, 0.0, 1.0)), Pose((2.0, 0.0, 1.0))])
     assert find_occluders(EYE, poses, np.full((2, 3), 0.4), np.array([0, 1])).tolist() == []

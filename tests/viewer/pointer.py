@@ -1,4 +1,4 @@
-"""The mouse over the view, led to places in the world."""
+"""The mouse in the 3D view, moved to points of the world."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ _TWO_PICTURES = "() => new Promise(done => requestAnimationFrame(() => requestAn
 
 
 class PagePointer:
-    """Somebody with a browser tab who knows where places are in its window."""
+    """A browser tab in which points of the world can be clicked and dragged."""
 
     page: Any
 
     def to_window(self, point: Vector) -> tuple[float, float]:
-        """Where a place in the world [m] is in the window [px]."""
+        """Projects a point of the world [m] to the window [px]."""
         raise NotImplementedError
 
     def point_at(self, point: Vector) -> None:
-        """Moves the mouse to a place, and waits until the page has seen what is there: it looks once a picture."""
+        """Moves the mouse to a point, and waits for the page to pick the body there, which it does once a frame."""
         self.page.mouse.move(*self.to_window(point))
         self.page.evaluate(_TWO_PICTURES)
 
@@ -34,7 +34,7 @@ class PagePointer:
         self.page.mouse.click(*self.to_window(point))
 
     def click_until(self, point: Vector, condition: Callable[[], object], label: str) -> None:
-        """Clicks, and again where a slow browser did not hear it or stood elsewhere by then."""
+        """Clicks until a condition is true: a slow browser may miss a click."""
 
         def done() -> bool:
             self.click(point)
@@ -43,7 +43,7 @@ class PagePointer:
         wait_until(done, label)
 
     def press_and_move(self, start: Vector, end: Vector) -> None:
-        """Presses the button at one place and moves to another; the button stays down."""
+        """Presses the button at one point and moves to another; the button stays down."""
         (x, y), (to_x, to_y) = self.to_window(start), self.to_window(end)
         self.point_at(start)
         self.page.mouse.down()

@@ -1,4 +1,4 @@
-"""What Prolog does to the running world."""
+"""Predicates that spawn, attach and highlight bodies."""
 
 from __future__ import annotations
 
@@ -16,35 +16,35 @@ from mindstage.simulation import Simulation
 from tests.cli.runner import map_text
 
 
-def test_a_map_is_spawned_whole(console: PrologConsole, stage: Simulation) -> None:
+def test_a_map_is_spawned_completely(console: PrologConsole, simulation: Simulation) -> None:
     (row,) = console.solutions("spawn_semantic_map(Map)")
-    assert row["Map"] == stage.knowledge.world().iri
-    assert len(stage.state.ids) == len(stage.knowledge.world().bodies)
+    assert row["Map"] == simulation.knowledge.world().iri
+    assert len(simulation.state.ids) == len(simulation.knowledge.world().bodies)
 
 
-def test_a_map_spawned_part_by_part_is_the_same_world(console: PrologConsole, stage: Simulation) -> None:
+def test_a_map_spawned_part_by_part_is_the_same_world(console: PrologConsole, simulation: Simulation) -> None:
     goal = "map_instance(M), spawn_models(M, Bodies), spawn_constraints(M, Joints), spawn_relations(M, Ps, Cs)"
     (row,) = console.solutions(goal)
-    world = stage.knowledge.world()
+    world = simulation.knowledge.world()
     assert row["Bodies"] == [body.iri for body in world.bodies]
     assert len(row["Joints"]) == len(world.joints) > 0
     assert len(row["Ps"]) == len(row["Cs"]) == len(world.attachments) > 0
-    with Simulation(stage.knowledge, NullEngine()) as whole:
+    with Simulation(simulation.knowledge, NullEngine()) as whole:
         whole.spawn()
-        assert diff(whole.snapshot(), stage.snapshot()).identical(0.0)
+        assert diff(whole.snapshot(), simulation.snapshot()).identical(0.0)
 
 
-def test_some_of_a_map_is_spawned(console: PrologConsole, stage: Simulation) -> None:
+def test_parts_of_a_map_are_spawned(console: PrologConsole, simulation: Simulation) -> None:
     assert console.holds("spawn_models(kitchen, [fridge, kitchen:fridge_door])")
-    assert stage.state.ids == ("fridge", "fridge_door")
+    assert simulation.state.ids == ("fridge", "fridge_door")
     assert console.holds("spawn_relations(kitchen, [fridge], [fridge_door])")
-    with pytest.raises(PrologGoalError, match="1 parents and 2 children are no pairs"):
+    with pytest.raises(PrologGoalError, match="1 parents and 2 children are not pairs"):
         console.holds("spawn_relations(kitchen, [fridge], [fridge_door, fridge])")
-    with pytest.raises(PrologGoalError, match="fridge: it is none of the constraints of kitchen"):
+    with pytest.raises(PrologGoalError, match="fridge: it is none of the joints of kitchen"):
         console.holds("spawn_constraints(kitchen, [fridge])")
 
 
-def test_what_fails_to_spawn_makes_it_false_and_can_be_listed(
+def test_spawning_fails_if_items_fail_which_can_be_listed(
     console: PrologConsole, capfd: pytest.CaptureFixture[str]
 ) -> None:
     assert console.holds("spawn_semantic_map(kitchen), \\+ failed_item(_, _, _)")
@@ -55,19 +55,19 @@ def test_what_fails_to_spawn_makes_it_false_and_can_be_listed(
     assert "body fridge: the id 'fridge' is taken" in capfd.readouterr().out
 
 
-def test_models_hang_on_one_another(console: PrologConsole, stage: Simulation) -> None:
+def test_models_are_attached_to_one_another(console: PrologConsole, simulation: Simulation) -> None:
     assert console.holds("spawn_semantic_map(_), attach_model(fridge, milk_carton_1)")
-    assert ("fridge", "milk_carton_1") in {(each.parent, each.child) for each in stage.snapshot().attachments}
+    assert ("fridge", "milk_carton_1") in {(each.parent, each.child) for each in simulation.snapshot().attachments}
     with pytest.raises(PrologGoalError) as refused:
         console.holds("attach_model(milk_carton_1, fridge)")
     assert refused.value.error_type == "attachment_refused"
 
 
-# -- lights ------------------------------------------------------------------------------------------------------------
+# -- highlights --------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
-    ("goal", "lit"),
+    ("goal", "highlighted"),
     [
         ("highlight_everything_that_is(Map, knowrob:'Refrigerator')", {"fridge"}),
         ("highlight_likely_storage_place(Map, knowrob:'CowsMilk')", {"fridge"}),
@@ -78,43 +78,47 @@ def test_models_hang_on_one_another(console: PrologConsole, stage: Simulation) -
         ("highlight([fridge, kitchen:oven])", {"fridge", "oven"}),
     ],
 )
-def test_answers_are_lit(goal: str, lit: set[str], console: PrologConsole, stage: Simulation) -> None:
+def test_answers_are_highlighted(
+    goal: str, highlighted: set[str], console: PrologConsole, simulation: Simulation
+) -> None:
     assert console.holds(f"spawn_semantic_map(Map), {goal}")
-    assert dict(stage.state.highlights) == dict.fromkeys(lit, COLORS["green"])
+    assert dict(simulation.state.highlights) == dict.fromkeys(highlighted, COLORS["green"])
 
 
-def test_each_device_is_an_answer_while_all_of_them_are_lit(console: PrologConsole) -> None:
+def test_each_device_is_an_answer_while_all_are_highlighted(console: PrologConsole) -> None:
     goal = "spawn_semantic_map(Map), highlight_device_for_action(Map, knowrob:'BakingFood', X)"
     assert [row["X"].partition("#")[2] for row in console.solutions(goal)] == ["hob", "oven"]
 
 
-def test_the_reason_is_told_to_who_watches(console: PrologConsole, stage: Simulation) -> None:
+def test_highlights_are_labeled_with_the_question(console: PrologConsole, simulation: Simulation) -> None:
     console.holds("spawn_semantic_map(_), highlight_handle_of(kitchen, fridge_door)")
-    assert [group.label for group in stage.state.highlight_groups] == ["handle_of(kitchen,fridge_door,_)"]
+    assert [group.label for group in simulation.state.highlight_groups] == ["handle_of(kitchen,fridge_door,_)"]
 
 
 @pytest.mark.parametrize(
     ("color", "expected"),
     [("red", COLORS["red"]), ("'#ff0080'", (1.0, 0.0, 128 / 255)), ("rgb(1, 0, 0.5)", (1.0, 0.0, 0.5))],
 )
-def test_lights_have_colors(
-    color: str, expected: tuple[float, float, float], console: PrologConsole, stage: Simulation
+def test_highlights_have_colors(
+    color: str, expected: tuple[float, float, float], console: PrologConsole, simulation: Simulation
 ) -> None:
     console.holds(f"spawn_semantic_map(_), highlight(oven, blue), highlight(fridge, {color})")
-    assert dict(stage.state.highlights) == {"oven": COLORS["blue"], "fridge": expected}
+    assert dict(simulation.state.highlights) == {"oven": COLORS["blue"], "fridge": expected}
     assert console.holds("highlight(fridge, none)")
-    assert dict(stage.state.highlights) == {"oven": COLORS["blue"]}
+    assert dict(simulation.state.highlights) == {"oven": COLORS["blue"]}
     assert console.holds("unhighlight")
-    assert not stage.state.highlights
+    assert not simulation.state.highlights
 
 
-def test_without_an_answer_nothing_is_lit(console: PrologConsole, stage: Simulation) -> None:
+def test_without_an_answer_nothing_is_highlighted(console: PrologConsole, simulation: Simulation) -> None:
     assert console.holds("spawn_semantic_map(_)")
     assert not console.holds("highlight_everything_that_is(_, knowrob:'Robot')")
-    assert not stage.state.highlights
+    assert not simulation.state.highlights
 
 
-def test_what_is_not_there_cannot_be_lit(console: PrologConsole, capfd: pytest.CaptureFixture[str]) -> None:
+def test_bodies_that_do_not_exist_cannot_be_highlighted(
+    console: PrologConsole, capfd: pytest.CaptureFixture[str]
+) -> None:
     with pytest.raises(PrologGoalError, match=r"fridge cannot be highlighted: .*; spawn_semantic_map") as refused:
         console.holds("highlight(fridge)")
     assert refused.value.error_type == "body_unknown"
@@ -125,13 +129,13 @@ def test_what_is_not_there_cannot_be_lit(console: PrologConsole, capfd: pytest.C
     assert refused.value.error_type == "colour_unknown"
 
 
-# -- the place as it is now --------------------------------------------------------------------------------------------
+# -- the current state -------------------------------------------------------------------------------------------------
 
 
-def test_questions_look_at_the_running_world(console: PrologConsole, stage: Simulation) -> None:
+def test_questions_use_the_current_state_of_the_simulation(console: PrologConsole, simulation: Simulation) -> None:
     inside = "where_is(_, milk_carton_1, inside, fridge)"
     assert console.holds(f"spawn_semantic_map(_), {inside}")
-    stage.run_on_engine(lambda engine: engine.set_pose(BodyId("milk_carton_1"), Pose((0.0, 0.0, 5.0))), edits=True)
+    simulation.run_on_engine(lambda engine: engine.set_pose(BodyId("milk_carton_1"), Pose((0.0, 0.0, 5.0))), edits=True)
     assert not console.holds(inside)
 
 
@@ -140,7 +144,7 @@ def test_one_of_several_maps_is_spawned(prolog: Path, tmp_path: Path) -> None:
     path.write_text(map_text(["Room"], {"Mug1": "0 0 0", "Mug2": "5 0 0"}), encoding="utf-8")
     knowledge = KnowledgeBase()
     knowledge.load([path, bundled_kitchen()])
-    with Simulation(knowledge, NullEngine()) as stage, PrologConsole(stage) as console:
+    with Simulation(knowledge, NullEngine()) as simulation, PrologConsole(simulation) as console:
         assert len(console.solutions("map_instance(_)")) == 2
         assert console.holds("spawn_semantic_map(room:'Room')")
-        assert stage.state.ids == ("Mug1", "Mug2")
+        assert simulation.state.ids == ("Mug1", "Mug2")

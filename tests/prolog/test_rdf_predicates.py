@@ -1,4 +1,4 @@
-"""Triples under the names that users of SWI-Prolog's semweb library and of KnowRob know."""
+"""RDF predicates, named as in SWI-Prolog's semweb library and KnowRob."""
 
 from __future__ import annotations
 
@@ -52,21 +52,21 @@ def test_other_literals_are_not_found(value: str, kitchen: PrologConsole) -> Non
     assert not kitchen.holds(f"rdf(kitchen:milk_carton_1, knowrob:mobility, {value})")
 
 
-def test_a_language_stands_where_a_type_does(kitchen: PrologConsole) -> None:
+def test_literals_can_have_a_language(kitchen: PrologConsole) -> None:
     assert values(kitchen, "rdf(knowrob:'CowsMilk', rdfs:label, literal(lang(en, X)))") == ["cow's milk"]
     assert values(kitchen, "rdfs_label(knowrob:'CowsMilk', X)") == ["cow's milk"]
 
 
 @pytest.mark.parametrize("value", ['"a string"', "17", "f(x)"])
-def test_what_is_neither_resource_nor_literal_is_refused(value: str, kitchen: PrologConsole) -> None:
-    with pytest.raises(PrologGoalError, match="is no resource and no literal; give an atom, or literal"):
+def test_values_other_than_resources_and_literals_are_refused(value: str, kitchen: PrologConsole) -> None:
+    with pytest.raises(PrologGoalError, match="is neither a resource nor a literal; give an atom, or literal"):
         kitchen.holds(f"rdf(_, rdfs:label, {value})")
 
 
 # -- what follows ------------------------------------------------------------------------------------------------------
 
 
-def test_classes_are_above_themselves(kitchen: PrologConsole) -> None:
+def test_classes_are_subclasses_of_themselves(kitchen: PrologConsole) -> None:
     above = values(kitchen, "rdfs_subclass_of(knowrob:'CowsMilk', X)")
     assert above[0] == f"{KNOWROB}CowsMilk"
     assert f"{KNOWROB}Perishable" in above
@@ -76,7 +76,7 @@ def test_classes_are_above_themselves(kitchen: PrologConsole) -> None:
     assert len(kitchen.solutions("rdfs_subclass_of(_, _)", limit=100_000)) > 1000
 
 
-def test_individuals_are_of_all_classes_above_theirs(kitchen: PrologConsole) -> None:
+def test_individuals_belong_to_all_superclasses(kitchen: PrologConsole) -> None:
     assert len(values(kitchen, "rdfs_individual_of(X, knowrob:'Handle')")) == 33
     assert f"{KNOWROB}Handle" in values(kitchen, "owl_individual_of(kitchen:fridge_door_handle, X)")
     assert kitchen.holds("rdfs_individual_of(kitchen:fridge_door_handle, knowrob:'Handle')")
@@ -85,7 +85,7 @@ def test_individuals_are_of_all_classes_above_theirs(kitchen: PrologConsole) -> 
     assert len(kitchen.solutions("rdfs_individual_of(_, _)", limit=100_000)) > 1000
 
 
-def test_properties_reach_to_any_depth(kitchen: PrologConsole) -> None:
+def test_properties_are_followed_to_any_depth(kitchen: PrologConsole) -> None:
     parts = values(kitchen, "rdf_reachable(kitchen:fridge, knowrob:child, X)")
     assert parts[0] == f"{KITCHEN}fridge"
     wholes = values(kitchen, "rdf_reachable(X, knowrob:child, kitchen:fridge_door_handle)")
@@ -94,7 +94,7 @@ def test_properties_reach_to_any_depth(kitchen: PrologConsole) -> None:
         kitchen.holds("rdf_reachable(_, knowrob:child, _)")
 
 
-def test_what_classes_promise_is_inherited(kitchen: PrologConsole) -> None:
+def test_class_properties_are_inherited(kitchen: PrologConsole) -> None:
     promised = "owl_class_properties(Class, knowrob:'typePrimaryFunction-containerFor', Value)"
     goal = f"Class = ms:'FridgeW60H140', {promised}"
     assert f"{KNOWROB}Perishable" in values(kitchen, goal, "Value")
@@ -106,10 +106,10 @@ def test_what_classes_promise_is_inherited(kitchen: PrologConsole) -> None:
     assert f"{KNOWROB}deviceUsed" in values(kitchen, "owl_class_properties(knowrob:'BakingFood', X, _)")
 
 
-# -- telling -----------------------------------------------------------------------------------------------------------
+# -- assertions --------------------------------------------------------------------------------------------------------
 
 
-def test_what_is_told_is_known_at_once_and_can_be_taken_back(console: PrologConsole) -> None:
+def test_an_asserted_triple_is_found_at_once_and_can_be_retracted(console: PrologConsole) -> None:
     assert not console.holds("get_subclass_in_map(_, 'Robot', _)")
     console.holds("rdf_assert(kitchen:pr2, rdf:type, knowrob:'Robot')")
     console.holds("rdf_assert(kitchen:pr2, knowrob:describedInMap, kitchen:kitchen)")
@@ -119,7 +119,7 @@ def test_what_is_told_is_known_at_once_and_can_be_taken_back(console: PrologCons
 
 
 @pytest.mark.parametrize(
-    ("told", "shown"),
+    ("value", "shown"),
     [
         ("literal('a b')", f"literal(type('{XSD}string','a b'))"),
         ("literal(3)", f"literal(type('{XSD}integer','3'))"),
@@ -129,23 +129,23 @@ def test_what_is_told_is_known_at_once_and_can_be_taken_back(console: PrologCons
         ("kitchen:oven", f"'{KITCHEN}oven'"),
     ],
 )
-def test_literals_are_told_with_their_types(told: str, shown: str, console: PrologConsole) -> None:
-    console.holds(f"rdf_assert(kitchen:fridge, knowrob:note, {told})")
+def test_literals_are_asserted_with_their_datatypes(value: str, shown: str, console: PrologConsole) -> None:
+    console.holds(f"rdf_assert(kitchen:fridge, knowrob:note, {value})")
     goal = "rdf(kitchen:fridge, knowrob:note, V), format(atom(X), '~q', [V])"
     assert values(console, goal) == [shown]
-    if told.startswith("literal"):
-        assert console.holds(f"rdf_retractall(kitchen:fridge, knowrob:note, {told})")
+    if value.startswith("literal"):
+        assert console.holds(f"rdf_retractall(kitchen:fridge, knowrob:note, {value})")
         assert not console.holds("rdf(kitchen:fridge, knowrob:note, _)")
 
 
 @pytest.mark.parametrize("value", ["_", "literal(_)", "literal(type(xsd:string, _))", "'no name'"])
-def test_nothing_half_said_is_told(value: str, console: PrologConsole) -> None:
+def test_incomplete_values_cannot_be_asserted(value: str, console: PrologConsole) -> None:
     with pytest.raises(PrologGoalError) as refused:
         console.holds(f"rdf_assert(kitchen:fridge, knowrob:note, {value})")
     assert refused.value.error_type == "argument_refused"
 
 
-def test_a_file_is_read_and_brings_its_prefix(console: PrologConsole, tmp_path: Path) -> None:
+def test_loading_a_file_registers_its_prefix(console: PrologConsole, tmp_path: Path) -> None:
     path = tmp_path / "room.owl"
     path.write_text(map_text(["Room"], {"Mug1": "1.0 2.0 0.0"}), encoding="utf-8")
     assert console.holds(f"owl_parse('{path}'), get_subclass_in_map(room:'Room', knowrob:'Mug', room:'Mug1')")
@@ -155,7 +155,7 @@ def test_a_file_is_read_and_brings_its_prefix(console: PrologConsole, tmp_path: 
     assert refused.value.error_type == "source_unreadable"
 
 
-def test_files_that_load_swi_s_own_store_get_this_one(kitchen: PrologConsole, tmp_path: Path) -> None:
+def test_files_that_load_semweb_get_this_store_instead(kitchen: PrologConsole, tmp_path: Path) -> None:
     file = tmp_path / "knowrob_style.pl"
     file.write_text(
         ":- module(knowrob_style, [part_named/2]).\n"

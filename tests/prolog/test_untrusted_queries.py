@@ -1,4 +1,4 @@
-"""Lines that strangers ask: the questions and what joins them, and nothing that could run, change or read anything."""
+"""Untrusted queries: questions and their combinations are allowed, everything else is refused."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ MANY = f"[{','.join('1' * 1000)}]"
 
 
 @pytest.fixture
-def console(prolog: Path, kitchen_stage: Simulation) -> Iterator[PrologConsole]:
-    with PrologConsole(kitchen_stage) as console:
+def console(prolog: Path, kitchen_simulation: Simulation) -> Iterator[PrologConsole]:
+    with PrologConsole(kitchen_simulation) as console:
         yield console
 
 
@@ -92,19 +92,19 @@ def test_answers_are_joined_as_prolog_does(console: PrologConsole, line: str, ro
         "X = 1, !",
     ],
 )
-def test_whatever_is_no_question_is_refused_before_anything_runs(console: PrologConsole, line: str) -> None:
+def test_goals_that_are_not_allowed_are_refused_before_anything_runs(console: PrologConsole, line: str) -> None:
     with pytest.raises(PrologGoalError, match=r"cannot be asked here|must not be a variable"):
         console.answers(f"member(X, [1, 2, 3]), {line}" if not line.startswith((":-", "a -->")) else line)
 
 
-def test_no_question_of_the_console_is_lost_to_lines(console: PrologConsole) -> None:
+def test_every_question_is_allowed_in_untrusted_queries(console: PrologConsole) -> None:
     assert console.answers("maps(Map)") == console.solutions("maps(Map)")
     assert console.answers("storage_place(Item, 'Refrigerator')", limit=5000) == console.solutions(
         "storage_place(Item, 'Refrigerator')", limit=5000
     )
 
 
-def test_a_line_that_is_no_prolog_or_too_long_is_told_so(console: PrologConsole) -> None:
+def test_invalid_and_overlong_queries_are_refused(console: PrologConsole) -> None:
     with pytest.raises(PrologGoalError, match="Syntax error"):
         console.answers("storage_place(")
     with pytest.raises(PrologGoalError, match="Syntax error"):
@@ -115,7 +115,7 @@ def test_a_line_that_is_no_prolog_or_too_long_is_told_so(console: PrologConsole)
         console.answers(f"storage_place({'f(' * 1200}a{')' * 1200}, Place)")
 
 
-def test_a_line_gets_little_time_few_steps_and_little_memory(console: PrologConsole) -> None:
+def test_time_inferences_and_memory_of_a_query_are_limited(console: PrologConsole) -> None:
     with pytest.raises(PrologTimeoutError):
         console.answers("maps(M), everything_in_map(M, _), everything_in_map(M, _), fail", timeout_s=0.5)
     with pytest.raises(PrologGoalError, match="the query takes more than 5,000,000 inferences"):

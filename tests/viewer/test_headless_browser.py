@@ -1,4 +1,4 @@
-"""The browser that takes pictures: what becomes of it where none is installed, or it breaks."""
+"""The headless browser: commands, and errors if it is missing or crashes."""
 
 from __future__ import annotations
 
@@ -14,22 +14,22 @@ from tests.viewer.waiting import wait_until
 
 
 def program(folder: Path, *lines: str) -> Path:
-    """An executable that is no browser."""
+    """An executable that is not a browser."""
     path = folder / "no-browser"
     path.write_text("\n".join(["#!/bin/sh", *lines, ""]))
     path.chmod(0o755)
     return path
 
 
-def test_a_page_is_opened_asked_and_photographed(chromium: Path) -> None:
+def test_a_page_is_opened_evaluated_and_captured(chromium: Path) -> None:
     with HeadlessBrowser(chromium, size=(200, 100), timeout_s=120.0) as browser:
         browser.navigate("data:text/html,<title>Here</title><body style='background:red'>")
-        wait_until(lambda: browser.evaluate("document.title") == "Here", "the page is there")
+        wait_until(lambda: browser.evaluate("document.title") == "Here", "the page is loaded")
         assert browser.evaluate("[innerWidth, innerHeight]") == [200, 100]
         picture = browser.screenshot()
         assert picture.startswith(b"\x89PNG")
         assert int.from_bytes(picture[16:20], "big") == 200
-        with pytest.raises(BrowserCrashedError, match=r"the page has a fault: .*nothing is not defined"):
+        with pytest.raises(BrowserCrashedError, match=r"an error on the page: .*nothing is not defined"):
             browser.evaluate("nothing.at.all")
         with pytest.raises(BrowserCrashedError, match=r"refuses Page.fly"):
             browser._send_command("Page.fly")
@@ -42,7 +42,7 @@ def test_a_page_is_opened_asked_and_photographed(chromium: Path) -> None:
         browser.screenshot()
 
 
-def test_without_a_browser_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_without_a_browser_the_error_names_what_to_install(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("PATH", str(tmp_path))
     monkeypatch.setattr("mindstage.viewer.screenshot.BROWSERS", ("chromium", "google-chrome"))
     with pytest.raises(BrowserNotFoundError, match=r"install Chromium or Chrome.*searched for chromium, google-chrome"):
@@ -51,7 +51,7 @@ def test_without_a_browser_it_says_what_to_install(monkeypatch: pytest.MonkeyPat
         find_browser("netscape")
 
 
-def test_a_program_that_ends_at_once_is_told_with_its_last_words(tmp_path: Path) -> None:
+def test_a_program_that_exits_at_once_is_reported_with_its_last_output(tmp_path: Path) -> None:
     sulking = program(tmp_path, "echo cannot open display >&2", "exit 3")
     with pytest.raises(BrowserNotFoundError, match=r"does not start: .*it has ended: cannot open display"):
         HeadlessBrowser(sulking, timeout_s=20.0)
@@ -59,14 +59,14 @@ def test_a_program_that_ends_at_once_is_told_with_its_last_words(tmp_path: Path)
         HeadlessBrowser(tmp_path / "none", timeout_s=20.0)
 
 
-def test_a_program_that_never_answers_is_ended(tmp_path: Path) -> None:
+def test_a_program_that_never_answers_is_killed(tmp_path: Path) -> None:
     mute = program(tmp_path, f"echo $$ > {tmp_path / 'pid'}", "exec sleep 600")
     with pytest.raises(BrowserNotFoundError, match=r"did not answer Target.createTarget within 1 s"):
         HeadlessBrowser(mute, timeout_s=1.0)
     pid = int((tmp_path / "pid").read_text())
     end = time.monotonic() + 20.0
     while is_running(pid):
-        assert time.monotonic() < end, "it still runs"
+        assert time.monotonic() < end, "the process is still running"
         time.sleep(0.05)
 
 

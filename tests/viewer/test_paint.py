@@ -1,4 +1,4 @@
-"""How a color changes when something is lit."""
+"""Paints of highlighted and dimmed bodies."""
 
 from __future__ import annotations
 
@@ -11,23 +11,23 @@ from mindstage.viewer.appearance import HIGHLIGHT_OPACITY, OCCLUDER_OPACITY, Pai
 RED = (1.0, 0.0, 0.0)
 
 
-def test_what_is_lit_has_the_color_of_its_highlight() -> None:
+def test_a_highlighted_body_has_the_color_of_its_highlight() -> None:
     assert highlighted(Paint((0.5, 0.5, 0.5)), RED) == Paint(RED)
 
 
-def test_what_is_lit_can_be_seen_however_clear_it_is() -> None:
+def test_a_highlighted_body_has_a_minimum_opacity() -> None:
     assert highlighted(Paint((0.5, 0.5, 0.5), 0.1), RED) == Paint(RED, HIGHLIGHT_OPACITY)
 
 
-def test_what_is_dimmed_is_paler_and_as_a_veil_hides_little() -> None:
+def test_dimmed_bodies_are_paler_and_occluders_transparent() -> None:
     red, green, _ = dimmed(Paint(RED)).color
     assert 0.5 < red < 1.0
     assert 0.0 < green < red
     assert dimmed(Paint(RED)).opacity == 1.0
     assert dimmed(Paint(RED), as_occluder=True).opacity == OCCLUDER_OPACITY
-    assert dimmed(Paint(RED, 0.1), as_occluder=True).opacity == 0.1, "what is clearer already stays so"
+    assert dimmed(Paint(RED, 0.1), as_occluder=True).opacity == 0.1, "a lower opacity is kept"
 
 
-def test_light_adds_up_by_the_curve_of_srgb() -> None:
-    light = srgb_to_linear(np.array([0.0, 0.04045, 0.5, 1.0, 7.0]))
-    assert light == pytest.approx([0.0, 0.0031308, 0.2140411, 1.0, 1.0], abs=1e-6)
+def test_srgb_is_converted_to_linear() -> None:
+    linear = srgb_to_linear(np.array([0.0, 0.04045, 0.5, 1.0, 7.0]))
+    assert linear == pytest.approx([0.0, 0.0031308, 0.2140411, 1.0, 1.0], abs=1e-6)
