@@ -53,7 +53,13 @@ def test_an_unreadable_map_exits_2(content: str, run: Run, tmp_path: Path) -> No
 def test_the_default_output_is_tables(run: Run, write_map: WriteMap) -> None:
     result = run("validate", write_map(mugs={"Mug1": "1.0 2.0 0.0", "Mug2": None}))
     assert result.exit_code == 1
-    for words in ("Conventions of the map", "the default of SemLog maps", "Findings", "1 finding", "Extent: 0 x 0 x 0 m"):
+    for words in (
+        "Conventions of the map",
+        "the default of SemLog maps",
+        "Findings",
+        "1 finding",
+        "Extent: 0 x 0 x 0 m",
+    ):
         assert words in result.stdout, result.stdout
     assert "No findings." in run("validate", write_map()).stdout
 
